@@ -25,16 +25,17 @@ if TYPE_CHECKING:
     from skin.contact.record import SlipState, UnitSlip
     from skin.contact.slip import SlipSettings
     from skin.decode.decoder import Decoder
+    from skin.io.record.replay import Replay, replay
     from skin.live import Skin
     from skin.offline import DecodedLog, decode_log
     from skin.opening import open
     from skin.options import Options
     from skin.pipeline import Pipeline
-    from skin.record.replay import Replay, replay
+    from skin.sinks import Sink
     from skin.state import Reading, State, Status
 
 __all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Replay",
-           "Skin", "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log",
+           "Sink", "Skin", "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log",
            "errors", "open", "replay", "view"]  # fmt: skip
 
 __version__ = "0.1.0"
@@ -46,7 +47,8 @@ _HOMES = {
     "Options": "skin.options",
     "Pipeline": "skin.pipeline",
     "Reading": "skin.state",
-    "Replay": "skin.record.replay",
+    "Replay": "skin.io.record.replay",
+    "Sink": "skin.sinks",
     "Skin": "skin.live",
     "SlipSettings": "skin.contact.slip",
     "SlipState": "skin.contact.record",
@@ -55,12 +57,12 @@ _HOMES = {
     "UnitSlip": "skin.contact.record",
     "decode_log": "skin.offline",
     "open": "skin.opening",
-    "replay": "skin.record.replay",
+    "replay": "skin.io.record.replay",
 }
 
 
 def _check_neighbours() -> None:
-    """Refuse packages of other distributions that carry the names of ours."""
+    """Refuse packages of other distributions that shadow ours."""
     home = Path(__file__).resolve().parent.parent
     for name in ("bus", "topology"):
         spec = getattr(sys.modules.get(name), "__spec__", None) or find_spec(name)

@@ -1,4 +1,4 @@
-"""pyarrow, for tables in Parquet files; the one file that imports it."""
+"""Import of pyarrow, for tables in Parquet files; the only file that imports it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Arrow", "arrow_for"]
 
 
 class Arrow(NamedTuple):
-    """The parts of pyarrow that are used here."""
+    """The modules of pyarrow that are used here."""
 
     arrow: Any
     parquet: Any
@@ -23,7 +23,7 @@ def arrow_for(where: object, purpose: str) -> Arrow:
     Parameters
     ----------
     where : object
-        The file that needs it, as the message names it.
+        The file that needs it; the error message names it.
     purpose : "read" or "written"
         What it is needed for.
 

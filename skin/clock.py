@@ -1,26 +1,58 @@
-"""The clock that filters run on: time of cycles, from their stamps and their numbers.
+"""Clock of the filters: time of the cycles, from their stamps and their SYNC numbers.
 
-A stamp tells when a cycle was, but jitters with the host, and a clock that is set steps. The number
-of a SYNC tells time without jitter, but not how long a bus was silent. So time goes on by as many
-periods as the number has, and follows the stamps with a low-pass filter; where a stamp is later
-than that by more than `GAP_PERIODS`, something was left out, and the time goes on by as much. It
-never stands still or steps back.
+Stamps jitter with the host and step when a clock is set. The SYNC number has no jitter, but does
+not count the time in which a bus was silent. So the time advances by the periods that the number
+counts, and follows the stamps through a low-pass filter. A stamp that is later by more than
+`GAP_PERIODS` shows a gap: the time advances by the gap. The time never stops or runs backwards.
 """
 
 from __future__ import annotations
 
-__all__ = ["Clock"]
+import numpy as np
+
+from bus.compiled.jit import jitable
+
+__all__ = ["TIME", "Clock", "tick"]
 
 FOLLOW = 16
-"""Cycles in which the time follows the stamps [assumed]: jitter of a cycle counts a sixteenth."""
+"""Time constant of the filter that follows the stamps, cycles [assumed]."""
 GAP_PERIODS = 2
-"""Periods by which a stamp may be late [assumed: more than a host is in a cycle]."""
+"""Latest stamp that is no gap, periods [assumed: more than the jitter of a host]."""
 LONGEST_NS = 3_600_000_000_000
-"""Stamps that leap by more tell of a clock that was set, not of a gap [assumed]."""
+"""Steps of stamps beyond this show a clock that was set, not a gap [assumed]."""
+
+TIME = np.dtype([
+    ("period_ns", np.int64),
+    ("begun", np.int64),  # whether a cycle was counted
+    ("number", np.int64), ("stamp_ns", np.int64),  # of the last cycle
+    ("off_ns", np.int64),  # its stamp minus the time, still to be followed
+    ("now_ns", np.int64), ("elapsed_ns", np.int64), ("overruns", np.int64),  # see `Clock`
+])  # fmt: skip
+"""The state of a clock."""
+
+
+@jitable
+def tick(number, stamp_ns, time):
+    """Advance to the next cycle; `time` is a record of TIME."""
+    if time["begun"] != 0:
+        period_ns = time["period_ns"]
+        counted_ns = max(number - time["number"], 1) * period_ns
+        stamped_ns = stamp_ns - time["stamp_ns"]
+        elapsed_ns = counted_ns
+        if 0 < stamped_ns < LONGEST_NS:
+            if stamped_ns - counted_ns > GAP_PERIODS * period_ns:
+                counted_ns = stamped_ns
+            off_ns = time["off_ns"] + stamped_ns - counted_ns
+            elapsed_ns = max(counted_ns + off_ns // FOLLOW, counted_ns // FOLLOW, 1)
+            time["off_ns"] += stamped_ns - elapsed_ns
+        time["elapsed_ns"] = elapsed_ns
+        time["now_ns"] += elapsed_ns
+        time["overruns"] += max(np.int64(np.rint(elapsed_ns / period_ns)) - 1, 0)
+    time["begun"], time["number"], time["stamp_ns"] = 1, number, stamp_ns
 
 
 class Clock:
-    """Time of cycles.
+    """Time of the cycles.
 
     Parameters
     ----------
@@ -28,19 +60,14 @@ class Clock:
 
     Attributes
     ----------
-    period_ns : int
-        As given.
-    number : int or None
-        Of the last cycle, as its stamp; None before the first one.
-    stamp_ns : int
-    off_ns : int
-        By which the stamp is later than the time: what is left of it to follow.
+    time : ndarray, shape (1,), TIME
+        Storage of the state, which the compiled cycle advances.
     now_ns : int
         Of the last cycle; 0 of the first one.
     elapsed_ns : int
         From the cycle before to the last one; a period before and at the first one.
     overruns : int
-        Periods, so far, that had no cycle.
+        Periods without a cycle so far.
 
     Examples
     --------
@@ -52,36 +79,21 @@ class Clock:
     """
 
     def __init__(self, period_ns: int) -> None:
-        self.period_ns = period_ns
-        self.now_ns, self.elapsed_ns, self.overruns = 0, period_ns, 0
-        self.number: int | None = None
-        self.stamp_ns = self.off_ns = 0
+        self.time = np.zeros(1, TIME)
+        self.time["period_ns"] = self.time["elapsed_ns"] = period_ns
 
     def tick(self, number: int, stamp_ns: int) -> None:
-        """Go on to the next cycle.
+        """Advance to the next cycle, by its `RawCycle.number` and `RawCycle.stamp_ns`."""
+        tick(number, stamp_ns, self.time[0])
 
-        Parameters
-        ----------
-        number : int
-            `RawCycle.number`
-        stamp_ns : int
-            `RawCycle.stamp_ns`
-        """
-        if self.number is not None:
-            self._go_on(max(number - self.number, 1) * self.period_ns, stamp_ns - self.stamp_ns)
-        self.number, self.stamp_ns = number, stamp_ns
+    @property
+    def now_ns(self) -> int:
+        return int(self.time["now_ns"][0])
 
-    def _go_on(self, counted_ns: int, stamped_ns: int) -> None:
-        """By a time that numbers and stamps tell."""
-        period_ns = self.period_ns
-        if 0 < stamped_ns < LONGEST_NS:
-            if stamped_ns - counted_ns > GAP_PERIODS * period_ns:
-                counted_ns = stamped_ns
-            off_ns = self.off_ns + stamped_ns - counted_ns
-            elapsed_ns = max(counted_ns + off_ns // FOLLOW, counted_ns // FOLLOW, 1)
-            self.off_ns = self.off_ns + stamped_ns - elapsed_ns
-        else:
-            elapsed_ns = counted_ns
-        self.elapsed_ns = elapsed_ns
-        self.now_ns += elapsed_ns
-        self.overruns += max(round(elapsed_ns / period_ns) - 1, 0)
+    @property
+    def elapsed_ns(self) -> int:
+        return int(self.time["elapsed_ns"][0])
+
+    @property
+    def overruns(self) -> int:
+        return int(self.time["overruns"][0])

@@ -2,14 +2,15 @@
 
 ::
 
-    SkinError                everything below, and what no narrower name fits
-    ├── OptionError          an option, or the name of a quantity, that does not exist
-    ├── CountsError          an array that is not what the topology says it must be
+    SkinError                base class, raised where none below fits
+    ├── OptionError          an option or a quantity that does not exist
+    ├── NotWantedError       a quantity was read that is not computed
+    ├── CountsError          an array of another shape or type than the topology's
     ├── CalibrationError     parameters that no working unit can have
     ├── TooDenseError        units nearer to each other than their magnets allow
-    ├── ScanError            a recording of a bench that cannot tell what is asked of it
+    ├── ScanError            a recording of a bench without the data that a fit needs
     ├── LibraryError         an optional library that is not installed
-    └── SceneError           a scene file that is wrong, or that cannot be on this skin
+    └── SceneError           a scene file that is wrong or does not fit this skin
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ __all__ = [
     "CalibrationError",
     "CountsError",
     "LibraryError",
+    "NotWantedError",
     "OptionError",
     "ScanError",
     "SceneError",
@@ -38,17 +40,17 @@ __all__ = [
 ]
 
 MOST_SEED = 2**63 - 1
-"""Largest seed of noise: what an integer of numpy holds."""
+"""Largest seed of noise: the largest int64."""
 LISTED = 20
-"""Names that a message lists; of more, it tells the first and the last."""
+"""Names that a message lists; of more, it gives the first and the last."""
 
 
 class SkinError(Exception):
-    """Anything that goes wrong between counts and contacts."""
+    """Base class of errors between counts and contacts."""
 
 
 class OptionError(SkinError, ValueError):
-    """An option, or the name of a quantity, that does not exist; the message names those that do.
+    """An option or a quantity that does not exist; the message lists those that do.
 
     Examples
     --------
@@ -59,7 +61,7 @@ class OptionError(SkinError, ValueError):
 
     @classmethod
     def unknown(cls, where: str, got: object, names: Iterable[str]) -> OptionError:
-        """The error for `got`, which is none of `names`."""
+        """The error for a `got` that is none of `names`."""
         names = list(names)
         listed = ", ".join(map(repr, names))
         if len(names) > LISTED:
@@ -70,13 +72,18 @@ class OptionError(SkinError, ValueError):
         return cls(f"{where}: must be {one_of}{listed}; got {shown(got)}{hint}")
 
 
+class NotWantedError(SkinError, AttributeError):
+    """A quantity was read that is not computed, as it is not wanted; the message says which `want`
+    gives it. ``getattr(state, name, None)`` is None for it."""
+
+
 def check_number(where: str, value: Any, least: float, most: float, *, whole: bool = False) -> None:
-    """Refuse what is no number from `least` to `most`.
+    """Require a number from `least` to `most`.
 
     Raises
     ------
     OptionError
-        It is none.
+        It is not.
 
     Examples
     --------
@@ -92,13 +99,13 @@ def check_number(where: str, value: Any, least: float, most: float, *, whole: bo
 
 
 def check_numbers(least: float, most: float, **values: Any) -> None:
-    """Refuse what is no number from `least` to `most`, by name; see `check_number`."""
+    """Require numbers from `least` to `most`, by name; see `check_number`."""
     for name, value in values.items():
         check_number(name, value, least, most)
 
 
 def check_flag(where: str, value: object) -> None:
-    """Refuse what is neither True nor False.
+    """Require True or False.
 
     Raises
     ------
@@ -110,12 +117,12 @@ def check_flag(where: str, value: object) -> None:
 
 
 def check_kind(where: str, value: object, kind: type) -> None:
-    """Refuse what is not of a class.
+    """Require an instance of a class.
 
     Raises
     ------
     OptionError
-        It is of another.
+        It is not one.
 
     Examples
     --------
@@ -129,19 +136,19 @@ def check_kind(where: str, value: object, kind: type) -> None:
 
 
 def check_choice(where: str, value: object, names: Iterable[str]) -> None:
-    """Refuse what is none of some names.
+    """Require one of the given names.
 
     Raises
     ------
     OptionError
-        It is none of them; the message has the nearest.
+        It is none of them; the message suggests the nearest.
     """
     if not isinstance(value, str) or value not in names:
         raise OptionError.unknown(where, value, names)
 
 
 def shown(value: object) -> str:
-    """A value as messages show it: short."""
+    """A value in short form, for messages."""
     try:
         text = repr(value)
     except ValueError:  # an integer of thousands of digits
@@ -150,7 +157,7 @@ def shown(value: object) -> str:
 
 
 class CountsError(SkinError, ValueError):
-    """An array whose shape or type is not what the topology says it must be."""
+    """An array of another shape or type than the topology requires."""
 
 
 class CalibrationError(SkinError):
@@ -163,7 +170,7 @@ class TooDenseError(SkinError):
     Attributes
     ----------
     units : sequence of int
-        Those that a film comes into, where that is what is wrong.
+        Those that a neighbour's film reaches, if that is the error.
     """
 
     def __init__(self, message: str, units: Sequence[int] = ()) -> None:
@@ -176,8 +183,8 @@ class LibraryError(SkinError, ImportError):
 
 
 class SceneError(SkinError, ValueError):
-    """A scene file is wrong, or cannot be on this skin; the message has one problem a line."""
+    """A scene file is wrong or does not fit this skin; the message has one problem a line."""
 
 
 class ScanError(SkinError, ValueError):
-    """A recording of a bench that cannot tell what is asked of it; the message says what lacks."""
+    """A recording of a bench lacks data that a fit needs; the message names them."""

@@ -1,7 +1,8 @@
-"""Skin: the open buses of a topology; who sends SYNC, and when."""
+"""Skin: the open buses of a topology, and the schedule of SYNC."""
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from bus.cycle import FrameCounters
 from bus.errors import BusClosedError
 from bus.frame import FrameBatch
 from bus.logs import Recording
+from bus.memory import MemoryTransport
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Lull, Waiter
@@ -25,69 +27,80 @@ from skin.errors import SkinError
 from skin.moving import Moving
 from skin.pacing import sync_frames, sync_ns, wait_until
 from skin.pipeline import Pipeline
+from skin.sinks import Attachable
 from skin.state import State, Status, trouble
 
 if TYPE_CHECKING:
     from skin.calibrate.background import Learning
-    from skin.sim.node import Nodes
+    from skin.io.record.recorder import Recorder
+    from skin.sim.node import SimulatedUnits
 
 __all__ = ["Skin", "Sync", "Timing", "Wait"]
 
+_log = logging.getLogger("skin")
+
 Sync = Literal["host", "bus"]
-Wait = Literal["event", "drain"]
+Wait = Literal["event", "deadline"]
 
 
 @dataclass
 class Timing:
-    """Where the time of the last cycle went, and how often the host was late."""
+    """Processing time of the last cycle, and how often the host was late."""
 
     work_ns: int = 0
     """Assembling, decoding and contacts of the last cycle, without waiting."""
     overruns: int = 0
     """SYNCs that could not be sent in time and were left out."""
     unsent: int = 0
-    """SYNCs that a bus would not take: its cycle had no chance of an answer."""
+    """SYNCs that a bus did not accept: no unit could answer in that cycle."""
 
 
-class Skin(Moving):
-    """An open skin; iterate over it for one `State` a cycle. Made by `skin.open`.
+class Skin(Moving, Attachable):
+    """An open skin; iterate over it for one `State` a cycle, to the end of a simulated scene, or
+    for ever. Made by `skin.open`.
 
     Attributes
     ----------
     topology : Topology
     pipeline : Pipeline
-        What turns frames into states.
+        Turns frames into states.
     transports : list of Transport
         This host's end of each bus.
     timing : Timing
-    nodes : Nodes or None
+    nodes : SimulatedUnits or None
         The simulated units, where there are any.
+    recorder : Recorder or None
+        Records the run, with ``record=FILE``: see `report`.
+    learning : Learning or None
+        Learns the fields of neighbours, with ``learn=True``: see `report` and `save`.
     """
 
     def __init__(
         self,
         pipeline: Pipeline,
         transports: list[Transport],
+        recorder: Recorder | None = None,
+        learning: Learning | None = None,
         *,
         sync: Sync = "host",
         wait: Wait = "event",
         pace: bool = True,
-        nodes: Nodes | None = None,
-        recording: Recording | None = None,
+        nodes: SimulatedUnits | None = None,
+        log: Recording | None = None,
     ) -> None:
         self.topology = topology = pipeline.topology
         self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
-        self.nodes = nodes
-        self._recording = recording
+        self.nodes, self.recorder, self.learning = nodes, recorder, learning
+        self._recording = log
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._lull, self._has_lull = Lull(self._period_ns), wait == "event"
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
-        self._tells_time = all(bus.sync_id is not None for bus in topology.buses) and all(
+        self._keeps_stamps = all(bus.sync_id is not None for bus in topology.buses) and all(
             end.keeps_stamps for end in transports
         )
         self._sync_frames = sync_frames(topology)
@@ -106,20 +119,15 @@ class Skin(Moving):
 
     @property
     def simulated(self) -> bool:
-        """Whether the units are simulated ones that `skin.open` has attached: no force is real."""
+        """Whether `skin.open` has attached simulated units: forces are not real."""
         return self.nodes is not None
 
     @property
     def zeros(self) -> dict[str, Any]:
-        """Zeros of this run: units ``tared`` in it, units that have those ``taken_up`` of the run
-        before, and those ``refused`` so far, with the reason."""
+        """Zeros of this run: units ``tared`` in it, units whose zeros are ``taken_up`` from the run
+        before, and units ``refused`` so far, with the reason."""
         taken = self.pipeline.zeros
         return {"tared": [], "taken_up": [], "refused": {}} if taken is None else taken.report()
-
-    @property
-    def learning(self) -> Learning | None:
-        """What learns the fields of neighbours, with ``learn=True``: has `report` and `save`."""
-        return self.pipeline.learning
 
     @property
     def bus_changes(self) -> list[tuple[str, BusChange]]:
@@ -129,32 +137,32 @@ class Skin(Moving):
 
     @property
     def counters(self) -> FrameCounters:
-        """Frames by what became of them, running totals."""
+        """Counts of frames by outcome, running totals."""
         return self.pipeline.counters
 
     @property
     def clocks(self) -> dict[str, dict[str, Any]]:
-        """What stamps the frames of each bus, by its name: ``by``, "interface" where its driver
-        does, else "kernel"; ``error_ns``, one sigma of the map from the interface's clock to the
-        kernel's, and ``drift_ppm`` of it; how often one of them was set (``steps``)."""
+        """Source of the frame stamps of each bus, by its name: ``by`` is "interface" where its
+        driver stamps, else "kernel"; ``error_ns``, one sigma of the map from the interface's clock
+        to the kernel's, and its ``drift_ppm``; ``steps`` counts how often one of the clocks was
+        set."""
         pairs = zip(self.topology.buses, self.transports, strict=True)
         own = {bus.name: end.clock for bus, end in pairs}
         return {name: c.report() if c and c.ready else {"by": "kernel"} for name, c in own.items()}
 
     def realtime_ns(self, stamp_ns: int) -> int:
-        """A stamp of a cycle that this host has begun, as the system's clock has it now.
+        """A stamp of a cycle that this host has begun, on the system's clock as it is now.
 
-        `State.stamp_ns` and `State.sampled_ns` are of a clock that nobody sets: it begins with the
-        system's and goes by the monotonic one, so that no step of the system's clock is in forces
-        or contacts. Cameras and other programs stamp by the system's.
+        `State.stamp_ns` and `State.sampled_ns` are of a clock that is never set: it starts at the
+        system's time and runs with the monotonic clock, so that steps of the system's clock do not
+        affect forces or contacts. Cameras and other programs stamp by the system's clock.
         """
         return stamp_ns + time.time_ns() - self._stamp_ns()
 
     def configure(self, command: Command, *, node: int = 0, value: int = 0) -> None:
-        """Tell the boards on all buses to do something: tare, or answer every k-th SYNC only.
+        """Send a command to the boards on all buses: tare, or answer every k-th SYNC only.
 
-        Boards that answer seldom are late in the cycles between, which then wait for the
-        deadline.
+        Boards that answer seldom are late in the cycles between, which then wait for the deadline.
 
         Parameters
         ----------
@@ -162,14 +170,14 @@ class Skin(Moving):
         node : int
             Number of a board on its bus; 0 for all.
         value : int
-            Of ``RATE``: every how manyth cycle.
+            Of ``RATE``: the decimation.
 
         Raises
         ------
         ValueError
             No board can obey it.
         SkinError
-            A bus would not take the frame; the others have it.
+            A bus did not accept the frame; the others did.
         """
         frame = pack(command, node, value)
         deaf = []
@@ -184,14 +192,14 @@ class Skin(Moving):
             raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
 
     def trouble(self, state: State) -> dict[str, Status]:
-        """Units that must not be trusted in this state, and why, by unit name."""
+        """Units that are not valid in this state, with their flags, by unit name."""
         return trouble(self.topology, state.units.status)
 
     def latest(self) -> State | None:
-        """A copy of the newest state, for threads beside the one that iterates; never waits.
+        """A copy of the newest state, for other threads than the one that iterates; never waits.
 
-        Whoever asks sees whole cycles only, and keeps what it was given. All that ask between two
-        cycles are given the same copy. The first call lets the cycles that come be copied.
+        It is a whole cycle and belongs to the caller. Calls between two cycles return the same
+        copy. The first call turns the copying on.
 
         Returns
         -------
@@ -208,9 +216,9 @@ class Skin(Moving):
         self.close()
 
     def close(self) -> None:
-        """Release the buses; closing twice is fine.
+        """Release the buses; may be called twice.
 
-        May be called from any thread: whoever iterates is at the end then, without an error.
+        May be called from any thread: a loop over the skin then ends without an error.
         """
         self._closed = True
         with self._closing:
@@ -222,31 +230,33 @@ class Skin(Moving):
             try:
                 if self._recording is not None:
                     self._recording.close()
-            finally:  # the log's disk may be full, that of the zeros is another
+            finally:  # a full disk of the log must not keep zeros from their own
                 self.pipeline.close()
 
     def __iter__(self) -> Iterator[State]:
-        """One state a cycle; a later loop goes on where the one before has ended.
+        """One state a cycle; a later loop continues where the one before ended.
 
         Raises
         ------
         SkinError
             Another iterator is live.
         BusClosedError
-            A bus is gone for good.
+            A bus is closed or unplugged.
         """
         self.pipeline.warmup()
         return self._states()
 
     def _states(self) -> Iterator[State]:
-        """States of the cycles, which outlive this iterator."""
+        """States of the cycles; the generator outlives this iterator."""
         if not self._iterating.acquire(blocking=False):
             raise SkinError("iter(skin): must be the only live iterator of a skin; got a second")
         try:
+            if self._cycles is None:
+                self._warn_if_alone()
             if self._cycles is None or getgeneratorstate(self._cycles) == GEN_CLOSED:
                 self._cycles = self._host_cycles() if self._sends_sync else self._bus_cycles()
             first = next(self._cycles, None)
-            announcer().finish()  # by now all has been compiled
+            announcer().finish()  # everything is compiled by now
             for state in () if first is None else chain((first,), self._cycles):
                 if self._is_watched:
                     self._latest = state.copy()
@@ -258,24 +268,39 @@ class Skin(Moving):
             self._iterating.release()
 
     def _host_cycles(self) -> Generator[State]:
-        """This host sends SYNC: one cycle for each."""
+        """This host sends SYNC: one cycle each."""
         due = time.monotonic_ns()
-        while not self._closed:
+        while not self._closed and not self._is_over(self._number * self._period_ns):
             if self._pace:
                 due, skipped = wait_until(due, self._period_ns)
                 self.timing.overruns += skipped
                 self._number += skipped
             else:
                 due = time.monotonic_ns()
-            self._receive(0)  # who answers after the cycle was closed shall be waited for
+            self._receive(0)  # boards that answer late are waited for from now on
             yield from self._feed(self._batch.frames)
             yield from self._feed(self._sync(self._number))
             self._number += 1
             yield from self._answers()
             due += self._period_ns
 
+    def _is_over(self, time_ns: int) -> bool:
+        """Whether simulated units have a scene that is over at this time of it."""
+        return self.nodes is not None and 1e-9 * time_ns >= self.nodes.ends_s
+
+    def _warn_if_alone(self) -> None:
+        """Log that nobody can answer, where no other end of a bus within the process is open."""
+        for i, (bus, end) in enumerate(zip(self.topology.buses, self.transports, strict=True)):
+            if isinstance(end, MemoryTransport) and end.is_alone:
+                _log.warning(
+                    "nobody can answer: %s: buses[%d] %r: interface: must be one that other "
+                    "processes can reach, or units must be simulated (simulate=True, --simulate); "
+                    "got 'memory'", self.topology.name, i, bus.name,
+                )  # fmt: skip
+                return
+
     def _answers(self) -> Iterator[State]:
-        """Receive until the cycle is closed; sleep through arrivals that cannot complete it."""
+        """Receive until the cycle is closed; sleep while arrivals cannot complete it."""
         pipeline, lull = self.pipeline, self._lull
         asked_ns = heard_ns = time.monotonic_ns()
         until_ns = asked_ns + pipeline.assembler.deadline_ns
@@ -283,7 +308,7 @@ class Skin(Moving):
         while not self._closed and pipeline.pending:
             if sleeps and looks == 1:
                 wait_until(min(asked_ns + lull.ns, until_ns), self._period_ns)
-            now_ns = time.monotonic_ns()  # what has arrived by then is heard before time is up
+            now_ns = time.monotonic_ns()  # frames that have arrived by then precede the deadline
             # units within this process have answered already
             self._receive(0 if sleeps and looks == 0 else until_ns - now_ns)
             looks, heard_ns = looks + 1, time.monotonic_ns()
@@ -293,9 +318,12 @@ class Skin(Moving):
             lull.learn(heard_ns - asked_ns, slept_too_long=looks <= 1 + sleeps)
 
     def _bus_cycles(self) -> Generator[State]:
-        """Somebody else sends SYNC, or nobody does: cycles come as they close."""
+        """Another node sends SYNC, or none does: cycles come as they close."""
         while not self._closed:
-            self._receive(self._period_ns)
+            is_over = self.nodes is not None and self._is_over(self.nodes.time_ns())
+            self._receive(0 if is_over else self._period_ns)
+            if is_over and not self._batch.frames.size:
+                return
             now_ns = time.monotonic_ns()  # a consumer that takes its time is no silence
             if len(self.transports) > 1:
                 self._batch.merge()
@@ -303,7 +331,7 @@ class Skin(Moving):
             yield from self._timed(now_ns, self.pipeline.expire, self.pipeline.silence)
 
     def _sync(self, number: int) -> np.ndarray:
-        """Send SYNC on every bus and return the frames, as a log would show them."""
+        """Send SYNC on every bus and return the frames, as a log has them."""
         frames = self._sync_frames
         frames["data"][:, 0] = number & 0xFF
         frames["stamp_ns"] = self._stamp_ns() + self._wire_ns
@@ -312,15 +340,15 @@ class Skin(Moving):
         return frames
 
     def _stamp_ns(self) -> int:
-        """Now, of a clock that nobody sets. Simulated units that need not wait live in a time of
-        their own, a period a cycle, and so does a bus within this process, whose frames bear the
-        stamps of the SYNCs that they answer."""
-        if (self.simulated or self._tells_time) and not self._pace:
+        """Now, on a clock that is never set. Unpaced simulated units have a simulated time, one
+        period a cycle; so has a bus within this process, whose frames have the stamps of the SYNCs
+        that they answer."""
+        if (self.simulated or self._keeps_stamps) and not self._pace:
             return self._epoch_ns + self._number * self._period_ns
         return self._epoch_ns + time.monotonic_ns() - self._started_ns
 
     def _receive(self, wait_ns: int) -> None:
-        """Fill the batch with what the buses have, waiting as the user chose."""
+        """Fill the batch with received frames, waiting as `wait` says."""
         self._batch.clear()
         self._waiter.receive(self._batch, wait_ns)
 
@@ -333,11 +361,11 @@ class Skin(Moving):
             yield state
             started = time.perf_counter_ns()
 
-    def _timed(self, now_ns: int, *ways: Callable[[int], State | None]) -> Iterator[State]:
-        """The first state that one of `ways` to end a cycle gives at this time, if any does."""
+    def _timed(self, now_ns: int, *closers: Callable[[int], State | None]) -> Iterator[State]:
+        """The first state that one of `closers` returns at this time, if any does."""
         started = time.perf_counter_ns()
-        for end in ways:
-            state = end(now_ns)
+        for close in closers:
+            state = close(now_ns)
             if state is not None:
                 self.timing.work_ns = time.perf_counter_ns() - started
                 yield state

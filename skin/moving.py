@@ -19,7 +19,7 @@ __all__ = ["Moving"]
 
 
 class Moving:
-    """What an open skin can be told of where its units are.
+    """Poses of the units of an open skin, set while it runs.
 
     Attributes
     ----------
@@ -33,9 +33,8 @@ class Moving:
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set the poses of all units, for patches that move against each other.
 
-        Wrenches, centres and normals of the cycles to come are those of the new poses; the skin
-        frame stays. As often as they change: once a cycle is cheap. Units become no neighbours by
-        coming close.
+        They hold from the next cycle on; the skin frame stays. Once a cycle is cheap. Units that
+        come close do not become neighbours.
 
         Parameters
         ----------
@@ -52,15 +51,15 @@ class Moving:
         self.pipeline.move(position, rotation)
 
     def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
-        """Set the joints of the robot that carries the skin, and the poses of all units by them.
+        """Set the joints of the robot that carries the skin, and with them the poses of all units.
 
-        As `move`, by forward kinematics; joints that follow others (mimic) do. A pose given by
-        `move` or `move_patch` before is forgotten.
+        As `move`, by forward kinematics; mimic joints follow. Poses set by `move` or `move_patch`
+        before are lost.
 
         Parameters
         ----------
         q : mapping of str to float, or ndarray, shape (J,)
-            Radian or metre, by name, where the joints that are not named stay; or all of them, in
+            Radian or metre, by name, where other joints stay; or all of them, in
             the order of ``topology.robot.joint_names``.
 
         Raises
@@ -68,29 +67,29 @@ class Moving:
         SkinError
             The topology file has no [robot].
         OptionError
-            No such joint, not as many coordinates as joints, one that is not finite, or one outside
-            its limits. Nothing has moved then.
+            No such joint, the wrong number of coordinates, one that is not finite, or one outside
+            its limits. No joint has moved then.
         """
         self.pipeline.move_joints(q)
 
     def turn(self, attitude: np.ndarray) -> None:
-        """Report how the skin stands in the world, as an IMU or the robot's kinematics have it.
+        """Report the attitude of the skin in the world, from an IMU or the robot's kinematics.
 
-        Where too few units are untouched to see the ambient field, it turns with the skin by these
-        attitudes; before, turns of the untouched skin let it know the field of its tare. After
-        `move` or `move_joints`, so that patches on links turn with these. From the first call on
-        the skin turns as is reported and not otherwise: to be called as often as it turns, about
-        60 µs for each frame that carries patches. Recordings do not hold it.
+        Where too few units are untouched to estimate the ambient field, the estimate is turned by
+        these attitudes; turns of the untouched skin before that make the field at its tare known.
+        Call it after `move` or `move_joints`, so that patches on links turn with these. From the
+        first call on only reported turns count: call it as often as the skin turns, about 60 µs for
+        each frame that carries patches. Recordings do not contain it.
 
         Parameters
         ----------
         attitude : ndarray, shape (3, 3)
-            A rotation: columns are the axes of the skin frame in any frame at rest.
+            A rotation: columns are the axes of the skin frame in any fixed frame.
 
         Raises
         ------
         OptionError
-            No rotation.
+            It is not a rotation.
         """
         self.pipeline.turn(attitude)
 
@@ -100,7 +99,7 @@ class Moving:
         return self.pipeline.joints
 
     def link_pose(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """T_skin_link of the robot, as it is now; see `skin.robot.joints.Joints.link_pose`."""
+        """T_skin_link of the robot now; see `skin.robot.joints.Joints.link_pose`."""
         return self.joints.link_pose(name)
 
     def wrench_in(self, link: str, wrench: Contact | np.ndarray) -> Any:
@@ -108,7 +107,7 @@ class Moving:
         return self.joints.wrench_in(link, wrench)
 
     def move_patch(self, name: str, rotation: np.ndarray, translation: np.ndarray) -> None:
-        """Set the pose of one patch, by the rigid motion from where its file has it; see `move`.
+        """Set the pose of one patch, by a rigid motion from its pose in the file; see `move`.
 
         Parameters
         ----------
@@ -116,7 +115,7 @@ class Moving:
             Of `Topology.patch_names`.
         rotation : ndarray, shape (3, 3)
         translation : ndarray, shape (3,)
-            Metre. What was at p in the skin frame is at ``rotation @ p + translation`` now.
+            Metre. A point p of the skin frame is now at ``rotation @ p + translation``.
 
         Raises
         ------

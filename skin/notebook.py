@@ -1,7 +1,7 @@
-"""What a notebook shows of a skin: a small picture of the units, as SVG.
+"""Picture of a skin in notebooks: a small map of the units, as SVG.
 
-Units lie as they are, seen along the direction in which the skin is thinnest; colour is the normal
-force, and a cross is a unit that must not be trusted.
+Units are seen along the direction in which the skin is thinnest; colour is the normal force, and a
+cross marks a unit that is not valid.
 """
 
 from __future__ import annotations
@@ -10,30 +10,27 @@ from html import escape
 
 import numpy as np
 
+from skin.cividis import cividis
 from topology import Topology
 
 __all__ = ["map_svg", "with_map"]
 
 WIDTH, HEIGHT, MARGIN = 300.0, 200.0, 6.0
 """Points of the largest picture, and around the units [assumed]."""
-STOPS = np.array([[253, 234, 69], [187, 175, 113], [124, 123, 120], [59, 73, 108], [0, 34, 78]])
-"""Colours of cividis, light to dark: even steps also for the colour-blind [Nuñez et al.,
-PLOS ONE 13 (2018)]."""
 UNTOUCHED, WRONG = "#eceef1", "#d55e00"
 LEAST_N = 1.0
-"""Normal force at the dark end of the scale, at least [assumed]."""
+"""Lower bound of the normal force at the dark end of the scale [assumed]."""
 
 
 def colour(share: float) -> str:
-    """Colour of a share of the scale, from 0 to 1.
+    """Colour at a position on the scale, from 0 (light) to 1 (dark).
 
     Examples
     --------
     >>> colour(0.0), colour(1.0)
-    ('#fdea45', '#00224e')
+    ('#fee838', '#00224e')
     """
-    at = np.clip(share, 0.0, 1.0) * (len(STOPS) - 1)
-    rgb = [round(np.interp(at, np.arange(len(STOPS)), column)) for column in STOPS.T]
+    rgb = np.rint(cividis(1.0 - share)).astype(int).tolist()
     return "#" + "".join(f"{value:02x}" for value in rgb)
 
 
@@ -50,7 +47,7 @@ def map_svg(
     trusted : ndarray, shape (n,), bool
         Units whose reading is valid; the others are crossed out.
     touched : ndarray, shape (n,), bool
-        Units that have a colour.
+        Units that are coloured.
     """
     centred = topology.position - topology.position.mean(axis=1, keepdims=True)
     axes = np.linalg.svd(centred, full_matrices=True)[0][:, :2].T
@@ -68,10 +65,10 @@ def map_svg(
     for i, name in enumerate(topology.unit_names):
         share = load[i] / most
         fill = colour(share) if trusted[i] and touched[i] else UNTOUCHED
-        told = f"{load[i]:.2f} N" if trusted[i] else "not to be trusted"
+        label = f"{load[i]:.2f} N" if trusted[i] else "not valid"
         parts.append(
             f'<circle cx="{left[i]:.1f}" cy="{top[i]:.1f}" r="{size:.1f}" fill="{fill}">'
-            f"<title>{escape(name)}: {told}</title></circle>"
+            f"<title>{escape(name)}: {label}</title></circle>"
         )
         if not trusted[i]:
             d = 0.6 * size
@@ -83,9 +80,9 @@ def map_svg(
 
 
 def with_map(text: str, svg: str, most_n: float | None = None) -> str:
-    """A line of text over a picture, as HTML; `most_n` tells what the darkest colour is."""
+    """A line of text over a picture, as HTML; `most_n` is the force at the darkest colour."""
     scale = "" if most_n is None else (
         f"<br><small>normal force, light to dark: 0 to {max(most_n, LEAST_N):.2f} N; "
-        "crossed: not to be trusted</small>"
+        "crossed: not valid</small>"
     )  # fmt: skip
     return f"<div><code>{escape(text)}</code><br>{svg}{scale}</div>"

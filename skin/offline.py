@@ -1,4 +1,4 @@
-"""Recorded logs to states, as they would have been live."""
+"""Recorded logs to states, the same as live."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from bus.frame import CAN_ERR, CAN_RTR
 from bus.logs import LogReader, buses_of, read
 from skin.compiling import announcer
 from skin.options import Options
+from skin.sinks import Attachable
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -40,22 +41,22 @@ def decode_log(
         A loaded topology, a file, or the name of a built-in one.
     log : path
     **options
-        What is computed, and how, as of `skin.options.Options`: want, sweeps, dtype, …
+        What is computed, and how, as in `skin.options.Options`: want, sweeps, dtype, …
 
     Returns
     -------
     DecodedLog
-        To be iterated, once, for one `State` a cycle; or by `DecodedLog.blocks`, for thousands of
-        cycles at once as arrays, which is several times as fast.
+        Iterate over it, once, for one `State` a cycle; or over `DecodedLog.blocks`, for arrays of
+        thousands of cycles, which is several times as fast.
 
     Raises
     ------
     topology.TopologyError
         The topology cannot be used.
     bus.LogError
-        There is no such log, or none of this kind.
+        There is no such log, or its format is unknown.
     OptionError
-        The wire does not carry what an option needs.
+        The wire does not carry a channel that an option needs.
 
     Examples
     --------
@@ -68,13 +69,14 @@ def decode_log(
     buses = buses_of(loaded, log) if len(loaded.buses) > 1 else None
     chosen = Options(**options)
     reader = read(log, buses=buses, strict=False)
-    announcer()
     from skin.pipeline import Pipeline
 
-    return DecodedLog(Pipeline(loaded, chosen), reader)
+    with announcer().holding():
+        Pipeline.prepare(chosen)
+        return DecodedLog(Pipeline(loaded, chosen), reader)
 
 
-class DecodedLog:
+class DecodedLog(Attachable):
     """States of a log; made by `decode_log`.
 
     Attributes
@@ -91,17 +93,17 @@ class DecodedLog:
 
     @property
     def counters(self) -> FrameCounters:
-        """Frames by what became of them, running totals."""
+        """Counts of frames by outcome, running totals."""
         return self.pipeline.counters
 
     @property
     def damage(self) -> str | None:
-        """Where reading had to end, and why; None if it has not."""
+        """Where reading stopped, and why; None if the log is intact."""
         return None if self._reader.damage is None else str(self._reader.damage)
 
     @property
     def faults(self) -> list[str]:
-        """What is wrong with the log so far, as messages: SYNC that lacks, time that runs back."""
+        """Faults of the log so far, as messages: missing SYNC, stamps that run back."""
         return [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
 
     @property
@@ -111,52 +113,60 @@ class DecodedLog:
 
     @property
     def read_bytes(self) -> int:
-        """Bytes read so far, unpacked; 0 where a library reads the file."""
+        """Uncompressed bytes read so far; 0 where a library reads the file."""
         return self._reader.read_bytes
 
     def __iter__(self) -> Iterator[State]:
-        self.pipeline.warmup()
-        for frames in self._batches():
-            yield from self.pipeline.feed(frames)
-        last = self.pipeline.flush()
-        if last is not None:
-            yield last
+        with announcer().holding():
+            self.pipeline.warmup()
+        try:
+            for frames in self._batches():
+                yield from self.pipeline.feed(frames)
+            last = self.pipeline.flush()
+            if last is not None:
+                yield last
+        finally:
+            self.pipeline.sinks.stop()
 
     def blocks(self, most: int | None = None, *, fast: bool = True) -> Iterator[Block]:
         """The same states, once, as arrays of many cycles: every number is the same to the bit.
 
-        A thread reads ahead. Memory is bounded, whatever the length of the log. Cycles go one by
-        one where "shocks" are wanted, as by default everything is: name what you want.
+        A thread reads ahead. Memory is bounded for a log of any length. Cycles go one by one where
+        "shocks" are wanted, which is the default: name the quantities that you want.
 
         Parameters
         ----------
         most : int, optional
-            Cycles of a block at most; some megabytes if not given.
+            Maximum number of cycles of a block; some megabytes if not given.
         fast : bool
-            Whether many cycles go in one compiled call.
+            Whether one compiled call decodes many cycles.
         """
         from skin.blocks.blocks import Blocks
         from skin.blocks.prefetch import prefetch
 
-        self.pipeline.warmup()
+        with announcer().holding():
+            self.pipeline.warmup()
         blocks = Blocks(self.pipeline, most, fast=fast)
-        for frames in prefetch(frames.copy() for frames in self._batches()):
-            yield from blocks.feed(frames)
-        last = blocks.flush()
-        if last is not None:
-            yield last
+        try:
+            for frames in prefetch(frames.copy() for frames in self._batches()):
+                yield from blocks.feed(frames)
+            last = blocks.flush()
+            if last is not None:
+                yield last
+        finally:
+            self.pipeline.sinks.stop()
 
     def _batches(self) -> Iterator[np.ndarray]:
-        """Frames as they are read, each batch overwritten by the next one."""
+        """Frames as they are read; each batch is overwritten by the next one."""
         for batch in self._reader:
-            # who recorded a frame as its own sent it on the bus all the same
+            # a frame that the logger itself sent was on the bus as well
             batch.frames["origin"] = 0
             self._watch.take(batch.frames)
             yield batch.frames
 
 
 class _Watch:
-    """What cycles cannot be told from, of each bus."""
+    """Looks for faults of a log, on each bus, that cycles cannot show."""
 
     def __init__(self, topology: Topology) -> None:
         count = len(topology.buses)
@@ -169,7 +179,7 @@ class _Watch:
         self._back = ""
 
     def take(self, frames: np.ndarray) -> None:
-        """Look at frames, shape (m,), in the order of the log."""
+        """Check frames, shape (m,), in the order of the log."""
         plain = frames["id"] & (CAN_ERR | CAN_RTR) == 0
         for index, bus in enumerate(self._buses):
             here = np.flatnonzero(plain & (frames["bus"] == index))
@@ -191,11 +201,11 @@ class _Watch:
         self._frames += frames.size
 
     def faults(self) -> Iterator[str]:
-        """What is wrong, in words."""
+        """Faults, as messages."""
         for bus, data, syncs in zip(self._buses, self._data, self._syncs, strict=True):
             if bus.sync_id is not None and data and not syncs:
                 yield (
-                    f"bus {bus.name!r}: must carry SYNC (0x{bus.sync_id:03x}), which tells the "
+                    f"bus {bus.name!r}: must carry SYNC (0x{bus.sync_id:03x}), which starts the "
                     f"cycles; got none in {data} frames"
                 )
         if self._back:

@@ -31,9 +31,11 @@ from topology import Topology
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
+    from skin.calibrate.background import Learning
     from skin.contact.slip import SlipSettings
+    from skin.io.record.recorder import Recorder
     from skin.physics.stencil import Stencil
-    from skin.sim.node import Nodes
+    from skin.sim.node import SimulatedUnits
     from skin.sim.scene import Scene
     from skin.sim.scenes.script import SceneFile
 
@@ -48,7 +50,7 @@ def open(
     dtype: DType = "float32",
     sweeps: Sweeps = 1,
     ambient: bool = True,
-    tare: bool = True,
+    auto_tare: bool = True,
     creep: bool = True,
     skip: bool = False,
     slip: SlipSettings | None = None,
@@ -61,6 +63,7 @@ def open(
     pace: bool = True,
     deadline_s: float | None = None,
     simulate: bool | str | Path | SceneFile | Scene | None = False,
+    repeat: bool = False,
     faults: FaultScript | str | os.PathLike[str] | None = None,
     transports: Iterable[Transport] | None = None,
     seed: int | None = None,
@@ -73,29 +76,27 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, tare, creep, skip, slip, false_contacts_per_day, …
-        What is computed, and how: see `skin.options.Options`; of a stencil a file will do.
+    want, estimator, dtype, sweeps, ambient, auto_tare, creep, skip, slip, false_contacts_per_day, …
+        What is computed, and how: see `skin.options.Options`; `stencil` may be a file.
     zeros, learn : path, optional, and bool
         Carry zeros from run to run (`skin.calibrate.zeros`); learn fields of neighbours.
-    sync : "host" or "bus"
-        Who sends SYNC: this host, or another node (then this end only listens).
-    wait : "event" or "drain"
-        Wake when cycles use to be complete (least latency), or at the deadline (least work).
-    pace : bool
-        Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
-    deadline_s : float, optional
-        That a cycle waits for frames after its SYNC; 0.9 periods if not given.
-    simulate : bool, str, Path, SceneFile or Scene
+    sync, wait : "host" or "bus", "event" or "deadline"
+        SYNC is sent by this host, or by another node. Wake when cycles are usually complete (least
+        latency), or at the deadline (least work).
+    pace, deadline_s : bool, and float, optional
+        Keep the cycle rate of the topology; False starts the next cycle as soon as one is done.
+        Longest wait for frames after a SYNC; 0.9 periods if not given.
+    simulate, repeat : bool, str, Path, SceneFile or Scene; and bool
         Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
-        file, a loaded one (`skin.sim.load_scene`), or your own; what is false: none.
+        file, a loaded one or your own; false: none. At its end it repeats, or ends the loop.
     faults : FaultScript, str or Path, optional
-        What is done to the frames that come (docs/faults.md); a scene's own faults if not given.
+        Faults put into received frames (docs/guides/faults.md); a scene's own faults if not given.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int, optional
         Seed of the simulated noise, and of a scene's own faults; the scene's, or 0, if not given.
     log, record : path, optional
-        Write down all frames as candump (.log, .log.gz) or BLF (.blf), or by a `Recording`; record
+        Write all frames as candump (.log, .log.gz) or BLF (.blf), or to a `Recording`; record
         frames and states as MCAP (a new .mcap), for `skin.replay` and other viewers.
 
     Raises
@@ -107,53 +108,49 @@ def open(
     with ExitStack() as undo:
         ends = [undo.enter_context(end) for end in _given(transports)]
         options = Options(
-            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, tare=tare,
-            creep=creep, skip=skip, slip=slip, false_contacts_per_day=false_contacts_per_day,
-            stencil=_stencil(stencil, loaded),
+            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
+            auto_tare=auto_tare, creep=creep, skip=skip, slip=slip,
+            false_contacts_per_day=false_contacts_per_day, stencil=_stencil(stencil, loaded),
         )  # fmt: skip
         _check(sync, wait, pace, learn, seed, log)
-        undo.callback(announcer().hold().finish)
-        loaded, nodes = _nodes(undo, loaded, _scene(simulate), seed, transports is not None, sync)
-        ends += [undo.enter_context(end) for end in _ends(loaded, nodes, transports)]
-        ends = _checked(ends, loaded, nodes, faults)
-        pipeline = _pipeline(undo, loaded, options, ends, deadline_s, zeros, learn, record)
-        recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
-        undo.pop_all()  # all is well: the skin closes them
-    return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
+        _begin_to_compile(undo, options)
+        played = _scene(simulate), seed, repeat
+        loaded, nodes = _nodes(undo, loaded, *played, transports is not None, sync)
+        ends = _checked([*ends, *_ends(undo, loaded, nodes, transports)], loaded, nodes, faults)
+        pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
+        sinks = _sinks(undo, pipeline, ends, zeros, record, learn)
+        frames = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
+        undo.pop_all()  # no error: the skin closes them
+    return Skin(pipeline, ends, *sinks, sync=sync, wait=wait, pace=pace, nodes=nodes, log=frames)
 
 
-def _pipeline(
-    undo: ExitStack,
-    topology: Topology,
-    options: Options,
-    ends: list[Transport],
-    deadline_s: float | None,
-    zeros: Any,
-    learn: bool,
-    record: Any,
-) -> Pipeline:
-    """The pipeline, with what outlasts a run; recorded where that is asked for."""
-    if record is None:
-        pipeline = Pipeline(topology, options, deadline_s=deadline_s)
-        if zeros is not None:
-            pipeline.take_zeros(zeros)
-    else:
-        from skin.record.pipeline import RecordedPipeline
+def _begin_to_compile(undo: ExitStack, options: Options) -> None:
+    """Compile by several processes until the first state, the longest kernel first."""
+    undo.callback(announcer().hold().finish)
+    Pipeline.prepare(options)
 
-        pipeline = RecordedPipeline(
-            topology, options, deadline_s=deadline_s, file=record, zeros=zeros
-        )
-        undo.callback(pipeline.recorder.close)
-        pipeline.recorder.watch(ends)
+
+def _sinks(
+    undo: ExitStack, pipeline: Pipeline, ends: list[Transport], zeros: Any, record: Any, learn: bool
+) -> tuple[Recorder | None, Learning | None]:
+    """The requested sinks, on a pipeline that has the zeros of the run before."""
+    if zeros is not None:
+        pipeline.take_zeros(zeros)
+    undo.callback(pipeline.sinks.stop)
+    recorder = learning = None
+    if record is not None:
+        from skin.io.record.recorder import Recorder
+
+        pipeline.attach(recorder := Recorder(record, pipeline, ends))
     if learn:
-        pipeline.learn()
-        if pipeline.learning is not None:
-            undo.callback(pipeline.learning.close)
-    return pipeline
+        from skin.calibrate.background import Learning
+
+        pipeline.attach(learning := Learning(pipeline))
+    return recorder, learning
 
 
 def _stencil(given: Any, topology: Topology) -> Stencil | None:
-    """What was learned of the neighbours' fields, read where its file is given."""
+    """The learned fields of neighbours, read if a file is given."""
     if not isinstance(given, str | os.PathLike):
         return given
     from skin.physics.stencil import Stencil
@@ -173,11 +170,11 @@ def _check(sync: str, wait: str, pace: bool, learn: bool, seed: int | None, log:
 
 
 def _given(transports: Any) -> list[Transport]:
-    """The user's own transports."""
+    """The caller's own transports."""
     ends: list[Any]
     try:
         ends = [] if transports is None else list(transports)
-    except TypeError:  # one alone
+    except TypeError:  # a single one
         ends = [transports]
     for end in ends:
         check_kind("transports", end, Transport)
@@ -185,42 +182,46 @@ def _given(transports: Any) -> list[Transport]:
 
 
 def _scene(simulate: Any) -> Any:
-    """What simulated units are to play, False for none: all that is false means hardware."""
+    """The scene of simulated units; False for hardware, which any false value means."""
     try:
         return simulate if simulate else False
-    except ValueError:  # an array, which is no scene
+    except ValueError:  # an array
         raise OptionError(f"simulate: must be a scene; got {shown(simulate)}") from None
 
 
 def _nodes(
-    undo: ExitStack, topology: Topology, scene: Any, seed: int | None, has_transports: bool,
-    sync: Sync,
-) -> tuple[Topology, Nodes | None]:  # fmt: skip
-    """Simulated units, where a scene is given, and the topology as it is known of them."""
+    undo: ExitStack, topology: Topology, scene: Any, seed: int | None, repeat: bool,
+    has_transports: bool, sync: Sync,
+) -> tuple[Topology, SimulatedUnits | None]:  # fmt: skip
+    """Simulated units, if a scene is given, and the topology with their calibration."""
+    check_flag("repeat", repeat)
     if not scene:
         return topology, None
     _check_simulated(has_transports, sync, topology)
     from skin.sim.attached import nodes_of
 
-    nodes = nodes_of(topology, scene, seed)
+    nodes = nodes_of(topology, scene, seed, repeat)
     undo.callback(nodes.close)
     return topology.exact() if nodes.exact else topology, nodes
 
 
-def _ends(topology: Topology, nodes: Nodes | None, transports: object) -> Iterable[Transport]:
-    """This host's ends of the buses: of the file's, opened one by one, or of simulated units'; none
+def _ends(
+    undo: ExitStack, topology: Topology, nodes: SimulatedUnits | None, transports: object
+) -> list[Transport]:
+    """This host's ends of the buses: of the file's, opened one by one, or of simulated units; none
     where transports are given."""
     if transports is not None:
-        return ()
+        return []
     if nodes is None:
-        return (open_transport(bus, i) for i, bus in enumerate(topology.buses))
+        opened = (open_transport(bus, i) for i, bus in enumerate(topology.buses))
+        return [undo.enter_context(end) for end in opened]
     from skin.sim.attached import in_process
 
-    return in_process(nodes)
+    return [undo.enter_context(end) for end in in_process(nodes)]
 
 
 def _script(faults: Any, topology: Topology) -> FaultScript | None:
-    """The faults that are given, read where that is their file."""
+    """The given faults, read if a file is given."""
     if faults is None:
         return None
     from bus.faults import FaultScript, load_script
@@ -233,10 +234,10 @@ def _script(faults: Any, topology: Topology) -> FaultScript | None:
 
 
 def _checked(
-    ends: list[Transport], topology: Topology, nodes: Nodes | None, faults: Any
+    ends: list[Transport], topology: Topology, nodes: SimulatedUnits | None, faults: Any
 ) -> list[Transport]:
-    """One end for each bus, with what a script, or else the scene, does to the frames that come
-    from it: on simulated units by the time of the scene."""
+    """One end for each bus, which puts the faults of a script, or else of the scene, into received
+    frames; on simulated units by the time of the scene."""
     if len(ends) != (buses := len(topology.buses)):
         raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")
     script = _script(faults, topology)
@@ -257,7 +258,7 @@ def _checked(
 
 
 def _check_simulated(has_transports: bool, sync: Sync, topology: Topology) -> None:
-    """Refuse what means nothing together with simulated units."""
+    """Refuse options that exclude simulated units."""
     if has_transports:
         raise OptionError("transports: must not be given with simulate; got both")
     if sync != "host" and topology.buses[0].sync_id is not None:

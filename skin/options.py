@@ -1,4 +1,4 @@
-"""Options: what is computed each cycle, and how; chosen once, the same for live cycles and logs."""
+"""Options: what is computed each cycle, and how; the same for live cycles and logs."""
 
 from __future__ import annotations
 
@@ -33,40 +33,40 @@ class Options:
     Attributes
     ----------
     want : collection of str, optional
-        Quantities, of `skin.state.WANTS`, or one of them; all if None. What is not wanted is not
-        computed. Afterwards a frozenset of names.
+        Quantities, of `skin.state.WANTS`, or one of them; all if None. Others are not computed.
+        Stored as a frozenset of names.
     estimator : "sine", "field-angle" or None
         Inversion of the tangential field; see `skin.decode.plan`. None: "field-angle" where every
         unit has Bz on the wire and a table, else "sine".
     dtype : "float32" or "float64"
-        Of the readings and of the arithmetic that makes them.
+        Of the readings and of the arithmetic.
     sweeps : 0, 1 or 2
-        Of the cross-talk of neighbours: not subtracted, but part of sigma; as of the last cycle;
-        accurate.
+        Of the cross-talk of neighbours: 0 does not subtract it but adds it to sigma, 1 uses that of
+        the last cycle, 2 is accurate.
     stencil : Stencil or None
-        Of the neighbours' fields, as learned from the skin (`skin.calibrate.learn`); from magnet
-        theory if None. Without `sweeps` only the field at rest is taken from it.
+        Fields of the neighbours, as learned from the skin (`skin.calibrate.learn`); from magnet
+        theory if None. With ``sweeps=0`` only the field at rest is used.
     ambient : bool
         Estimate the ambient field and the zeros of untouched units, and subtract them.
-    tare : bool
-        Take the zeros of units that were never tared in their places from the first second in which
-        nothing touches them; see `skin.calibrate.zeros`.
+    auto_tare : bool
+        Take the zeros of units without a tare from the first second in which nothing touches them;
+        see `skin.calibrate.zeros`.
     creep : bool
-        Forces with what the elastomer has not yet relaxed, of units whose calibration tells it;
-        see `skin.decode.creep`.
+        Forces include what the elastomer has not yet relaxed, of units with a calibrated creep; see
+        `skin.decode.creep`.
     skip : bool
-        Leave out what untouched units do not need: they show NaN for all that is tangential and
-        the flag IDLE, temperatures are held for 0.05 s, the ambient field is estimated less
-        often, and their field is not held against its model.
+        Leave out what untouched units do not need: their tangential quantities are NaN and they
+        have the flag IDLE, temperatures are held for 0.05 s, the ambient field is estimated less
+        often, and the field is not tested against its model.
     slip : SlipSettings or None
-        What is known of the friction, the safety that grip forces are to have, what counts as slip.
+        Priors of friction, the safety of grip forces, and thresholds of slip.
     false_contacts_per_day : float
         Contacts that noise alone may start on the whole skin; see `skin.contact.gate`.
 
     Raises
     ------
     OptionError
-        A value is not one of those there are.
+        A value is not allowed.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class Options:
     dtype: DType = "float32"
     sweeps: Sweeps = 1
     ambient: bool = True
-    tare: bool = True
+    auto_tare: bool = True
     creep: bool = True
     skip: bool = False
     slip: SlipSettings | None = None
@@ -90,11 +90,11 @@ class Options:
         object.__setattr__(self, "want", wanted(self.want))
         if self.estimator is not None:
             check_choice("estimator", self.estimator, ESTIMATORS)
-        check_choice("dtype", self.dtype, DTYPES)
+        object.__setattr__(self, "dtype", _named(self.dtype))
         if type(self.sweeps) is not int or self.sweeps not in (0, 1, 2):
             raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(self.sweeps)}")
         check_flag("ambient", self.ambient)
-        check_flag("tare", self.tare)
+        check_flag("auto_tare", self.auto_tare)
         check_flag("creep", self.creep)
         check_flag("skip", self.skip)
         if self.slip is not None and not hasattr(self.slip, "model"):
@@ -109,13 +109,13 @@ class Options:
         return frozenset(self.want or ())
 
     def report(self) -> dict[str, Any]:
-        """Every option as JSON holds it, for files that state how they were decoded.
+        """All options as JSON, for files that state how they were decoded.
 
         Returns
         -------
         dict
-            By name. Names of quantities in order; settings of slip by name, None for NaN; of a
-            stencil the SHA-256 of its arrays. ``slip`` and ``stencil`` are there only if given.
+            By name. Names of quantities in order; settings of slip by name, None for NaN; a stencil
+            as the SHA-256 of its arrays. ``slip`` and ``stencil`` are there only if given.
         """
         found = {one.name: getattr(self, one.name) for one in fields(self)}
         found["want"] = sorted(self.quantities)
@@ -135,8 +135,19 @@ class Options:
         return found
 
 
+def _named(dtype: Any) -> str:
+    """The name of a type of `DTYPES`."""
+    try:
+        found = np.dtype(dtype).name
+    except (TypeError, ValueError, SyntaxError):
+        found = None
+    if found not in DTYPES:
+        raise OptionError.unknown("dtype", dtype if found is None else found, DTYPES)
+    return found
+
+
 def wanted(want: Any, known: Collection[str] = WANTS) -> frozenset[str]:
-    """The names of quantities that are wanted: one or many of those that are known, None for all.
+    """The names of wanted quantities: one or several of the known ones, None for all.
 
     Raises
     ------

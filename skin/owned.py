@@ -1,8 +1,8 @@
-"""Arrays that belong to a state: one copy of a cycle's, and views of it for whoever asks.
+"""Arrays that belong to a state: one copy of those of a cycle, and views of the copy.
 
-A pipeline writes each cycle into the same arrays. A state must stay true all the same, whoever
-keeps it: it has one copy, a block of bytes, and makes an array of it where one is asked for. A view
-costs its making, so that what nobody reads costs no more than its bytes.
+A pipeline writes each cycle into the same arrays, but a state must not change later. So a state
+copies them once, as a block of bytes, and makes an array of it when one is read. An attribute that
+is never read costs only the copy of its bytes.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ import numpy as np
 __all__ = ["Layout", "Lazy"]
 
 SMALL = 512
-"""Bytes of an array that is copied out of its block, and keeps nothing else alive [assumed]."""
+"""Bytes up to which an array is copied out of its block, to keep the block free [assumed]."""
 WORD = 8
-"""Bytes at whose multiples every array begins."""
+"""Alignment of every array in a block, bytes."""
 
 
 class Layout:
-    """Where arrays lie, and where in a copy of them.
+    """Addresses of arrays, and their places in a copy.
 
     Parameters
     ----------
     arrays : mapping of str to ndarray or None
-        Contiguous, and always the same; None for what reads None.
+        Contiguous, and always the same; None for attributes that are None.
     wholes : sequence of ndarray
-        What some of them are views of, and is copied in one piece.
+        Bases of which some arrays are views; each is copied in one piece.
 
     Attributes
     ----------
     parts : list of memoryview
-        What a copy is made of.
+        Memory that is copied.
     places : dict
-        Shape, type and byte of each array in a copy; None for what reads None.
+        Shape, type and first byte of each array in a copy; None for attributes that are None.
     size : int
         Bytes of a copy.
     """
@@ -60,7 +60,7 @@ class Layout:
             self.places[name] = array.shape, array.dtype, place[2] + start - place[0]
 
     def _add(self, array: np.ndarray) -> tuple[int, int, int]:
-        """One more part: its address, its end, and its first byte in a copy."""
+        """Add a part: its address, its end, and its first byte in a copy."""
         assert array.flags.c_contiguous
         start, offset = _address(array), self.size
         self.parts.append(array.reshape(-1).view(np.uint8).data.cast("B"))
@@ -70,11 +70,11 @@ class Layout:
         return start, start + array.nbytes, offset
 
     def copy(self) -> bytearray:
-        """All parts as they are now, one after another."""
+        """All parts now, one after another."""
         return bytearray().join(self.parts)
 
     def view(self, block: bytearray, name: str) -> Any:
-        """An array of a copy, of its own if it is small."""
+        """An array of a copy; a small one owns its memory."""
         place = self.places[name]
         if place is None:
             return None
@@ -83,9 +83,9 @@ class Layout:
 
 
 class Lazy:
-    """Attributes that are made of a copy when they are first asked for.
+    """Attributes that are made from a copy when they are first read.
 
-    An object whose attributes are set needs no copy, and is the same otherwise.
+    An object whose attributes are all set needs no copy.
     """
 
     __slots__ = ("_block", "_layout")
@@ -94,27 +94,35 @@ class Lazy:
     _layout: Layout
 
     def take(self, layout: Layout) -> None:
-        """Have a copy of what the arrays of a layout are now."""
+        """Copy the arrays of a layout as they are now."""
         self._block, self._layout = layout.copy(), layout
 
     def have(self, block: bytearray, layout: Layout) -> None:
-        """Have a copy that is there."""
+        """Use a copy that exists."""
         self._block, self._layout = block, layout
 
     def __getattr__(self, name: str) -> Any:
-        """What was not set; called for nothing else."""
+        """An attribute that is not set yet."""
         if not name.startswith("_"):
             try:
                 value = self._layout.view(self._block, name)
             except (AttributeError, KeyError):
                 pass
             else:
+                if value is None:
+                    self._refuse_unwanted(name)
                 setattr(self, name, value)
                 return value
+            if isinstance(getattr(type(self), name, None), property):  # a property of unwanted data
+                self._refuse_unwanted(name)
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
+    def _refuse_unwanted(self, name: str) -> None:
+        """Called for an attribute that is None; may raise."""
+
     def __getstate__(self) -> tuple[None, dict[str, Any]]:
-        return None, {name: getattr(self, name) for name in type(self).__slots__}
+        slots = type(self).__slots__
+        return None, {name: getattr(self, name) for name in slots if hasattr(self, name)}
 
 
 def _address(array: np.ndarray) -> int:

@@ -1,17 +1,18 @@
-"""The spine: frames → cycles → readings → contacts, the same for live buses, logs and tests.
+"""The pipeline: frames → cycles → readings → contacts, for live buses, logs and tests alike.
 
 One cycle, stage by stage::
 
     frames ─► Assembler ─► counts, flags ─► Decoder ─► Reading ─► ContactStream ─► State
 
-Every stage writes into arrays that are made once. The pipeline, which knows them all, binds each
-stage to its arrays before the first cycle; no stage asks whether it was given the same ones again.
+Every stage writes into arrays that are allocated once. The pipeline owns them all, and binds each
+stage to its arrays before the first cycle.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -19,27 +20,25 @@ import numpy as np
 
 from bus.assemble import Assembler
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
-from skin.clock import Clock
 from skin.contact.record import UNSEEN
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, check_kind, check_number
 from skin.options import Options
 from skin.owned import Layout
+from skin.sinks import Ending, Sink, Sinks
 from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
-    from skin.calibrate.background import Learning
     from skin.calibrate.zeros import Zeros
     from skin.contact.common import Common
-    from skin.contact.contact import Contact
     from skin.contact.stream import ContactStream
     from skin.robot.joints import Joints
 
 __all__ = ["Pipeline"]
 
 LONGEST_S = 3600.0
-"""That a cycle may wait for missing frames."""
+"""Upper bound of the time that a cycle waits for missing frames."""
 
 
 class Pipeline:
@@ -59,27 +58,36 @@ class Pipeline:
     assembler : Assembler
     clock : Clock
         Time of the cycles, by which the filters run.
+    cycle : Cycle
+        The compiled call from counts to contacts.
     decoder : Decoder
     contacts : ContactStream or None
         None where no feature of the array is wanted.
+    deadline_s : float or None
+        As given.
+    sinks : Sinks
+        Sinks of the cycles; see `attach`.
     zeros : Zeros or None
-        What takes the zeros of units; None where all units have theirs.
-    learning : Learning or None
-        What learns the fields of neighbours, once `learn` was called.
+        Takes the zeros of units; None where all units have theirs.
+    zeros_file : path or None
+        File with the zeros of the run before.
     poses : tuple of ndarray, shape (3, n) and (3, 3, n)
         Positions and rotations of the units, as of the last move; another tuple after each.
+    q : ndarray, shape (J,), or None
+        Coordinates of the joints that these poses are of; None without a robot, and where poses
+        were set without joints.
     lists_contacts : bool
         Whether states have contacts.
     now : State
         The last cycle on the pipeline's own arrays: the same object in each, valid until the next.
     counts : ndarray, shape (c, n), int16
     status : ndarray, shape (n,), uint16
-        What the decoder reads: counts and flags of the last cycle, as the assembler writes them.
+        Inputs of the decoder: counts and flags of the last cycle, written by the assembler.
 
     Raises
     ------
     OptionError
-        The wire does not carry what an option needs, or a deadline is none.
+        The wire does not carry a channel that an option needs, or the deadline is not one.
 
     Examples
     --------
@@ -105,48 +113,48 @@ class Pipeline:
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
         self.zeros: Zeros | None = None
-        self.learning: Learning | None = None
+        self.zeros_file: str | os.PathLike[str] | None = None
         self.poses = topology.position, topology.rotation
-        self._watching: list[Callable[[State], None]] = []
+        self.q = None if topology.robot is None else topology.robot.home
+        self.deadline_s = deadline_s
+        self.sinks = Sinks(topology.cycle_rate_hz)
         self.lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status
         self._area_share = topology.area / topology.area.sum()
-        self.clock = Clock(round(1e9 / topology.cycle_rate_hz))
         self.decoder = self._make_decoder()
-        self._decode = self.decoder.bind(self.counts, self.status)
         self.contacts = self._make_contacts()
-        self._describe: Callable[[int], list[Contact]] | None = None
         self._total = (UNWANTED, UNWANTED, UNWANTED, UNWANTED)
         self._label = self._slip = UNWANTED
-        self._flags: np.ndarray | None = None
         if self.contacts is not None:
             reading = self.decoder.reading
-            self._describe = self.contacts.bind(
+            self.contacts.bind(
                 reading.force, reading.force_sigma, reading.displacement_mm,
                 reading.displacement_sigma_mm, reading.temperature, reading.valid,
                 self._shared(),
             )  # fmt: skip
             self._show(self.contacts)
-        self._array = Layout(dict.fromkeys(self.shown)) if self.contacts is None else None
+        self._bind()
+        nothing = dict.fromkeys([*self.shown, "contacts", "whole"])
+        self._array = Layout(nothing) if self.contacts is None else None
         self._units = self.decoder.layout
         shown: dict[str, Any] = dict(self.shown)
         self.now = State(
             -1, 0, self.decoder.reading, 0.0, ClosedBy.END, self.counters, **shown,
             sampled_ns=self.assembler.sampled_ns, topology=topology,
         )  # fmt: skip
-        if options.tare and self._lacks_zeros():
+        if options.auto_tare and self._lacks_zeros():
             self.take_zeros()
 
     def _lacks_zeros(self) -> bool:
-        """Whether units were never tared, and that matters to what is decoded."""
+        """Whether units have no tare that the decoder needs."""
         topology = self.topology
         lacking = topology.enabled & ~topology.counts_only & ~topology.tared
         return bool(lacking.any()) and not self.decoder.want <= {"temperature", "sigma"}
 
     def take_zeros(self, file: str | os.PathLike[str] | None = None) -> None:
-        """Take the zeros of units that were never tared from the first second in which nothing
-        touches them, where the options say so, and those of the run before from its file.
+        """Take the zeros of units without a tare from the first second in which nothing touches
+        them, where the options say so, and those of the run before from its file.
 
         Raises
         ------
@@ -155,15 +163,16 @@ class Pipeline:
         """
         from skin.calibrate.zeros import Zeros
 
-        self.zeros = Zeros(self.decoder, tare=self.options.tare)
+        self.zeros = Zeros(self.decoder, tare=self.options.auto_tare)
         if file is not None:
             self.zeros.carry(file)
+            self.zeros_file = file
 
     def retake_zeros(self) -> None:
-        """Take the zeros of all units anew, from the next second in which nothing touches them.
+        """Take the zeros of all units again, in the next second in which nothing touches them.
 
-        Units that are pressed then keep those that they have; `zeros` tells which, and why. To be
-        called between two cycles, by whoever runs them.
+        Units that are pressed then keep their old zeros; `zeros` lists them with the reason. Call
+        it between two cycles, in the thread that runs them.
         """
         if self.zeros is None:
             from skin.calibrate.zeros import Zeros
@@ -171,28 +180,18 @@ class Pipeline:
             self.zeros = Zeros(self.decoder, tare=False)
         self.zeros.retake()
 
-    def watch(self, look: Callable[[State], None]) -> None:
-        """Let `look` see each state from now on, as soon as it is made.
+    def attach(self, sink: Sink) -> None:
+        """Attach a sink to all cycles to come; see `skin.sinks.Attachable.attach`."""
+        self.sinks.attach(sink)
 
-        The cycle waits for it: it copies what it needs, and returns. It is given `now`, whose
-        arrays are valid until it has.
-        """
-        self._watching.append(look)
+    def detach(self, sink: Sink) -> None:
+        """Stop and detach a sink; see `skin.sinks.Attachable.detach`."""
+        self.sinks.detach(sink)
 
-    def unwatch(self, look: Callable[[State], None]) -> None:
-        """Let it no longer; see `watch`."""
-        self._watching = [other for other in self._watching if other != look]
-
-    def learn(self) -> None:
-        """Learn the stray fields of neighbours beside decoding, from now on."""
-        from skin.calibrate.background import Learning
-
-        self.learning = Learning(self.decoder)
-
-    # -- stages, made and bound once ---------------------------------------------------------------
+    # -- stages, bound once ------------------------------------------------------------------------
 
     def _make_decoder(self) -> Decoder:
-        """The decoder of what is wanted, and of what that needs.
+        """The decoder of the wanted quantities and of their inputs.
 
         Wrench and centroid need forces and their sigmas; contacts displacements as well, and
         temperatures where the wire has them.
@@ -213,7 +212,7 @@ class Pipeline:
         )  # fmt: skip
 
     def _make_contacts(self) -> ContactStream | None:
-        """The stream of contacts, whose kernels bring the compiler along."""
+        """The stream of contacts; its kernels load the compiler."""
         want = self.options.quantities.intersection(ARRAY_WANTS)
         if not want:
             return None
@@ -231,19 +230,34 @@ class Pipeline:
         )  # fmt: skip
 
     def _shared(self) -> Common | None:
-        """What the units are wrong by together: the ambient field, where it is estimated."""
+        """Errors that units have in common: the ambient field, where it is estimated."""
         from skin.contact.common import common_field
         from skin.decode.ambient_model import PRIOR_UT2
 
         decoder, ambient = self.decoder, self.decoder.ambient
-        if ambient is None or decoder.loop is None:
+        if ambient is None:
             return None
-        whole = decoder.loop.whole
+        whole = decoder.whole
         return common_field(
             self.topology, ambient.body, ambient.body_covariance_ut2, ambient.residue_ut2,
             whole.field_ut, whole.displacement_mm, rest_ut2=PRIOR_UT2,
             by_strength=decoder.estimator == "sine",
         )  # fmt: skip
+
+    def _bind(self) -> None:
+        """Bind the cycle, from counts to contacts, to the arrays of all stages."""
+        from skin.clock import Clock
+        from skin.cycle import no_ends
+
+        self.clock = Clock(round(1e9 / self.topology.cycle_rate_hz))
+        ends, stream = no_ends()._replace(clock=self.clock.time), self.contacts
+        if stream is not None:
+            ends = ends._replace(
+                contacts=stream.bound, now_ns=stream.data.clock["now_ns"],
+                flags=stream.records["flags"][-1:],
+            )  # fmt: skip
+        self._next, self._shown = ends.next, ends.shown
+        self.cycle = self.decoder.cycle(self.counts, self.status, ends)
 
     def _show(self, stream: ContactStream) -> None:
         """Keep the arrays of the stream that every state shows."""
@@ -258,41 +272,51 @@ class Pipeline:
         if "slip" in want:
             self._slip = stream.unit_slip
         self._label = stream.tracker.label
-        self._flags = stream.records["flags"][-1:]
-        stream.show(**self.shown)
+        stream.show(**self.shown, **({} if self.lists_contacts else {"contacts": None}))
 
     @property
     def shown(self) -> dict[str, np.ndarray]:
-        """What each state shows of the array, by the names of `State`: arrays that stay the same,
-        None for what is not wanted."""
+        """Array quantities of each state, by the names of `State`: arrays that stay the same, None
+        for what is not wanted."""
         names = ("wrench", "wrench_sigma", "centroid", "centroid_covariance", "label", "slip")
         return dict(zip(names, (*self._total, self._label, self._slip), strict=True))
 
+    @staticmethod
+    def prepare(options: Options) -> None:
+        """Begin to compile the longest kernel that the options need, before all that comes first in
+        a pipeline; see `bus.compiled.pool.together`."""
+        if want := options.quantities.intersection(ARRAY_WANTS):
+            from skin.contact.stream import ContactStream
+
+            ContactStream.prepare(want, options.dtype)
+
     @property
     def watched(self) -> bool:
-        """Whether somebody looks at each cycle as it is made; see `watch` and `learn`."""
-        return bool(self._watching) or self.learning is not None
+        """Whether sinks see each cycle."""
+        return bool(self.sinks.live)
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
+        from bus.compiled.bound import ready_all
+
         self.decoder.warmup()
         if self.contacts is not None:
             self.contacts.warmup()
+        self.cycle.bind()
+        ready_all()  # those of sinks as well
 
     def close(self) -> None:
-        """Save zeros for the next run, and end learning, where these are wanted."""
-        try:
+        """Save zeros for the next run, and stop all sinks."""
+        with ExitStack() as ending:  # each may be slow; an interrupt ends only the current one
+            ending.callback(self.sinks.stop)
             if self.zeros is not None:
-                self.zeros.close()
-        finally:  # it may take its time, and zeros are to be saved whatever ends it
-            if self.learning is not None:
-                self.learning.close()
+                ending.callback(self.zeros.close)
 
     # -- cycles ------------------------------------------------------------------------------------
 
     @property
     def counters(self) -> FrameCounters:
-        """Frames by what became of them, running totals."""
+        """Counts of frames by outcome, running totals."""
         return self.assembler.counters
 
     @property
@@ -303,36 +327,59 @@ class Pipeline:
     def feed(self, frames: np.ndarray) -> Iterator[State]:
         """Take frames of all buses, in their order, and yield a state for every cycle that closes.
 
-        Go through to the end: nothing is taken before the iterator asks for it.
+        Consume the whole iterator: frames are taken only as it advances.
 
         Parameters
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
         """
-        if self.zeros is not None:
-            self.zeros.hear(frames)
+        if self.zeros is not None or self.sinks.live:
+            self.hear(frames)
         for cycle in self.assembler.feed(frames):
             yield self.state(cycle)
 
+    def hear(self, frames: np.ndarray) -> None:
+        """Pass frames, shape (m,), to the sinks that want them before they are assembled."""
+        if self.zeros is not None:
+            self.zeros.hear(frames)
+        self.sinks.frames(frames)
+
     def expire(self, now_ns: int) -> State | None:
         """The state of the open cycle if its time is over; see `bus.assemble.Assembler.expire`."""
+        since_ns = self.assembler.since_ns if self.sinks.live else None
         cycle = self.assembler.expire(now_ns)
+        if self.sinks.live:
+            self._show_ending(Ending.EXPIRED, cycle, since_ns, now_ns)
         return None if cycle is None else self.state(cycle)
 
     def silence(self, now_ns: int) -> State | None:
         """A state without data where no SYNC comes; see `bus.assemble.Assembler.silence`."""
+        since_ns = self.assembler.since_ns if self.sinks.live else None
         cycle = self.assembler.silence(now_ns)
+        if self.sinks.live:
+            self._show_ending(Ending.SILENT, cycle, since_ns, now_ns)
         return None if cycle is None else self.state(cycle)
 
     def flush(self) -> State | None:
         """The state of what is open at the end of a log; None if nothing is."""
         cycle = self.assembler.flush()
-        return None if cycle is None else self.state(cycle)
+        if cycle is None:
+            return None
+        self.sinks.closing(Ending.FLUSHED, 0)
+        return self.state(cycle)
+
+    def _show_ending(
+        self, event: Ending, cycle: RawCycle | None, since_ns: int | None, now_ns: int
+    ) -> None:
+        """Report to sinks a cycle that a clock has closed, or whose time it begins to measure."""
+        starts = since_ns is None and self.assembler.since_ns is not None
+        if cycle is not None or starts:
+            self.sinks.closing(event, 0 if since_ns is None else now_ns - since_ns)
 
     def __call__(self, cycle: RawCycle) -> State:
-        """The state of a cycle that somebody else has assembled.
+        """The state of a cycle that the caller has assembled.
 
-        Its counts and flags are copied. A pipeline takes frames or cycles, not both by turns.
+        Its counts and flags are copied. Feed a pipeline either frames or cycles, not both.
 
         Parameters
         ----------
@@ -366,7 +413,9 @@ class Pipeline:
             check_poses(self.topology.n, position, rotation)
         else:
             self.contacts.move(position, rotation)
-        self.poses = np.array(position), np.array(rotation)
+        self.poses, self.q = (np.array(position), np.array(rotation)), None
+        if self.sinks.live:
+            self.sinks.moved(*self.poses)
 
     @cached_property
     def joints(self) -> Joints:
@@ -384,13 +433,17 @@ class Pipeline:
 
     def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
         """Set joints, and the poses of the units by them, for the cycles to come; see
-        `skin.live.Skin.move_joints`."""
+        `skin.live.Skin.move_joints`. With sinks, poses are set a second time as a replay sets them,
+        which has no joints, so that both are equal to the bit."""
         joints = self.joints
         joints.move(q)
         self.poses = joints.unit_poses
+        if self.sinks.wants("moved"):
+            self.move(*self.poses)
+        self.q = joints.q
 
     def turn(self, attitude: np.ndarray) -> None:
-        """Report how the skin stands in the world; see `skin.live.Skin.turn`."""
+        """Report the attitude of the skin in the world; see `skin.live.Skin.turn`."""
         ambient = self.decoder.ambient
         if ambient is None:
             return
@@ -400,37 +453,28 @@ class Pipeline:
             ambient.turn(attitude @ now[..., unit] @ rest[..., unit].T, g)
 
     def state(self, cycle: RawCycle) -> State:
-        """The state of a cycle whose counts and flags lie in `counts` and `status` already."""
+        """The state of a cycle whose counts and flags are in `counts` and `status` already."""
         now = self.step(cycle)
         array: Any = self._array if self.contacts is None else self.contacts.layout
-        state = now.owned(self._units, array)
-        if not self.lists_contacts:
-            state.contacts = UNWANTED
-        return state
+        return now.owned(self._units, array)
 
     def step(self, cycle: RawCycle) -> State:
-        """As `state`, but `now`: for who needs it until the next cycle alone."""
-        clock = self.clock
-        clock.tick(cycle.number, cycle.stamp_ns)
-        self.decoder.elapse(1e-9 * clock.elapsed_ns)
-        reading = self._decode()
-        heard = reading.valid
-        everywhere = np.count_nonzero(heard) == heard.size
-        now = self.now
-        if self._describe is not None:
-            found = self._describe(clock.now_ns)
+        """As `state`, but returns `now`, which the next cycle overwrites."""
+        given, now = self._next, self.now
+        given[0], given[1] = cycle.number, cycle.stamp_ns
+        found = self.cycle()
+        overruns, everywhere, flags = self._shown.tolist()
+        if self.contacts is not None:
+            contacts = self.contacts.taken(found)
             if self.lists_contacts:
-                now.contacts = found
+                now.contacts = contacts
+            now.whole = not flags & UNSEEN
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)
-        if self.learning is not None:
-            self.learning.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
-        now.coverage = 1.0 if everywhere else float(self._area_share.dot(heard))
-        now.counters, now.overruns = cycle.counters, clock.overruns
+        now.coverage = 1.0 if everywhere else float(self._area_share.dot(now.units.valid))
+        now.counters, now.overruns = cycle.counters, overruns
         now.sampled_ns = cycle.sampled_ns
-        if self._flags is not None:
-            now.whole = not self._flags[0] & UNSEEN
-        for look in self._watching:
-            look(now)
+        if self.sinks.live:
+            self.sinks.state(now)
         return now

@@ -1,10 +1,15 @@
-"""A process beside the live loop, and the ring buffer in shared memory that feeds it.
+"""A worker process next to the live loop, and the ring buffer in shared memory that feeds it.
 
-What must not disturb a cycle (learning, recording, the live view) is done by a process of its own:
-a thread would share the interpreter's lock. The loop copies a record into the ring and goes on; it
-never waits. Requests and answers go over a socket, one line of JSON each. Where the loop's process
-ends, however it ends, the socket closes and the worker ends as well; the ring has no name, so that
-nothing is left behind.
+Work that must not delay a cycle (learning, recording, the live view) has a process of its own,
+since a thread would share the interpreter's lock. The loop copies a record into the ring and
+continues; it never waits. Requests and answers go over a socket, one line of JSON each. When the
+loop's process ends, for any reason, the socket closes and the worker ends. The ring buffer is
+unnamed memory, so that nothing is left behind.
+
+::
+
+    loop     WorkerSink ─► RingBuffer
+    worker   RingBuffer ─► serve ─► Service
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ import select
 import socket
 import subprocess
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -24,38 +30,39 @@ import numpy as np
 
 from skin.errors import SkinError
 
-__all__ = ["RingBuffer", "Worker", "WorkerEnd"]
+__all__ = ["RingBuffer", "Service", "Worker", "WorkerEnd", "read", "run", "serve"]
 
 LINE = 64
-"""Bytes of a cache line: the counter of each side has one of its own."""
+"""Bytes of a cache line: the counters of writer and reader have one each."""
 LONGEST_S = 60.0
-"""That an answer may take [assumed: a worker imports and compiles before its first]."""
+"""Timeout of an answer [assumed: a worker imports and compiles before its first]."""
 SHORT = 8192
-"""Bytes of a command that a socket takes whole, where it takes anything [derived: it is writable
-with three quarters of its buffer free]."""
+"""Longest command in bytes: one that a writable socket takes whole [derived: it is writable with
+three quarters of its buffer free]."""
 ENDS_S = 10.0
-"""That a worker has to end, once asked to [assumed]."""
+"""Timeout of a worker to end, once asked to [assumed]."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-"""Of linear algebra, where the user has not set another number: more are made before a worker steps
-back, and would not."""
+"""Variables that set the number of threads of linear algebra libraries. They are limited in a
+worker unless the user has set them, since the threads would start before its priority is
+lowered."""
 
 
 class RingBuffer:
-    """Records of one kind from one process to another: one writes, one reads, neither waits.
+    """Records from one process to another: a single writer, a single reader, neither waits.
 
     Parameters
     ----------
     dtype : dtype
         Of a record; without objects.
     slots : int
-        Records that may wait for the reader.
+        Capacity in records.
     fd : int, optional
-        Of the memory, as the other process has it; new memory if not given.
+        Descriptor of memory from the other process; new memory if not given.
 
     Raises
     ------
     SkinError
-        The system has no memory for it.
+        The system has not enough memory.
     """
 
     def __init__(self, dtype: np.dtype[Any], slots: int, fd: int | None = None) -> None:
@@ -74,82 +81,82 @@ class RingBuffer:
         self._barrier = Lock()
 
     def close(self) -> None:
-        """Close the descriptor, once the other process has it; closing twice is fine. The memory
-        stays while either side uses it."""
+        """Close the descriptor, once the other process has it; may be called twice. The memory is
+        freed when neither side uses it."""
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
 
     @property
     def waiting(self) -> int:
-        """Records that were written and not yet read."""
+        """Records written and not yet read."""
         return int(self._written[0] - self._read[0])
 
     @property
     def calls(self) -> int:
-        """How often the reader has called for the writer, who looks as often as it likes."""
+        """Number of calls by the reader, for the writer to poll."""
         return int(self._calls[0])
 
     def call(self) -> None:
-        """Call for the writer; what for is between the two."""
+        """Signal the writer; the meaning is up to the two."""
         self._calls[0] += 1
 
     @property
     def counters(self) -> tuple[np.ndarray, np.ndarray]:
-        """How many records were written, and how many read, each of shape (1,), int64: for a kernel
-        that writes; see `bus.compiled.intrinsics.publish`."""
+        """Numbers of written and of read records, each of shape (1,), int64: for a kernel that
+        writes; see `bus.compiled.intrinsics.publish`."""
         return self._written, self._read
 
     @property
     def records(self) -> np.ndarray:
-        """All records, shape (slots,): for a writer that fills field by field; see `claim_slot`."""
+        """All records, shape (slots,): for a writer that fills single fields; see `claim_slot`."""
         return self._records
 
     def claim(self) -> np.ndarray | None:
-        """The next free record, shape (1,), to be filled; None where the reader is that far behind.
-        The reader sees it after `publish`."""
+        """The next free record, shape (1,), to be filled; None where the ring is full. The reader
+        sees it after `publish`."""
         at = self.claim_slot()
         return None if at is None else self._records[at : at + 1]
 
     def claim_slot(self) -> int | None:
-        """The number of that record among all."""
+        """The index of that record."""
         written = int(self._written[0])
         if written - int(self._read[0]) >= self.slots:
             return None
         return written % self.slots
 
     def publish(self) -> None:
-        """Hand the claimed record to the reader."""
-        with self._barrier:  # what was filled is in memory before it counts
+        """Pass the claimed record to the reader."""
+        with self._barrier:  # the record is in memory before it is counted
             self._written[0] += 1
 
     def unread(self) -> np.ndarray:
-        """Records that wait, oldest first, shape (m,), as views: up to the end of the memory; those
-        that lie at its beginning again come with the next call, after `release`."""
+        """Unread records, oldest first, shape (m,), as views: up to the end of the memory; those
+        that wrap around come with the next call, after `release`."""
         with self._barrier:
             written, read = int(self._written[0]), int(self._read[0])
         first = read % self.slots
         return self._records[first : first + min(written - read, self.slots - first)]
 
     def release(self, count: int) -> None:
-        """Give the oldest `count` records back to the writer."""
+        """Free the oldest `count` records."""
         with self._barrier:
             self._read[0] += count
 
 
 class Worker:
-    """The loop's end of a worker.
+    """The loop's side of a worker.
 
     Parameters
     ----------
     module : str
-        Run as ``python -m module``; it begins with `WorkerEnd()`.
+        Run as ``python -m module``; it starts with `WorkerEnd()`.
     ring : RingBuffer
-        Its descriptor is closed here, since the worker has it now.
+        Its descriptor is closed here, since the worker has a copy.
     request : dict
-        What the worker is asked to do, as JSON.
+        The worker's task, as JSON.
     niceness : int
-        By how much the worker steps back behind the loop.
+        Increment of the worker's niceness.
     """
 
     def __init__(
@@ -167,7 +174,7 @@ class Worker:
                 pass_fds=(theirs.fileno(), ring.fd),
                 env=ONE_THREAD | os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
                 stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is the loop's: it ends the worker when it ends
+                start_new_session=True,  # Ctrl-C interrupts only the loop, which ends the worker
             )
         ring.close()
         self._send(
@@ -196,7 +203,7 @@ class Worker:
         Raises
         ------
         SkinError
-            The worker has ended, does not answer, or answers with an ``error``.
+            The worker has ended, does not answer in time, or answers with an ``error``.
         """
         with self._lock:
             try:
@@ -206,21 +213,21 @@ class Worker:
             except (BrokenPipeError, ConnectionResetError):
                 line = ""
             except BaseException as error:  # an interrupt, too
-                self._process.kill()  # a late answer would be taken for that of the next command
+                self._process.kill()  # a late answer would be read as that of the next command
                 if not isinstance(error, OSError):
                     raise
                 raise SkinError(f"{self._name}: must answer {command!r}; got {error}") from error
         if not line:
-            raise SkinError(f"{self._name}: must answer {command!r}; got the end of its process, "
-                            f"status {self._process.wait(ENDS_S)}")  # fmt: skip
+            raise SkinError(f"{self._name}: must answer {command!r}; worker exited early "
+                            f"(status {self._process.wait(ENDS_S)})")  # fmt: skip
         answer = json.loads(line)
         if "error" in answer:
             raise SkinError(answer["error"])
         return answer
 
-    def tell(self, command: str, **values: Any) -> bool:
-        """Send a command that has no answer; never waits. False where the worker does not take it:
-        it has ended, or is far behind."""
+    def send(self, command: str, **values: Any) -> bool:
+        """Send a command without an answer; never waits. False where the worker cannot take it: it
+        has ended or has a backlog."""
         line = _line({"command": command} | values)
         with self._lock:
             try:
@@ -232,7 +239,7 @@ class Worker:
         return True
 
     def close(self, timeout_s: float = ENDS_S) -> None:
-        """End the worker, once it has read what waits; closing twice is fine."""
+        """End the worker after its backlog; may be called twice."""
         with self._lock:
             self._lines.close()
             self._socket.close()
@@ -247,7 +254,7 @@ class Worker:
 
 
 class WorkerEnd:
-    """The worker's end, made from the arguments of its process.
+    """The worker's side, made from the arguments of its process.
 
     Attributes
     ----------
@@ -255,7 +262,7 @@ class WorkerEnd:
     request : dict
         As given to `Worker`.
     ended : bool
-        The loop has closed its end, or its process is gone: read what waits, and end.
+        The loop has closed its side or has ended: process the backlog, and end.
     """
 
     def __init__(self, arguments: list[str] | None = None) -> None:
@@ -265,14 +272,14 @@ class WorkerEnd:
         self.ended = False
         first = self.command(None)
         if first is None:
-            raise SystemExit(0)  # the loop ended before it had asked for anything
+            raise SystemExit(0)  # the loop ended before its first command
         os.nice(first["nice"])
         dtype = np.dtype([(name, kind, tuple(shape)) for name, kind, shape in first["dtype"]])
         self.ring = RingBuffer(dtype, first["slots"], memory)
         self.request: dict[str, Any] = first["request"]
 
     def command(self, timeout_s: float | None = 0.0) -> dict[str, Any] | None:
-        """The next command, or None if none came in time; None as time waits for it."""
+        """The next command, or None at the timeout; None as timeout waits for ever."""
         while b"\n" not in self._rest and not self.ended:
             if not select.select([self._socket], [], [], timeout_s)[0]:
                 return None
@@ -286,11 +293,114 @@ class WorkerEnd:
         return json.loads(line) if found else None
 
     def answer(self, **values: Any) -> None:
-        """Answer the command; ``error`` is raised on the other side."""
+        """Answer the command; an ``error`` is raised in the loop's process."""
         try:
             self._socket.sendall(_line(values))
         except OSError:
             self.ended = True
+
+
+class Service:
+    """Work of a worker; `serve` calls it.
+
+    Attributes
+    ----------
+    commands : mapping of str to callable
+        Commands of the loop, by name: each gets the values of the command and returns the answer,
+        or None for a command without one.
+    at_once : collection of str
+        Commands that are executed before the records that were published earlier.
+    batch : int
+        Maximum number of records that `take` gets.
+    rest_s : float
+        Interval at which an empty ring is polled.
+    reads_to_end : bool
+        Whether the backlog is processed after the loop has ended.
+    frees_first : bool
+        Whether records are copied, and freed in the ring, before `take`.
+    is_done : bool
+        To be set to end the worker before the loop.
+    """
+
+    commands: Mapping[str, Callable[..., dict[str, Any] | None]]
+    at_once: frozenset[str] = frozenset()
+    batch = 1
+    rest_s = 0.02
+    reads_to_end = True
+    frees_first = False
+    is_done = False
+
+    def take(self, records: np.ndarray) -> None:
+        """Records of the loop, oldest first, shape (m,), as views."""
+        raise NotImplementedError
+
+    def look(self) -> None:
+        """Called at each poll of the ring."""
+
+    def rests_s(self, waiting: int) -> float:
+        """Timeout of the next command, with so many unread records."""
+        return 0.0 if waiting else self.rest_s
+
+    def stop(self) -> None:
+        """The loop has ended."""
+
+
+def serve(end: WorkerEnd, service: Service) -> None:
+    """Take records and execute commands until the loop has ended."""
+    ring = end.ring
+    while not service.is_done:
+        ended = end.ended  # before its last records are read
+        read(ring, service, service.batch)
+        service.look()
+        command = end.command(0.0 if ended else service.rests_s(ring.waiting))
+        if command is not None:
+            name = command.pop("command")
+            if name not in service.at_once:
+                read(ring, service, ring.waiting)
+            answer = _obey(service, name, command)
+            if answer is not None:
+                end.answer(**answer)
+        elif ended and not (service.reads_to_end and ring.waiting):
+            service.stop()
+            return
+
+
+def read(ring: RingBuffer, service: Service, most: int) -> None:
+    """Pass unread records to a service, so many at most."""
+    while most > 0 and (records := ring.unread()[: min(most, service.batch)]).size:
+        most -= records.size
+        if service.frees_first:
+            records = records.copy()
+            ring.release(records.size)
+            service.take(records)
+        else:
+            service.take(records)
+            ring.release(records.size)
+
+
+def _obey(service: Service, name: str, values: dict[str, Any]) -> dict[str, Any] | None:
+    known = service.commands
+    if name not in known:
+        return {"error": f"command: must be one of {', '.join(known)}; got {name!r}"}
+    return known[name](**values)
+
+
+def run(make: Callable[[WorkerEnd], Service]) -> None:
+    """Run the process of a worker.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the service for `WorkerEnd.request`; a `SkinError` is the answer to the first command.
+    """
+    end = WorkerEnd()
+    try:
+        service = make(end)
+    except SkinError as error:
+        if end.command(None) is not None:
+            end.answer(error=str(error))
+        sys.exit(1)
+    serve(end, service)
 
 
 def _line(message: dict[str, Any]) -> bytes:

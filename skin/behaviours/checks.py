@@ -1,11 +1,11 @@
-"""What all behaviours ask of the patches that they are given, and of the states that they read."""
+"""Checks of the patches and states that behaviours take."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from skin.errors import OptionError
-from skin.state import State
+from skin.state import State, if_wanted
 from topology import Topology
 
 __all__ = ["check_patches", "check_state"]
@@ -14,12 +14,12 @@ __all__ = ["check_patches", "check_state"]
 def check_patches(
     topology: Topology, names: Iterable[str] | None, where: str = "pads"
 ) -> tuple[str, ...]:
-    """Names of patches, each once; all patches of the topology if None.
+    """Names of patches without duplicates; all patches of the topology if None.
 
     Raises
     ------
     OptionError
-        None at all, one twice, or one that there is not.
+        There are none, one is given twice, or one does not exist.
     """
     if isinstance(names, str):
         raise OptionError(f"{where}: must be a tuple of patches; got {names!r}")
@@ -35,16 +35,16 @@ def check_patches(
 
 
 def check_state(state: State, n: int, *needed: str) -> None:
-    """Whether a state is one of n units, and has the readings that are needed.
+    """Require a state of n units with the needed readings.
 
     Raises
     ------
     OptionError
-        It is one of another topology, or something is not in it.
+        It is of another topology, or a reading is missing.
     """
     units = state.units
     for name in needed:
-        if getattr(units, name) is None:
+        if if_wanted(units, name) is None:
             raise OptionError(f"want: must have {name!r} for this behaviour; got states without")
     if units.valid.shape != (n,):
         raise OptionError(

@@ -8,19 +8,19 @@ from typing import NamedTuple
 __all__ = ["Decision", "Decisions"]
 
 KEPT = 1000
-"""Decisions that a log keeps; older ones are forgotten [numeric]."""
+"""Decisions kept in a log; older ones are dropped [numeric]."""
 
 
 class Decision(NamedTuple):
-    """What was decided, and why.
+    """A decision and its reason.
 
     Attributes
     ----------
     time_s : float
-        Of the cycle's SYNC, since the behaviour's first cycle.
+        Time of the cycle's SYNC since the behaviour's first cycle.
     what : str
     why : str
-        With the numbers that decided.
+        The reason, with its numbers.
     """
 
     time_s: float
@@ -38,7 +38,7 @@ class Decisions:
         self._kept: deque[Decision] = deque(maxlen=KEPT)
 
     def add(self, time_s: float, what: str, why: str) -> None:
-        """Add one."""
+        """Append a decision."""
         self._kept.append(Decision(time_s, what, why))
 
     @property

@@ -1,12 +1,12 @@
-"""What friction has to bear on the pads of a gripper: tangential load and torsion, now and soon.
+"""Demand on the friction of a gripper's pads: tangential load and torsion, now and forecast.
 
-A moment about the normal loads the faces that are far from its axis more than the others, and these
-slip first; where friction is less in motion than at rest, the others follow at once. So a pad's
-demand is what its most loaded face asks for: the tangential load, and the torsion over an arm.
+Torsion loads the faces far from its axis more than others, and these slip first; where kinetic
+friction is less than static friction, the others follow at once. So the demand of a pad is that of
+its most loaded face: the tangential load, and the torsion over an arm.
 
-Noise must not shake the grip, and a pull must not wait for a mean. So three means of different
-length follow the loads, and the demand is the largest of the slow one, the fast one, and what a
-load that goes on to rise will be when the gripper has answered, less the noise of that.
+Noise must not shake the grip, and a pull must not wait for a mean. So three low-pass filters of
+different time constants follow the loads. The demand is the maximum of the slow one, the fast one,
+and a forecast over the response time of the gripper, less the noise of the forecast.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ SLOW_S, MIDDLE_S, FAST_S = 0.1, 0.025, 0.01
 """Time constants [assumed: a pull by hand rises in 0.1 s or more]."""
 
 DOUBT = 1.0
-"""Sigmas that are taken off a forecast and off a torsion: both only ever add to the demand, and
-would add their noise [assumed]."""
+"""Sigmas subtracted from a forecast and from a torsion: both only ever add to the demand, and would
+add their noise [assumed]."""
 
 MOVING, MOVING_SHARE = 3.5, 0.04
-"""Sigmas, and share of itself, by which the fast mean of a load that moves is off the slow one
-[assumed: what swings by 4 % is at rest]."""
+"""Sigmas, and fraction of the load, by which the fast and slow mean of a moving load differ
+[assumed: an oscillation of 4 % counts as rest]."""
 
 FURTHEST = 1.4
-"""What a forecast may be of the fast mean: a hand that lifts what stands loads stiff pads within
-10 ms, and a straight line through that leads nowhere [assumed]."""
+"""Largest forecast relative to the fast mean: a lift from a support loads stiff pads within 10 ms,
+which must not be extrapolated [assumed]."""
 
 FARTHEST = 1.25
-"""Torsion of the most loaded face, of the mean one: mean distance times farthest over mean square
-of 4 x 4, 2 x 4 and 1 x 4 units, 1.27, 1.21, 1.2 [derived]."""
+"""Torsion of the most loaded face over that of the mean one: mean distance times largest over mean
+square of 4 x 4, 2 x 4 and 1 x 4 units, 1.27, 1.21, 1.2 [derived]."""
 
 UNKNOWN_SIGMA_N = 0.05
-"""Of a pad's force where sigma is not wanted [derived: 16 units of 0.0125 N]."""
+"""One-sigma of a pad's force where sigma is not wanted [derived: 16 units of 0.0125 N]."""
 
 SIGNALS = 4
-"""Of a pad: three components of the tangential force, and torsion over arm."""
+"""Signals of a pad: three components of the tangential force, and torsion over arm."""
 
 
 class Means(NamedTuple):
-    """Of p pads: three means of the signals, shape (4, p), newton."""
+    """Three low-pass filters of the signals of p pads, shape (4, p), newton."""
 
     slow: np.ndarray
     middle: np.ndarray
@@ -57,8 +57,8 @@ class Means(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """Gains of the three means, the share of the rise that is added, and what noise is left of one
-    sigma in the slow mean, in the fast one and in the forecast."""
+    """Gains of the three means, the fraction of the rise that is added, and the remaining noise per
+    sigma in the slow mean, the fast one and the forecast."""
 
     slow: float
     middle: float
@@ -70,37 +70,37 @@ class Weights(NamedTuple):
 
 
 class Demand:
-    """Follows what the pads must bear.
+    """Follows the demand on the pads.
 
     Parameters
     ----------
     pads : int
-        How many.
+        Number of pads.
     period_s : float
     horizon_s : float
-        How far the forecast looks.
+        Horizon of the forecast.
 
     Attributes
     ----------
     now_n : float
-        Newton by pad, a mean over 0.1 s.
+        Newton per pad, a mean over 0.1 s.
     fast_n : float
         The same over 0.01 s.
     raw_n : float
-        Tangential load alone, in this cycle.
+        Tangential load alone, of this cycle.
     pull_n : float
         The same along its mean over 0.1 s.
-    sure_n : float
-        `fast_n` less two of its sigmas: what is borne at least.
-    soon_n : float
-        What to grip for: the largest that is sure.
+    lower_n : float
+        `fast_n` minus two of its sigmas: a lower bound of the load.
+    forecast_n : float
+        The demand: the maximum of the lower bounds of means and forecast.
     noise_n : float
-        One-sigma of what is followed: of `fast_n` while the load moves, else of `now_n`.
+        One-sigma of the demand: of `fast_n` while the load moves, else of `now_n`.
     is_moving : bool
-        Whether the load rises or falls: the fast mean is off the slow one by more than noise.
+        Whether the load rises or falls: fast and slow mean differ by more than noise.
     borne_n : float
-        Newton by pad, a mean over 0.1 s: what all faces together bear where all of them slip, the
-        root of the squares of tangential load and torsion over arm.
+        Newton per pad, a mean over 0.1 s: the load of all faces together when all slip, the root of
+        the squares of tangential load and torsion over arm.
     sigma_n : float
         One-sigma of `raw_n`.
     """
@@ -121,27 +121,27 @@ class Demand:
         self._means = Means(*(np.zeros((SIGNALS, pads)) for _ in Means._fields))
         self._arm_m = np.zeros(1)
         self._loads: PadLoads | None = None
-        self._told = np.zeros(8)
+        self._out = np.zeros(8)
         self._is_first = np.ones(1, bool)
-        self.now_n = self.fast_n = self.raw_n = self.sure_n = self.soon_n = self.pull_n = 0.0
+        self.now_n = self.fast_n = self.raw_n = self.lower_n = self.forecast_n = self.pull_n = 0.0
         self.borne_n = 0.0
         self.is_moving = False
         self.noise_n = 0.0
         self.sigma_n = UNKNOWN_SIGMA_N
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
-        """Go on by a cycle; a pad that is not heard is left out."""
+        """Process a cycle; a pad that is silent is left out."""
         self._arm_m[0] = arm_m
         if loads is not self._loads:  # those of `Pads` are the same tuple in every cycle
             self._loads = loads
             self._follow = Bound(
-                follow, loads, self._arm_m, self._weights, self._means, self._is_first, self._told
+                follow, loads, self._arm_m, self._weights, self._means, self._is_first, self._out
             )
         self._follow()
         (
-            self.raw_n, self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n,
+            self.raw_n, self.now_n, self.fast_n, self.lower_n, self.forecast_n, self.sigma_n,
             self.pull_n, self.borne_n,
-        ) = self._told.tolist()  # fmt: skip
+        ) = self._out.tolist()  # fmt: skip
         self.noise_n = self._weights.fast_noise * self.sigma_n
         least_n = MOVING * self.noise_n + MOVING_SHARE * self.now_n
         self.is_moving = abs(self.fast_n - self.now_n) > least_n
@@ -150,12 +150,12 @@ class Demand:
 
 
 def _left(gain: float) -> float:
-    """Share of a sigma that an exponential mean leaves."""
+    """Fraction of a sigma that an exponential mean leaves."""
     return math.sqrt(gain / (2.0 - gain))
 
 
 def _left_forecast(fast: float, middle: float, forecast: float) -> float:
-    """Share of a sigma in the forecast, by its answer to one sample."""
+    """Fraction of a sigma in the forecast, by its response to one sample."""
     age = np.arange(200)
     answer = (1.0 + forecast) * fast * (1.0 - fast) ** age - forecast * middle * (
         1.0 - middle
@@ -165,7 +165,7 @@ def _left_forecast(fast: float, middle: float, forecast: float) -> float:
 
 @jitable
 def _beyond(torsion, noise):
-    """What a torsion, as a force, adds at the most loaded face."""
+    """Contribution of a torsion, as a force, at the most loaded face."""
     return FARTHEST * max(abs(torsion) - DOUBT * noise, 0.0)
 
 
@@ -175,10 +175,10 @@ def follow_python(
     weights: Weights,
     means: Means,
     is_first: np.ndarray,
-    told: np.ndarray,
+    found: np.ndarray,
 ) -> None:
-    """Follow the loads; `told` becomes the attributes of `Demand`: raw, slow, fast, sure, soon,
-    sigma, pull, borne."""
+    """Update the means; `found` becomes the attributes of `Demand`: raw, slow, fast, lower,
+    forecast, sigma, pull, borne."""
     pads = loads.load_n.size
     raw, slow, fast, soon, pull, borne, variance, heard = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
     for pad in range(pads):
@@ -215,11 +215,11 @@ def follow_python(
         return
     is_first[0] = False
     sigma = np.sqrt(variance) / heard
-    told[0], told[1], told[2] = raw / heard, slow / heard, fast / heard
-    told[3] = told[2] - 2.0 * weights.fast_noise * sigma
-    forecast = min(soon / heard - DOUBT * weights.soon_noise * sigma, FURTHEST * told[2])
-    told[4] = max(told[1], told[2], forecast)
-    told[5], told[6], told[7] = sigma, pull / heard, borne / heard
+    found[0], found[1], found[2] = raw / heard, slow / heard, fast / heard
+    found[3] = found[2] - 2.0 * weights.fast_noise * sigma
+    forecast = min(soon / heard - DOUBT * weights.soon_noise * sigma, FURTHEST * found[2])
+    found[4] = max(found[1], found[2], forecast)
+    found[5], found[6], found[7] = sigma, pull / heard, borne / heard
 
 
 follow = compiled(follow_python, fastmath={"contract"})

@@ -1,4 +1,4 @@
-"""Logarithms of densities, number by number."""
+"""Logarithms of densities, for scalars."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from functools import lru_cache
 __all__ = ["beta_log", "log_normal_log", "log_normal_longer_log", "normal_log"]
 
 EDGE = 0.005
-"""Shares nearer to 0 or 1 than noise tells are taken as this near [assumed]."""
+"""Fractions are kept this far from 0 and 1: noise resolves no less [assumed]."""
 
 LEAST = 1e-300
-"""Probability below which a logarithm would end [numeric]."""
+"""Lower bound of a probability before its logarithm [numeric]."""
 
 
 def normal_log(value: float, mean: float, sigma: float) -> float:
@@ -26,7 +26,7 @@ def log_normal_log(value: float, median: float, spread: float) -> float:
 
 
 def log_normal_longer_log(value: float, median: float, spread: float) -> float:
-    """Logarithm of the share of a log-normal distribution that is above `value`.
+    """Logarithm of the survival function of a log-normal distribution.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def log_normal_longer_log(value: float, median: float, spread: float) -> float:
 
 
 def beta_log(share: float, a: float, b: float) -> float:
-    """Logarithm of the density of a beta distribution; the ends are kept off by `EDGE`."""
+    """Logarithm of the density of a beta distribution; fractions are clipped by `EDGE`."""
     share = min(max(share, EDGE), 1.0 - EDGE)
     return (a - 1.0) * math.log(share) + (b - 1.0) * math.log(1.0 - share) - _beta(a, b)
 

@@ -1,18 +1,18 @@
-"""Disturbance: what somebody does to a skin, or to what it holds, against a slowly learned rest.
+"""Disturbance: forces of a person on a skin, or on a held object, relative to a slowly learned
+rest.
 
-The sum of what the pads bear is in balance with weight and with whoever pulls: its change is the
-hand of a person, however the object lies or slips. A disturbance begins where the change is more
-than noise, and ends where it is not. While it lasts the rest is not learned.
+The sum of the pads' loads balances weight and pull: its change is the force of a person, in any
+orientation or slip of the object. A disturbance begins where the change exceeds the noise, and ends
+where it no longer does. The rest is not learned meanwhile.
 
-On a bare skin what is felt is what the contacts bear, where contacts are wanted of the skin: the
-noise of units that nothing touches stays out then.
+On a bare skin only contacts count, where they are wanted: this keeps out the noise of untouched
+units.
 
-What lasts for too long becomes a new rest; the rest before it is kept, as who lets go then does
-nothing new. What goes straight back to it is a return, and where it has come there it is over.
+A change that lasts too long becomes a new rest. The old rest is kept, since letting go later is no
+new disturbance: a change straight back to it is a return, which ends there.
 
-What fills in for units that fall silent is a guess, so that a change of who is heard is no change
-of force: the rest is moved by what it seems to change, and nothing is told for that moment. While
-nothing is heard nothing is told, either.
+Loads of silent units are estimates. When the set of heard units changes, the rest is shifted by the
+apparent change, and nothing is reported in that cycle. Nothing is reported while no unit is heard.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
 from skin.behaviours.pads import Pads
 from skin.behaviours.sums import centre_of, normal_of, touched
-from skin.behaviours.way import Way
+from skin.behaviours.travel import Travel
 from skin.contact.record import SlipState
-from skin.state import State
+from skin.state import State, if_wanted
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -36,50 +36,50 @@ __all__ = ["Disturbance"]
 
 
 KNOWN = 10**9
-"""In place of the cycles since other units are heard, where the rest was learned since then."""
+"""Cycles since the set of heard units changed, where the rest was learned after that."""
 
 
 class Disturbance:
-    """Follows the change of the pads' summed wrench, a cycle after the other.
+    """Follows the change of the pads' summed wrench, cycle by cycle.
 
     Parameters
     ----------
     topology : Topology
     parameters : DisturbanceParameters, optional
     pads : iterable of str, optional
-        Patches that belong together; all if not given.
+        Patches that form one gripper; all if not given.
 
     Attributes
     ----------
     heard : bool
-        Whether it is known what the pads bear in this cycle; all else is as it was where it is not.
+        Whether the loads of the pads are known in this cycle; otherwise all else is unchanged.
     held : bool
-        Whether something is held at rest; a bare skin else.
+        Whether an object is held at rest; otherwise this is a bare skin.
     active, ended : bool
-        Whether a disturbance lasts; whether this cycle has ended it.
+        Whether a disturbance is in progress; whether it ended in this cycle.
     returning : bool
-        Whether what lasts is, so far, on the way back to the rest before.
+        Whether the disturbance is, so far, a return to the rest before.
     time_s, began_s, duration_s : float
-        Duration up to the last cycle that was more than noise.
+        Duration until the last cycle above the noise.
     force_n : list of 3 float
         Newton, skin frame: change from rest, smoothed by `smooth_s`.
     moment_nm : list of 3 float
-        The same about the grasp; on a bare skin the torsion alone.
+        The same about the grasp; on a bare skin only torsion.
     rest_n : list of 3 float
-        What the pads bear at rest.
+        Load of the pads at rest.
     pad_force_n : list of list of float
-        As `PadLoads.force_n`, of this cycle.
+        See `PadLoads.force_n`, of this cycle.
     load_n : float
         Sum of the normal forces of the pads.
     impulse_ns, energy : list of float
         Of the disturbance so far: integral of the change, six numbers, newton second and newton
-        metre second; integrals of the squares along the pads' normal, across it and of the moment
-        over the lever, without what noise adds.
+        metre second; integrals of the squares along the pads' normal, across it and of torque over
+        lever, noise subtracted.
     peak_n : float
-        Of the smoothed change, moment over lever included, without what noise adds.
+        Of the smoothed change, including torque over lever, noise subtracted.
     moved : float
-        Share from 0 to 1: of the time in which what is held slides; on a bare skin of the way of
-        the centre of pressure, over itself and `touch_lever_m`.
+        Fraction from 0 to 1: of the time in which the held object slides; on a bare skin of the
+        travel of the centre of pressure, over itself and `touch_lever_m`.
     """
 
     def __init__(
@@ -106,11 +106,11 @@ class Disturbance:
         self._forget()
 
     def settle(self) -> None:
-        """Take what the pads bear from now on as rest: after a grasp, a lift or a turn."""
+        """Take the present loads as the rest: after a grasp, a lift or a turn."""
         self._before: list[float] | None = None
-        self._learn_anew()
+        self._restart_learning()
 
-    def _learn_anew(self) -> None:
+    def _restart_learning(self) -> None:
         self._count = 0
         self._straight, self._there = False, 0
         self.active = False
@@ -121,7 +121,7 @@ class Disturbance:
         self._change = [0.0] * 6
         self._slowly = [0.0] * 6
         self._is_light = True
-        self._doubt = 0.0  # variance of the rest, over that of the noise of a cycle
+        self._doubt = 0.0  # variance of the rest over the noise of a cycle
 
     @property
     def settled(self) -> bool:
@@ -155,7 +155,8 @@ class Disturbance:
 
     @property
     def lasting_s(self) -> float:
-        """Duration of a rectangle of the same impulse and peak: what rings on adds nothing."""
+        """Duration of a rectangle of the same impulse and peak: a decaying oscillation adds
+        nothing."""
         x, y, z, a, b, c = self.impulse_ns
         moment = (a * a + b * b + c * c) / self.lever_m**2
         impulse = math.sqrt(x * x + y * y + z * z + moment)
@@ -168,19 +169,19 @@ class Disturbance:
         return math.sqrt(share * sum(self._noise[:3]) / 3.0 + self.parameters.wander_n**2)
 
     def mean_variance(self, duration_s: float) -> float:
-        """Variance of a component of the mean change over a time, newton squared: of noise, and of
-        the rest."""
+        """Variance of a component of the mean change over a time, newton squared: of noise and
+        rest."""
         noise = (self._noise[0] + self._noise[1] + self._noise[2]) / 3.0
         return noise * self._period_s / duration_s + self.parameters.wander_n**2
 
     def update(self, state: State) -> bool:
-        """Look at a cycle; whether it is known what the pads bear."""
+        """Process a cycle; returns whether the loads of the pads are known."""
         self.ended = False
         if self._start_ns is None:
             self._start_ns = state.stamp_ns
         self.time_s = 1e-9 * (state.stamp_ns - self._start_ns)
         loads = self.pads.read(state)
-        wrench = self._wrench(loads, state.contacts)
+        wrench = self._wrench(loads, if_wanted(state, "contacts"))
         self.heard = all(map(math.isfinite, wrench))
         if not self.heard:
             return False
@@ -200,7 +201,7 @@ class Disturbance:
         return self.heard
 
     def _wrench(self, loads, contacts: list[Contact] | None) -> list[float]:
-        """Force, and moment about the grasp or torsion, of all pads or contacts."""
+        """Force, and torque about the grasp or torsion, of all pads or contacts."""
         self.pad_force_n = loads.force_n.tolist()
         x, y, z = map(sum, self.pad_force_n)
         if not self.held:
@@ -213,7 +214,8 @@ class Disturbance:
         return [x, y, z, a - (v * z - w * y), b - (w * x - u * z), c - (u * y - v * x)]
 
     def _anchor(self, wrench: list[float]) -> None:
-        """Move the rest so that other units hear the same change; it is not known meanwhile."""
+        """Shift the rest so that the change stays the same for another set of units; the rest is
+        unknown meanwhile."""
         self._missed += 1
         share = 1.0 / self._missed
         for i in range(6):
@@ -228,7 +230,7 @@ class Disturbance:
             self._doubt += share + self._smooth / (2.0 - self._smooth)
 
     def _learn(self, wrench: list[float], loads) -> None:
-        """Mean of a first look; at half of it is known what is held, and it begins anew."""
+        """Learn the first rest; restart half-way, when it is known whether an object is held."""
         self._count += 1
         share = 1.0 / self._count
         for i in range(6):
@@ -243,11 +245,11 @@ class Disturbance:
         if held != self.held or (held and math.dist(centre, self._centre) > 1e-3):
             self._before = self._about(centre) if held and self.held else None
             self.held = held
-            self._learn_anew()
+            self._restart_learning()
             self._centre = centre
 
     def _about(self, centre: list[float]) -> list[float] | None:
-        """The rest before, with its moment about another centre."""
+        """The rest before, with its torque about another centre."""
         if self._before is None:
             return None
         x, y, z, a, b, c = self._before
@@ -255,7 +257,7 @@ class Disturbance:
         return [x, y, z, a - (v * z - w * y), b - (w * x - u * z), c - (u * y - v * x)]
 
     def _follow(self, wrench: list[float], state: State, loads) -> None:
-        """Compare with rest; begin, go on or end."""
+        """Compare with the rest; begin, continue or end a disturbance."""
         p = self.parameters
         distance, size = self._compare(wrench, self._change, self._smooth)
         is_sharp = distance > p.onset
@@ -285,20 +287,20 @@ class Disturbance:
             self._slowly = list(self._change)
             if is_long:
                 self._before = self._before or list(self._rest)
-                self._learn_anew()
+                self._restart_learning()
 
     def _is_back(self, before: list[float]) -> bool:
-        """Whether it has come back to the rest before; then that is the rest again."""
+        """Whether the load is back at the rest before, which then is the rest again."""
         p, change = self.parameters, self._change
-        way = [then - now for then, now in zip(before, self._rest, strict=True)]
+        back = [then - now for then, now in zip(before, self._rest, strict=True)]
         scales = [1.0] * 3 + [self.lever_m**-2] * 3
-        product = sum(s * a * b for s, a, b in zip(scales, way, change, strict=True))
-        square = sum(s * a * a for s, a in zip(scales, way, strict=True))
+        product = sum(s * a * b for s, a, b in zip(scales, back, change, strict=True))
+        square = sum(s * a * a for s, a in zip(scales, back, strict=True))
         share = min(max(product / max(square, 1e-12), 0.0), 1.0)
-        off = [b - share * a for a, b in zip(way, change, strict=True)]
+        off = [b - share * a for a, b in zip(back, change, strict=True)]
         allowed = (p.back * p.back) * square
         self._straight = self._straight and self._off_by(off, scales, allowed) <= p.onset
-        rest = [b - a for a, b in zip(way, change, strict=True)]
+        rest = [b - a for a, b in zip(back, change, strict=True)]
         self._there = self._there + 1 if self._off_by(rest, scales, allowed) <= p.end else 0
         if self._there * self._period_s < p.quiet_s:
             return False
@@ -308,7 +310,7 @@ class Disturbance:
         return True
 
     def _off_by(self, off: list[float], scales: list[float], allowed: float) -> float:
-        """Squared distance from somewhere, in sigmas, where a square of it is allowed."""
+        """Squared distance in sigmas, with an allowed square of it."""
         share = self._smooth / (2.0 - self._smooth) + self._doubt
         wander = self.parameters.wander_n**2 + allowed
         rows = zip(off, self._noise, scales, strict=True)
@@ -317,7 +319,8 @@ class Disturbance:
     def _compare(
         self, wrench: list[float], change: list[float], gain: float
     ) -> tuple[float, float]:
-        """Smooth the change from rest; its squared distance in sigmas, and its squared size."""
+        """Smooth the change from rest; returns its squared distance in sigmas and its squared
+        size."""
         rest, noise, share = self._rest, self._noise, gain / (2.0 - gain)
         wander, lever_square = self.parameters.wander_n**2, self.lever_m**2
         distance = size = 0.0
@@ -329,7 +332,7 @@ class Disturbance:
         return distance, size
 
     def _rest_on(self, wrench: list[float]) -> None:
-        """Learn rest and noise a little further."""
+        """Update the rest and the noise."""
         gain, rest, noise, last = self._noise_gain, self._rest, self._noise, self._last
         self._doubt -= gain * self._doubt
         for i in range(6):
@@ -338,16 +341,16 @@ class Disturbance:
             rest[i] += gain * (wrench[i] - rest[i])
 
     def _forget(self) -> None:
-        """Begin a new disturbance."""
+        """Reset for a new disturbance."""
         self.began_s = self.time_s
         self.duration_s = self._lasted = self.peak_n = self.moved = 0.0
         self.impulse_ns = [0.0] * 6
         self.energy = [0.0] * 3
         self._sliding = 0.0
-        self._way = Way()
+        self._travel = Travel()
 
     def _add(self, wrench: list[float], state: State, loads) -> None:
-        """Add up what this cycle brings."""
+        """Accumulate this cycle."""
         dt, n = self._period_s, self.normal
         change = [wrench[i] - self._rest[i] for i in range(6)]
         noise = self._noise
@@ -365,17 +368,18 @@ class Disturbance:
         self._move(state, loads)
 
     def _move(self, state: State, loads) -> None:
-        """How far a finger has gone, or for how long what is held slides."""
+        """Accumulate the travel of a finger, or the time in which the object slides."""
         if self.held:
-            if state.slip is not None and any(c.slip == SlipState.GROSS for c in state.contacts):
+            contacts = () if if_wanted(state, "slip") is None else state.contacts
+            if any(contact.slip == SlipState.GROSS for contact in contacts):
                 self._sliding += self._period_s
             self.moved = self._sliding / max(self._lasted, self._period_s)
             return
         centre, load = centre_of(loads), self.load_n
-        if state.contacts:
+        if if_wanted(state, "contacts"):
             hardest = max(state.contacts, key=lambda contact: contact.load)
             centre, load = hardest.centroid.tolist(), hardest.load
         if math.isfinite(centre[0]) and load > 0.0:
-            self._way.add(load * load, self._lasted, centre)
-            way = self._way.length_m
-            self.moved = way / (way + self.parameters.touch_lever_m)
+            self._travel.add(load * load, self._lasted, centre)
+            length_m = self._travel.length_m
+            self.moved = length_m / (length_m + self.parameters.touch_lever_m)

@@ -1,4 +1,4 @@
-"""Parameters of a disturbance: how it is told from rest."""
+"""Parameters that distinguish a disturbance from rest."""
 
 from __future__ import annotations
 
@@ -11,38 +11,39 @@ __all__ = ["DisturbanceParameters"]
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceParameters:
-    """How a disturbance is told from rest.
+    """Parameters that distinguish a disturbance from rest.
 
     Attributes
     ----------
     learn_s : float
-        First look at rest, in which nothing is told [derived: noise of its mean is a seventh].
+        Duration of learning the first rest, without reports [derived: noise of its mean is a
+        seventh].
     rest_s : float
         Time constant of the rest [assumed: slower than a hand, faster than a drift].
     smooth_s, slow_s : float
-        Time constants of what is compared with noise [assumed: half of a short tap, of a brush].
+        Time constants of the means compared with noise [assumed: half of a short tap, of a brush].
     onset, end : float
-        Squared distance from rest, in sigmas, over force and moment: 34 for six numbers and a look
-        every 30 ms is a false onset in an hour of white noise; 9 is what noise has one time in six
+        Squared distance from rest, in sigmas, over force and torque: 34 for six numbers and a test
+        every 30 ms is one false onset per hour of white noise; noise exceeds 9 one time in six
         [derived].
     quiet_s : float
-        For how long it must stay below `end` [assumed].
+        Duration below `end` that ends a disturbance [assumed].
     longest_s : float
-        What lasts longer is a new rest [assumed].
+        A longer change is a new rest [assumed].
     back : float
-        How far off the rest before it a return may be, as a share of its way [assumed].
+        Tolerance of a return to the rest before, relative to its travel [assumed].
     anchor_s : float
-        In which the rest is found anew where other units are heard [derived: its mean has a fourth
-        of the noise].
+        Duration of learning the rest again where the set of heard units has changed [derived: its
+        mean has a fourth of the noise].
     wander_n : float
         Sigma of the rest itself, newton [assumed].
     lever_m : float
-        Lever by which moments of a held object are compared with forces: noise of both is alike
-        then on pads of some centimetres [derived].
+        Lever that converts torques of a held object to forces: both then have the same noise on
+        pads of some centimetres [derived].
     touch_lever_m : float
-        The same of a finger that touches a skin [assumed: its radius of contact].
+        The same for a finger that touches a skin [assumed: its radius of contact].
     held_n : float
-        Load at rest from which on something is held [assumed: four sigma of two pads].
+        Load at rest above which an object is held [assumed: four sigma of two pads].
     """
 
     learn_s: float = 0.2

@@ -1,9 +1,9 @@
-"""Mean temperature of the gels that something touches, while units come, go and fall silent.
+"""Mean temperature of the gels in contact, while units come, go and fall silent.
 
-Every gel follows what touches it with the same lag, wherever it started. The mean over a set of
-units does so, too, as long as the set stays; where it changes, the mean jumps, and by how much is
-told, so that a filter can step over it. A gel at the upper rail of its wire is at least so hot: a
-bound, and no value for a mean.
+All gels follow the temperature of a contact with the same lag, from any start. So does their mean
+over a fixed set of units. Where the set changes, the mean jumps; the jump is reported, so that a
+filter can subtract it. A gel at the upper rail of its wire has at least that temperature: this is a
+bound, and not part of the mean.
 """
 
 from __future__ import annotations
@@ -16,58 +16,59 @@ import numpy as np
 from bus.compiled.jit import compiled
 from skin.behaviours.checks import check_patches, check_state
 from skin.decode.limits import gel_rail_c
-from skin.state import State
+from skin.physics.least_squares import robust_sigma
+from skin.state import State, if_wanted
 from topology import Topology
 
 __all__ = ["SMOOTH_S", "Gel", "GelMean"]
 
 ON_SIGMAS, OFF_SIGMAS = 5.0, 2.0
-"""Normal force over its sigma from which on a unit is touched, and down to which it stays so
-[derived: once in an hour of 32 units at 250 Hz, by noise]."""
+"""Normal force over its sigma at which a unit becomes touched, and at which it ceases to be
+[derived: once per hour of 32 units at 250 Hz, by noise]."""
 
 LEAST_SIGMA_N = 0.005
-"""Of a normal force, where sigma is smaller or unknown [assumed]."""
+"""Lower bound of the sigma of a normal force, and its value where it is unknown [assumed]."""
 
 SMOOTH_S = 0.2
-"""Time constant of the temperatures from which jumps are told [assumed]."""
+"""Time constant of the temperatures from which jumps are computed [assumed]."""
 
-UNTOLD_SIGMA_C = 1.0
-"""Of the constants of a unit that tells no sigma [derived: the default of topologies]."""
+DEFAULT_SIGMA_C = 1.0
+"""Of the constants of a unit without sigma [derived: the default of topologies]."""
 
 LEAST_C, MOST_C = -100.0, 1000.0
-"""A reading beyond is no temperature of a gel [assumed]."""
+"""Readings beyond are not temperatures of a gel [assumed]."""
 
-JUDGED_S = 0.1
-"""Time between looks for units that tell less than the others [assumed]."""
+COMPARE_S = 0.1
+"""Interval of the search for outliers [assumed]."""
 
 ASIDE_SIGMAS, ASIDE_C = 5.0, 3.0
-"""Below the median, from which on a unit is set aside: in robust sigmas of all of them, and at
+"""Distance below the median at which a unit is an outlier: in robust sigmas of all units, and at
 least three one-sigmas of a unit's constants [derived]."""
 
-LEAST_JUDGED = 3
-"""Units of which one can be told to lie: of two, nobody knows which [derived]."""
+LEAST_COMPARED = 3
+"""Units needed to find an outlier: of two, either may be wrong [derived]."""
 
 
 class GelMean(NamedTuple):
-    """Of a cycle.
+    """Mean temperature of a cycle.
 
     Attributes
     ----------
     mean_c : float
-        NaN where no unit that is touched is heard.
+        NaN where no touched unit is heard.
     jump_c : float
-        By how much the mean lies higher than it would, had the set of units stayed.
+        Difference of the mean to that of the set of units before.
     sigma_c : float
-        Of what is the same in every cycle: of the units' constants, and the standard error of what
-        they differ by, which is what one unit that lies moves the mean by.
+        Of its constant errors: of the units' constants, and the standard error of their
+        differences, which covers a single wrong unit.
     count : int
         Units in the mean.
     touched : int
-        Units that are touched, heard or not.
+        Touched units, heard or not.
     changed : bool
-        Whether the set is another.
+        Whether the set has changed.
     bound_c : float
-        The hottest gel that is touched and at its rail is at least so hot; NaN where there is none.
+        Lower bound by the hottest touched gel at its rail; NaN where there is none.
     """
 
     mean_c: float
@@ -80,7 +81,7 @@ class GelMean(NamedTuple):
 
 
 class Gel:
-    """Reads the mean, a cycle after the other.
+    """Computes the mean, cycle by cycle.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ class Gel:
     Raises
     ------
     OptionError
-        No patch, one that there is not, or one twice.
+        No patch, one that does not exist, or one twice.
     """
 
     def __init__(self, topology: Topology, names: Iterable[str] | None = None) -> None:
@@ -101,7 +102,7 @@ class Gel:
         self._touched = np.zeros(topology.n, bool)
         self._members = np.zeros(topology.n, bool)
         self._aside = np.zeros(topology.n, bool)
-        self._every = max(1, round(JUDGED_S * topology.cycle_rate_hz))
+        self._every = max(1, round(COMPARE_S * topology.cycle_rate_hz))
         self._cycle = 0
         self._smooth = np.full(topology.n, np.nan)
         self._gain = min(1.0, 1.0 / (SMOOTH_S * topology.cycle_rate_hz))
@@ -112,19 +113,22 @@ class Gel:
         self._last: tuple[np.ndarray, ...] = ()
 
     def read(self, state: State) -> GelMean:
-        """The mean in this cycle; `state` has force and temperature, and best their sigma.
+        """The mean in this cycle; `state` has force and temperature, and preferably their sigma.
 
         Raises
         ------
         OptionError
-            The state is of another topology, or lacks force or temperature.
+            The state is of another topology, or has no force or temperature.
         """
         units = state.units
         last = self._last
-        if not last or units.force is not last[0] or units.temperature is not last[2]:
+        if not last or if_wanted(units, "force") is not last[0] or (
+            if_wanted(units, "temperature") is not last[2]
+        ):  # fmt: skip
             check_state(state, self._touched.size, "force", "temperature")
-        sigma = self._no_sigma if units.force_sigma is None else units.force_sigma
-        spread = self._no_spread if units.temperature_sigma is None else units.temperature_sigma
+        sigma, spread = if_wanted(units, "force_sigma"), if_wanted(units, "temperature_sigma")
+        sigma = self._no_sigma if sigma is None else sigma
+        spread = self._no_spread if spread is None else spread
         self._last = last = (units.force, sigma, units.temperature, spread, units.valid)
         if self._cycle % self._every == 0:
             self._set_aside(units.valid)
@@ -133,27 +137,27 @@ class Gel:
             last, (self._of_pads, self._aside, self._rail_c), self._touched, self._members,
             self._smooth, self._gain, self._out,
         )  # fmt: skip
-        mean, jump, told, count, touched, changed, bound = self._out.tolist()
-        return GelMean(mean, jump, told, int(count), int(touched), changed > 0.0, bound)
+        mean, jump, sigma_c, count, touched, changed, bound = self._out.tolist()
+        return GelMean(mean, jump, sigma_c, int(count), int(touched), changed > 0.0, bound)
 
     def reset(self) -> None:
-        """Forget which units were in the mean."""
+        """Empty the set of units."""
         self._members[:] = self._aside[:] = False
 
     def _set_aside(self, valid: np.ndarray) -> None:
-        """Find units that tell far less than the others that are touched."""
-        told = self._smooth[self._of_pads & self._touched & valid]
-        told = told[np.isfinite(told)]
+        """Find outliers: units far colder than the other touched ones."""
+        celsius = self._smooth[self._of_pads & self._touched & valid]
+        celsius = celsius[np.isfinite(celsius)]
         self._aside[:] = False
-        if told.size >= LEAST_JUDGED:
-            middle = np.median(told)
-            width = 1.4826 * np.median(np.abs(told - middle))  # one-sigma of a Gaussian
+        if celsius.size >= LEAST_COMPARED:
+            middle = np.median(celsius)
+            width = robust_sigma(celsius)
             self._aside[:] = self._smooth < middle - max(ASIDE_C, ASIDE_SIGMAS * width)
 
 
 def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
-    """See `Gel.read`; `marks` are who is of the pads, who is set aside, and the rails of
-    the gels; `out` is `GelMean`."""
+    """See `Gel.read`; `marks` are units of the pads, outliers, and the rails of the gels; `out` is
+    `GelMean`."""
     force, force_sigma, temperature, spread, valid = readings
     of_pads, aside, rail_c = marks
     bound = np.nan
@@ -163,7 +167,7 @@ def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
         if not of_pads[i]:
             continue
         here = temperature[i]
-        heard = valid[i] and LEAST_C < here < rail_c[i]  # not where it is NaN
+        heard = valid[i] and LEAST_C < here < rail_c[i]  # False where it is NaN
         if valid[i] and not np.isnan(force[2, i]):
             sigma = force_sigma[2, i]
             sigma = max(sigma, LEAST_SIGMA_N) if np.isfinite(sigma) else LEAST_SIGMA_N
@@ -182,7 +186,7 @@ def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
             total += here
             new += smooth[i]
             squares += smooth[i] ** 2
-            own = spread[i] if np.isfinite(spread[i]) else UNTOLD_SIGMA_C
+            own = spread[i] if np.isfinite(spread[i]) else DEFAULT_SIGMA_C
             variances += own * own
         changed = changed or now != members[i]
     out[0], out[1], out[2], out[3], out[4], out[5] = np.nan, 0.0, np.nan, count, among, 0.0

@@ -1,10 +1,9 @@
-"""Gestures: what a hand does to a skin, or to what it holds, and how sure that is.
+"""Gestures: actions of a hand on a skin, or on a held object, with their probabilities.
 
-Every kind of gesture has stated densities of how long it lasts, how strong it is, along what it
-acts and whether anything moves. Bayes' rule over them is the confidence: a probability, as far as
-people are as the densities say. While a gesture lasts, its duration and size so far say only that
-they are not less: their densities give way to the share of gestures that last longer, or grow
-larger.
+Each kind of gesture has stated densities of duration, strength, direction and motion. Bayes' rule
+over them gives the confidence, a probability as far as people follow the densities. While a gesture
+lasts, its duration and size so far are lower bounds: their densities are replaced by survival
+functions.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ class Kind:
     ----------
     duration_s, size_n : (float, float)
         Median, and standard deviation of the logarithm, of a log-normal: of the duration of a
-        rectangle of the same impulse and peak, and of the peak force, where moments count as forces
-        at a lever.
+        rectangle of the same impulse and peak, and of the peak force, where torques are converted
+        to forces by a lever.
     normal, moment, moved : (float, float)
-        Beta distributions of shares: of the energy of force along the normal; of the energy of
-        force and moment that is moment; of what moves (see `Disturbance.moved`).
+        Beta distributions of fractions: of the energy of force along the normal; of the energy of
+        force and torque that is torque; of motion (see `Disturbance.moved`).
     prior : float
-        How often it is, by any measure.
+        Relative frequency, in any unit.
     """
 
     duration_s: tuple[float, float]
@@ -60,24 +59,24 @@ class Kind:
 
 
 LONG = (0.6, 0.6)
-"""Duration of what is done on purpose and held: 0.2 to 2 s [assumed]."""
+"""Duration of a deliberate, held action: 0.2 to 2 s [assumed]."""
 
 SHORT, LIGHT = (0.035, 0.4), (0.07, 0.5)
 """Of a tap and of a brush: half a sine of 25 to 100 ms, a bell of 50 to 300 ms [assumed]."""
 
 ACROSS, ALONG, EITHER = (1.0, 12.0), (12.0, 1.0), (0.3, 0.3)
-"""Share along the normal: a hand does not act exactly along or across, by some 15 degrees; what is
-short is either [assumed]."""
+"""Fraction along the normal: a hand acts along or across it to within some 15 degrees; short
+actions may be either [assumed]."""
 
 TURNS, NO_TURN = (6.0, 1.0), (1.0, 8.0)
-"""Share of the moment: fingers are up to a half of the lever off the middle [assumed]."""
+"""Fraction of torque: fingers are up to half a lever off the middle [assumed]."""
 
 PRESSED, DRAGGED, STRAIGHT = (100.0, 1.0), (8.0, 1.3), (1.0, 30.0)
-"""On a bare skin: share along the normal of a finger that presses, and of one that drags by up to
-its friction; share of the moment of one that does not turn [assumed]."""
+"""On a bare skin: fraction along the normal of a finger that presses, and of one that drags by up
+to its friction; fraction of torque without a turn [assumed]."""
 
 STAYS, GOES = (1.2, 8.0), (5.0, 2.0)
-"""What moves, of a finger that stays, and of one that goes on by two lengths or more [assumed]."""
+"""Motion of a finger that stays, and of one that travels two lengths or more [assumed]."""
 
 HELD = {
     "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=EITHER, moment=(1.0, 4.0)),
@@ -88,7 +87,7 @@ HELD = {
                   moved=(3.0, 2.0)),
     "twist": Kind(duration_s=LONG, size_n=(1.0, 0.7), moment=TURNS),
 }  # fmt: skip
-"""Of a hand that acts on what a gripper holds [assumed]."""
+"""For a held object [assumed]."""
 
 TOUCH = {
     "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=PRESSED, moment=STRAIGHT, moved=STAYS),
@@ -101,24 +100,24 @@ TOUCH = {
     "twist": Kind(duration_s=LONG, size_n=(2.5, 0.7), normal=(30.0, 1.0), moment=(2.0, 6.0),
                   moved=STAYS),
 }  # fmt: skip
-"""Of a finger that touches a skin [assumed]."""
+"""For a finger on a skin [assumed]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GestureParameters:
-    """How gestures are told apart.
+    """Parameters that distinguish gestures.
 
     Attributes
     ----------
     held, touch : dict of str to Kind
-        Densities on what is held, and on a bare skin.
+        Densities on a held object, and on a bare skin.
     least_confidence : float
-        Confidence at which a gesture is told before it has ended [assumed].
+        Confidence at which a gesture is reported before it has ended [assumed].
     look_s : float
-        How often the confidence is found while it lasts [assumed].
+        Interval at which the confidence is computed during a gesture [assumed].
     up, towards : tuple of 3 float
-        Skin frame: what is at 90 degrees; where the person stands, which tells a push from a pull.
-        (0, 0, 0) if that is not known: all are pulls then.
+        Skin frame: direction at 90 degrees; direction of the person, by which a push differs from a
+        pull. (0, 0, 0) if unknown: all are pulls then.
     disturbance : DisturbanceParameters
     """
 
@@ -147,14 +146,14 @@ class GestureParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class Gesture:
-    """What somebody does.
+    """An action of a person.
 
     Attributes
     ----------
     kind : str
         tap, brush, press, push, pull, slide or twist.
     confidence : float
-        Probability that it is.
+        Probability of `kind`.
     probabilities : dict of str to float
         Of all kinds; push and pull are one.
     began_s, duration_s : float
@@ -162,11 +161,11 @@ class Gesture:
     force_n : tuple of 3 float
         Newton, skin frame: mean change of force.
     angle_rad, angle_sigma_rad : float
-        Of the force in the plane of the pads, from `Gestures.right` to `Gestures.up`; pi / sqrt(3)
-        is no knowledge.
+        Of the force in the plane of the pads, from `Gestures.right` to `Gestures.up`; a sigma of pi
+        / sqrt(3) means that the angle is unknown.
     peak_n : float
     ended : bool
-        False while it lasts: all may still change.
+        False while it lasts: all values may still change.
     """
 
     kind: str
@@ -184,16 +183,17 @@ class Gesture:
 class Gestures:
     """Recognises gestures, one after the other.
 
-    A gesture is told as soon as it is sure, and once more when it has ended. Call `settle` after a
-    grasp or a move: what the pads bear then is the rest that hands are told from. What lasts longer
-    than `DisturbanceParameters.longest_s` is told as ended then; its true end is no gesture.
+    A gesture is reported as soon as its confidence suffices, and again when it has ended. Call
+    `settle` after a grasp or a move: the loads of the pads then are the rest that hands are
+    compared with. A gesture that outlasts `DisturbanceParameters.longest_s` is reported as ended
+    then; its later end is not a gesture.
 
     Parameters
     ----------
     topology : Topology
     parameters : GestureParameters, optional
     pads : iterable of str, optional
-        Patches that feel together: the fingers of a gripper, or one skin; all if not given.
+        Patches that belong together: the fingers of a gripper, or one skin; all if not given.
 
     Attributes
     ----------
@@ -201,8 +201,8 @@ class Gestures:
     decisions : Decisions
     last : Gesture or None
     right, up : ndarray, shape (3,)
-        Axes of the plane of the pads, skin frame, as of who looks onto the face of the first pad:
-        `up` is the given one in the plane, or y where that is along the normal.
+        Axes of the plane of the pads, skin frame, for a view onto the face of the first pad: `up`
+        is the given one in the plane, or y where that is along the normal.
 
     Examples
     --------
@@ -229,32 +229,32 @@ class Gestures:
         self._towards = (towards / length if length > 0.0 else towards).tolist()
         self._axes = self.right.tolist(), self.up.tolist()
         self._next_s = 0.0
-        self._told = ""
+        self._reported_kind = ""
 
     def settle(self) -> None:
-        """Take what the pads bear from now on as rest."""
+        """Take the present loads of the pads as the rest."""
         self.disturbance.settle()
-        self._told = ""
+        self._reported_kind = ""
 
     def update(self, state: State) -> Gesture | None:
-        """Look at a cycle; a gesture where one has become sure, or has ended."""
+        """Process a cycle; returns a gesture that has become certain, or has ended."""
         seen = self.disturbance
         if not seen.update(state) or not (seen.active or seen.ended):
             return None
         if not seen.ended and (seen.returning or seen.time_s < self._next_s):
             return None
         self._next_s = seen.time_s + self.parameters.look_s
-        gesture = self._judge()
+        gesture = self._classify()
         if not seen.ended and (gesture.confidence < self.parameters.least_confidence
-                               or gesture.kind == self._told):  # fmt: skip
+                               or gesture.kind == self._reported_kind):  # fmt: skip
             return None
-        self._told = "" if seen.ended else gesture.kind
+        self._reported_kind = "" if seen.ended else gesture.kind
         self.last = gesture
         self.decisions.add(seen.time_s, gesture.kind, _why(gesture, seen))
         return gesture
 
-    def _judge(self) -> Gesture:
-        """Bayes' rule over what is known of the disturbance."""
+    def _classify(self) -> Gesture:
+        """Bayes' rule over the features of the disturbance."""
         seen = self.disturbance
         kinds = self.parameters.held if seen.held else self.parameters.touch
         logs = {name: _log_odds(kind, seen) for name, kind in kinds.items()}
@@ -269,10 +269,10 @@ class Gestures:
         v = x * up[0] + y * up[1] + z * up[2]
         length = math.hypot(u, v)
         away = x * self._towards[0] + y * self._towards[1] + z * self._towards[2]
-        told = "push" if name == "pull" and away < -AWAY * length else name
+        kind = "push" if name == "pull" and away < -AWAY * length else name
         noise = math.sqrt(seen.mean_variance(duration_s))
         return Gesture(
-            kind=told, confidence=odds[name], probabilities=odds, began_s=seen.began_s,
+            kind=kind, confidence=odds[name], probabilities=odds, began_s=seen.began_s,
             duration_s=seen.duration_s, force_n=(x, y, z), angle_rad=math.atan2(v, u),
             angle_sigma_rad=min(math.atan2(noise, length), math.pi / math.sqrt(3.0)),
             peak_n=seen.peak_n, ended=seen.ended,
@@ -280,7 +280,7 @@ class Gestures:
 
 
 AWAY = 0.38
-"""Cosine from where on a force goes away from the person: half of 45 degrees beyond across
+"""Cosine beyond which a force points away from the person: half of 45 degrees past perpendicular
 [derived]."""
 
 
@@ -300,7 +300,7 @@ def _log_odds(kind: Kind, seen: Disturbance) -> float:
 
 
 def _plane(normal: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two axes across the normal, the second as near as can be to `up`, or else to y."""
+    """Two axes across the normal, the second one closest to `up`, or else to y."""
     for wanted in (up, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])):
         across = wanted - normal * (normal @ wanted)
         length = float(np.linalg.norm(across))
@@ -311,8 +311,8 @@ def _plane(normal: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _why(gesture: Gesture, seen: Disturbance) -> str:
-    told = "after" if gesture.ended else "for"
+    since = "after" if gesture.ended else "for"
     return (
-        f"{gesture.confidence:.3f} sure {told} {gesture.duration_s:.3f} s, {gesture.peak_n:.2f} N "
+        f"{gesture.confidence:.3f} sure {since} {gesture.duration_s:.3f} s, {gesture.peak_n:.2f} N "
         f"at most, {math.degrees(gesture.angle_rad):.0f} degrees"
     )

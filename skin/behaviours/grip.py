@@ -1,10 +1,9 @@
-"""GripControl: the least grip that holds what pulls, turns and weighs, and no more.
+"""GripControl: the least grip that holds an object against weight, pull and torsion.
 
-It knows neither weight nor friction. It grips as hard as tangential load and torsion over friction
-ask, a little more, and for what a load that rises will be when the gripper has answered. Until
-something is known of friction it believes in little; what hangs still is loosened once for a
-moment (`skin.behaviours.probe`), and the belief becomes what that has shown. A slip later on makes
-it fall.
+Weight and friction are unknown. The grip follows tangential load and torsion over friction, plus a
+margin, and the forecast load at the response time of the gripper. Friction starts from a low prior;
+an object that hangs still is loosened once for a moment (`skin.behaviours.probe`), which measures
+it. A later slip lowers the estimate.
 
 ::
 
@@ -26,60 +25,61 @@ from skin.behaviours.pads import Pads
 from skin.behaviours.probe import Answer, Outcome, Probe
 from skin.contact.record import SlipState
 from skin.errors import OptionError, check_kind
-from skin.state import State
+from skin.state import State, if_wanted
 from topology import Topology
 
 __all__ = ["GripControl", "Phase"]
 
 DOUBT = 2.0
-"""Sigmas of friction that are left as a margin beside the safety [assumed]."""
+"""Sigmas of friction in the margin, in addition to the safety [assumed]."""
 
 NEAR_LIMIT = 0.8
-"""Share of the friction believed in, used up, below which a slip that begins is that of faces at an
-edge, and holds [assumed]."""
+"""Used fraction of the estimated friction below which an incipient slip is local, at an edge, and
+holds [assumed]."""
 
 SHARE_OF_SLIP = 0.9
-"""Friction over the ratio of loads where slip begins: the faces that began it had more of it."""
+"""Friction over the ratio of loads at incipient slip: the first faces to slip have less of it."""
 
 LEAST_FALL = 0.75
-"""Of the belief at one slip: a ratio far below tells of a load that has just fallen [assumed]."""
+"""Largest fall of the estimate at one slip: a far lower ratio is of a load that has just fallen
+[assumed]."""
 
 FIRST_KINETIC = 0.85
-"""Friction in motion over that at rest, until a slide has shown it [assumed]."""
+"""Kinetic over static friction, until a slide has measured it [assumed]."""
 
 REFRACTORY_S = 0.04
-"""After a slip, before the next one is believed: the grip takes as long to rise [derived]."""
+"""Dead time after a slip: the grip takes as long to rise [derived]."""
 
 CATCHES = 1.1
-"""By which the loop that catches a slide grows, from one round to the next [assumed]."""
+"""Growth of the loop that catches a slide, from one round to the next [assumed]."""
 
 RESTED_S = 0.3
-"""After which a load that has moved is at rest: a slide would have been caught [assumed]."""
+"""Time after which a load that moved is at rest: a slide would have been caught [assumed]."""
 
 BOOST_S = 0.15
-"""How long a grip that has caught a slip is kept [assumed]."""
+"""Time for which a grip that has caught a slip is kept [assumed]."""
 
 NO_ANSWER = 0.5
-"""Share of the least grip to which a probe goes on to ask for less, while the least one is set: by
-then what is felt should have followed [assumed: 0.17 s]."""
+"""Fraction of the least grip to which a probe reduces its request, while the gripper stays at the
+least one: the felt load should have followed by then [assumed: 0.17 s]."""
 
 LATEST = 5.0
-"""Periods of a cycle that come late, for which a release goes on [assumed]."""
+"""Late cycles, in periods, for which a release continues [assumed]."""
 
-TOLD = 0.05
-"""Share by which a slip must raise the grip to be told of [assumed]."""
+REPORTED_RISE = 0.05
+"""Relative rise of the grip at a slip that is reported [assumed]."""
 
 INCIPIENT = int(SlipState.INCIPIENT)
 
 ARM_CYCLES = 10
-"""From one look at the arm of the torsion to the next: it changes with the contact [numeric]."""
+"""Interval of updates of the arm of the torsion, which changes with the contact [numeric]."""
 
 ARM_M = 0.015
-"""Mean distance of the load from its centre, until a contact tells [assumed: a pad of 4 x 4]."""
+"""Mean distance of the load from its centre, without a contact [assumed: a pad of 4 x 4]."""
 
 
 class Phase(StrEnum):
-    """What the control is at."""
+    """Phases of the control."""
 
     CLOSING = "closing"
     HOLDING = "holding"
@@ -88,13 +88,13 @@ class Phase(StrEnum):
 
 
 class GripControl:
-    """Closes a gripper of two or more pads until all touch, holds, and lets go.
+    """Closes a gripper of two or more pads until all touch, holds, and releases.
 
     Parameters
     ----------
     topology : Topology
     gripper : Gripper
-        The adapter of what moves the pads.
+        The adapter of the gripper that moves the pads.
     parameters : GripParameters, optional
     pads : iterable of str, optional
         Patches of the pads; all of them if not given.
@@ -102,25 +102,25 @@ class GripControl:
     Raises
     ------
     OptionError
-        Fewer than two pads, one that there is not, or what is no gripper.
+        Fewer than two pads, an unknown one, or an object that is not a gripper.
 
     Attributes
     ----------
     phase : Phase
     decisions : Decisions
     load_n, shear_n : float
-        Newton, mean over the pads, as felt.
+        Newton, mean over the pads, measured.
     wanted_n : float
-        Newton, what was asked of the gripper.
+        Newton, set point of the gripper.
     friction, friction_sigma, kinetic : float
-        Coefficients that are believed in, at rest and in motion.
+        Estimated coefficients, static and kinetic.
     slips : int
-        That were seen, those of probes left out.
+        Slips so far, without those of probes.
     is_tested : bool
-        Whether friction was found out: what has been lifted is known to hang.
+        Whether friction was measured: the object was lifted and hangs.
     is_steady : bool
-        Set by who moves the hand: whether it moves evenly or stands, so that what a load does is
-        friction's doing; no probe begins otherwise.
+        Set by the controller of the arm: whether the hand moves evenly or stands, so that changes
+        of a load are due to friction; no probe begins otherwise.
     demand : Demand
     """
 
@@ -162,17 +162,17 @@ class GripControl:
 
     @property
     def margin(self) -> float:
-        """Share of the friction believed in that is left; NaN before anything is touched."""
+        """Remaining fraction of the estimated friction; NaN before a contact."""
         held_n = self.friction * self.load_n
         return 1.0 - self.shear_n / held_n if held_n > 0.0 else math.nan
 
     @property
     def safety(self) -> float:
-        """Grip above the least that holds, now.
+        """Relative margin above the least grip, now.
 
-        While a load moves, a slide may begin unseen. What slides drags by friction in motion times
-        grip: with a grip of (1 + safety) times that over friction at rest, the grip rises until
-        nothing slides any more if (1 + safety) times the ratio of the two is above 1.
+        While a load moves, a slide may begin unseen. The drag of a slide is kinetic friction times
+        grip: with a grip of (1 + safety) times drag over static friction, the grip rises until
+        nothing slides if (1 + safety) times the ratio of the two is above 1.
         """
         own = self.parameters
         if self._rested_s > RESTED_S:
@@ -181,19 +181,19 @@ class GripControl:
 
     @property
     def least_n(self) -> float:
-        """The least grip that would hold what the pads bear now, by what is believed."""
-        return self.demand.soon_n / self._sure_friction
+        """The least grip for the present loads and the estimated friction."""
+        return self.demand.forecast_n / self._safe_friction
 
     def release(self) -> None:
-        """Let go, gently, from the next cycle on."""
+        """Open slowly, from the next cycle on."""
         if self.phase in (Phase.CLOSING, Phase.HOLDING):
             self._decide("releases", f"asked to, at {self.wanted_n:.2f} N")
             self.phase = Phase.RELEASING
             self._probe.restart()
 
     def close(self) -> None:
-        """Close on whatever comes between the pads; what was known of friction is forgotten. What
-        is held, or on its way to be let go, is gripped no less than it is."""
+        """Close on the next object; the estimate of friction is reset. An object that is held, or
+        being released, is gripped no less than now."""
         own = self.parameters
         self.phase, self._loosens = Phase.CLOSING, True
         self.wanted_n, self._floor_n = max(own.first_grip_n, self.wanted_n), 0.0
@@ -203,7 +203,7 @@ class GripControl:
         self._probe.restart()
 
     def update(self, state: State) -> None:
-        """Look at a cycle, and tell the gripper."""
+        """Process a cycle, and set the gripper."""
         elapsed_s = self._clock(state.stamp_ns)
         loads = self._pads.read(state)
         felt = [load for load in loads.load_n.tolist() if not math.isnan(load)]
@@ -259,10 +259,10 @@ class GripControl:
         self._set(elapsed_s)
 
     def _set(self, elapsed_s: float) -> None:
-        """The grip that is wanted: up at once, down slowly."""
+        """Set the grip: up at once, down slowly."""
         own = self.parameters
         self._rested_s = 0.0 if self.demand.is_moving else self._rested_s + elapsed_s
-        needed_n = (1.0 + self.safety) * self.least_n + self.demand.noise_n / self._sure_friction
+        needed_n = (1.0 + self.safety) * self.least_n + self.demand.noise_n / self._safe_friction
         if self._slipped_s > BOOST_S:
             self._floor_n = 0.0
         if not self.is_tested and self.demand.now_n < own.lifted_n:
@@ -276,11 +276,11 @@ class GripControl:
         self.wanted_n = min(max(needed_n, own.least_grip_n), own.most_grip_n)
 
     @property
-    def _sure_friction(self) -> float:
+    def _safe_friction(self) -> float:
         return max(self.friction - DOUBT * self.friction_sigma, 1e-3)
 
     def _ask(self) -> None:
-        """Go on with the probe, where something hangs."""
+        """Continue the probe of an object that hangs."""
         own, demand = self.parameters, self.demand
         if not self.is_steady or (demand.now_n < own.lifted_n and not self._probe.loosens):
             self._probe.restart()
@@ -298,19 +298,19 @@ class GripControl:
             self._decide("asks no more", f"{why}: it does not follow the grip")
 
     def _take(self, answer: Answer) -> None:
-        """Believe what a probe has found."""
-        told = f"friction {answer.friction:.2f} ± {answer.sigma:.2f}"
+        """Use the result of a probe."""
+        friction = f"friction {answer.friction:.2f} ± {answer.sigma:.2f}"
         if answer.outcome is Outcome.DISTURBED:
             self._decide("grips again", "the load changes: asks later")
             return
         if answer.outcome is Outcome.HELD:
             self._believe(answer.friction, answer.sigma, FIRST_KINETIC * answer.friction)
-            self._decide("eases", f"it holds at the least grip, {told} or more")
+            self._decide("eases", f"it holds at the least grip, {friction} or more")
             return
         self._slipped_s = 0.0
         caught_n = (1.0 + self.parameters.safety) * answer.shear_n / answer.kinetic
         self._floor_n = max(caught_n, self.wanted_n)
-        self._decide("catches it", f"it slid: {told}, {answer.kinetic:.2f} in motion")
+        self._decide("catches it", f"it slid: {friction}, {answer.kinetic:.2f} in motion")
         self._believe(answer.friction, answer.sigma, answer.kinetic)
 
     def _believe(self, friction: float, sigma: float, kinetic: float) -> None:
@@ -321,8 +321,8 @@ class GripControl:
     # -- slip --------------------------------------------------------------------------------------
 
     def _read_contacts(self, state: State) -> None:
-        """Whether anything begins to slip, and, now and then, the arm of the torsion."""
-        contacts = state.contacts or ()
+        """Whether a slip begins, and, at intervals, the arm of the torsion."""
+        contacts = if_wanted(state, "contacts") or ()
         self._is_alarmed = False
         for contact in contacts:
             record = contact.record
@@ -336,12 +336,12 @@ class GripControl:
                 self._arm_m = sum(load_n * arm_m for load_n, arm_m in known) / total_n
 
     def _look_for_slip(self) -> None:
-        """Grip harder where faces begin to slip, or must be about to."""
+        """Grip harder where faces begin to slip, or are at the limit of friction."""
         own, demand = self.parameters, self.demand
         if self._slipped_s < REFRACTORY_S or demand.now_n < own.lifted_n:
             return
         ratio = demand.fast_n / max(self.load_n, 1e-3)
-        at_limit = self.is_tested and demand.sure_n > self.friction * self.load_n
+        at_limit = self.is_tested and demand.lower_n > self.friction * self.load_n
         near = ratio > NEAR_LIMIT * self.friction or not self.is_tested
         if not at_limit and not (self._is_alarmed and near):
             return
@@ -352,19 +352,19 @@ class GripControl:
             self.friction = max(seen, LEAST_FALL * self.friction)
             self.kinetic = min(self.kinetic, self.friction)
         why = "faces begin to slip" if self._is_alarmed else "friction is used up"
-        self._floor_n = (1.0 + own.safety) * demand.soon_n / self.kinetic
-        if self._floor_n > (1.0 + TOLD) * self.wanted_n:
+        self._floor_n = (1.0 + own.safety) * demand.forecast_n / self.kinetic
+        if self._floor_n > (1.0 + REPORTED_RISE) * self.wanted_n:
             self._decide("grips harder", f"{why} at a ratio of {ratio:.2f}: {self._floor_n:.2f} N")
 
     # -- silence and the end -----------------------------------------------------------------------
 
     def _keep(self, elapsed_s: float, some_heard: bool) -> None:
-        """A pad is not heard: nothing tells that less would do; others may tell that more must."""
+        """A pad is silent: never grip less; others may show that more is needed."""
         own = self.parameters
         self._probe.restart()
         before_s, self._unheard_s = self._unheard_s, self._unheard_s + elapsed_s
         if before_s == 0.0:
-            if self._heard_s > own.unheard_s:  # a pad that comes and goes raises the grip once
+            if self._heard_s > own.unheard_s:  # an intermittent pad raises the grip once
                 self._sure_n = self.wanted_n
             self._decide("keeps its grip", f"a pad is not heard, at {self.wanted_n:.2f} N")
         self._heard_s = 0.0
@@ -375,7 +375,7 @@ class GripControl:
         if self._unheard_s > own.unheard_s and needed_n < safe_n:
             needed_n, why = safe_n, f"a pad is silent for {self._unheard_s:.2f} s, to be safe"
         needed_n = min(needed_n, own.most_grip_n)
-        if needed_n > (1.0 + TOLD) * self.wanted_n:
+        if needed_n > (1.0 + REPORTED_RISE) * self.wanted_n:
             self._decide("grips harder", f"{why}: {needed_n:.2f} N")
         self.wanted_n = max(self.wanted_n, needed_n)
 

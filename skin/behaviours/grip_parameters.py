@@ -1,4 +1,4 @@
-"""What a user may set of the grip control."""
+"""User parameters of the grip control."""
 
 from __future__ import annotations
 
@@ -11,46 +11,45 @@ __all__ = ["GripParameters"]
 
 @dataclass(frozen=True, kw_only=True)
 class GripParameters:
-    """Of `skin.behaviours.grip.GripControl`; loads are those of one pad.
+    """Of `skin.behaviours.grip.GripControl`; loads are per pad.
 
     Attributes
     ----------
     safety : float
-        Grip above the least that holds what rests, as a share of it [assumed: people take 0.1 to
-        0.4, Johansson and Westling, 1984, of which doubt about friction is a part here].
+        Relative margin above the least grip [assumed: people take 0.1 to 0.4, Johansson and
+        Westling, 1984, which includes their uncertainty about friction].
     least_friction : float
-        Coefficient of friction that is believed in until something is known [assumed: silicone on
-        what is wet or dusty].
+        Prior coefficient of friction [assumed: silicone on a wet or dusty surface].
     first_grip_n : float
-        Newton, until something is lifted [assumed: the faces are sure to be in touch].
+        Newton, before the lift [assumed: the faces are certainly in contact].
     least_grip_n, most_grip_n : float
-        Newton, bounds of the grip while it holds [assumed: eight sigma of a pad; what a small
-        gripper gives].
+        Newton, bounds of the grip while it holds [assumed: eight sigma of a pad; the limit of a
+        small gripper].
     touch_n : float
-        Newton, load of a pad from which on it touches [assumed: five sigma of a pad].
+        Newton, load above which a pad is in contact [assumed: five sigma of a pad].
     lifted_n : float
-        Newton, tangential load from which on something hangs [assumed: two sigma of a pad's
+        Newton, tangential load above which an object hangs [assumed: two sigma of a pad's
         tangential force, of which the mean over 0.1 s leaves a seventh].
     horizon_s : float
-        Second, what the gripper takes to answer: so far ahead a load that rises is gripped for
-        [assumed: a cycle and a servo of 15 Hz].
+        Second, response time of the gripper and horizon of the forecast [assumed: a cycle and a
+        servo of 15 Hz].
     easing_s : float
-        Second, time constant by which the grip follows a load that falls: one that comes back soon
-        finds it held [assumed].
+        Second, time constant with which the grip follows a falling load: a load that comes back
+        soon is still held [assumed].
     unheard_s : float
-        Second, how long pads may be silent before the grip rises [assumed: what one lost burst of
-        frames takes, at most].
+        Second, silence of pads after which the grip rises [assumed: the longest lost burst of
+        frames].
     unheard_rise : float
-        By which share it rises then [assumed].
+        Relative rise then [assumed].
     release_n_per_s : float
-        Newton a second, how gently the grip is let go [assumed].
+        Newton a second, rate of release [assumed].
     probe : bool
-        Whether to find out friction by loosening for a moment what hangs still.
+        Whether to measure friction by a short loosening of an object that hangs still.
 
     Raises
     ------
     OptionError
-        A number that cannot be.
+        A number is out of range.
     """
 
     safety: float = 0.08

@@ -1,4 +1,4 @@
-"""Gripper: what a behaviour asks of the hardware that it drives, or of a simulated one."""
+"""Gripper: the interface of a behaviour to the gripper hardware, or to a simulated one."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ __all__ = ["Gripper", "check_gripper"]
 
 
 class Gripper(Protocol):
-    """An adapter of a real gripper; called once a cycle, and must not wait.
+    """An adapter of a real gripper; called once a cycle; must not wait.
 
-    A gripper that is driven by force closes its own loop: `squeeze` is then its set point. One that
-    is driven by position turns the difference to what its pads feel into a movement.
+    A force-controlled gripper closes its own loop: `squeeze` is its set point. A
+    position-controlled one converts the difference to the measured load into a movement.
     """
 
     def squeeze(self, wanted_n: float, felt_n: float) -> None:
-        """Grip with this normal force on each pad.
+        """Set the normal force on each pad.
 
         Parameters
         ----------
         wanted_n : float
-            Newton, on each pad, from now on.
+            Newton, on each pad, until the next call.
         felt_n : float
-            Newton: what the pads feel, mean of those that are heard; NaN where none is, and what
-            was set stays.
+            Newton: measured by the pads, mean of those that are heard; NaN where none is: keep the
+            set point.
         """
 
     def release(self) -> None:
-        """Open, gently, until told otherwise."""
+        """Open slowly, until the next command."""
 
 
 def check_gripper(gripper: object) -> None:
-    """Refuse what is no adapter.
+    """Require an adapter.
 
     Raises
     ------

@@ -1,15 +1,15 @@
-"""Handover: when a hand has taken what the gripper gives, and when it has given what it takes.
+"""Handover: detects when a hand has taken the held object, and when it has given one.
 
-While it gives, what may be is weighed by Bayes' rule over the support: the share of the weight that
-somebody bears. A *hand that takes* bears most of it, and goes on to. A *light* touch (a brush, a
-hand that only tries, an arm that moves) bears little. A *bump* may bear anything, but not for long.
-A *fault* (a magnet, a unit that lies) is on one pad alone. How long the support has lasted is
-counted from where it was last better explained by a light touch, or was far below its peak: a bump
-is near its peak for less than half of its duration, a hand that takes stays there.
+While giving, hypotheses are weighed by Bayes' rule over the support: the fraction of the weight
+that a person bears. A *taking hand* bears most of it, and continues to. A *light* touch (a brush, a
+trying hand, a moving arm) bears little. A *bump* may bear any part, but briefly. A *fault* (a
+magnet, a wrong unit) is on one pad alone. The age of a support counts from where it was last better
+explained by a light touch, or was far below its peak: a bump is near its peak for less than half of
+its duration, a taking hand stays there.
 
-Support is what lacks of the weight, not what has changed: somebody who leans on the object, or
-pulls it down, makes it heavier, and when they let go nothing is borne. The weight is what is told
-to `Handover.give`, or else the least that has hung on the pads at rest since then.
+Support is the missing weight, not its change: a person who leans on the object, or pulls it down,
+makes it heavier, and when they let go nothing is borne. The weight is given to `Handover.give`, or
+else is the least load at rest since then.
 """
 
 from __future__ import annotations
@@ -33,64 +33,63 @@ __all__ = ["Handover", "HandoverParameters", "Phase"]
 
 
 NEAR = 0.75
-"""Share of its peak from which on a support is near it [assumed]."""
+"""Fraction of its peak above which a support is near it [assumed]."""
 
 BUMP_NEAR = 1.0 - 2.0 * math.asin(NEAR) / math.pi
-"""Share of its duration for which half a sine is near its peak [derived]."""
+"""Fraction of its duration for which half a sine is near its peak [derived]."""
 
 STILL = 4.5
-"""Sigmas of a force by which it moves [derived: noise alone is as far in three components once in
-half a minute of looks]."""
+"""Sigmas of a force that show a motion [derived: noise alone in three components reaches it once
+per half a minute of tests]."""
 
 
 class Phase(StrEnum):
-    """Where a handover is."""
+    """Phases of a handover."""
 
     IDLE = "idle"
     GIVING = "giving"
-    """Held, until somebody takes it."""
+    """Held, until a person takes it."""
     TAKEN = "taken"
     """A hand bears it: open the gripper."""
     AWAITING = "awaiting"
-    """Open, until something is put between the pads."""
+    """Open, until an object is put between the pads."""
     OFFERED = "offered"
-    """Something touches the pads: close the gripper."""
+    """An object touches the pads: close the gripper."""
     RECEIVED = "received"
-    """It hangs on the pads, and nobody moves it."""
+    """The object hangs on the pads, and is not moved."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandoverParameters:
-    """What hands, bumps and touches are like.
+    """Properties of hands, bumps and touches.
 
     Attributes
     ----------
     take : (float, float, float)
-        Support under a hand that takes: even from the first to the second, and beyond by the third,
+        Support under a taking hand: uniform from the first to the second, and beyond by the third,
         a sigma [assumed: people bear what they take, some pull a little more].
     light : (float, float)
         Mean and sigma of the support under a light touch [assumed].
     bump_s : (float, float)
         Median duration of a bump, and sigma of its logarithm [assumed: 25 to 270 ms].
     ease_s : float
-        In which a peak of the support is forgotten, so that a hand that eases is a hand [assumed].
+        Decay time of the peak of the support, so that a hand that eases is a hand [assumed].
     widest : float
-        Support under a bump or a fault is even from minus this to this [assumed].
+        Support under a bump or a fault is uniform from minus this to this [assumed].
     agree : (float, float)
-        Beta distribution of the first of two pads' share in the change, under a hand [assumed: a
-        hand holds on up to half a pad off the middle].
+        Beta distribution of the first of two pads' fraction of the change, under a hand [assumed: a
+        hand grips up to half a pad off the middle].
     priors : (float, float, float, float)
-        Of hand, light touch, bump and fault in what is felt during a handover; they sum to 1
-        [assumed].
+        Of hand, light touch, bump and fault among events of a handover; they sum to 1 [assumed].
     least_confidence : float
-        Probability at which it is taken [assumed: a wrong release is two
-        hundred times as bad as to wait for more].
+        Probability at which it is taken [assumed: a wrong release is two hundred times as bad as a
+        delay].
     smooth_s : float
         Time constant of the support [assumed].
     least_n : float
-        Weight below which nothing can be told [derived: five sigma of two pads].
+        Smallest weight that can be handed over [derived: five sigma of two pads].
     still_s : float
-        For how long nobody may move what has been received [assumed].
+        Duration without motion after which an object is received [assumed].
     up : tuple of 3 float
         Against gravity, skin frame.
     disturbance : DisturbanceParameters
@@ -130,10 +129,10 @@ class HandoverParameters:
 
 
 class Handover:
-    """Gives what is held, or takes what is offered.
+    """Gives the held object, or takes an offered one.
 
-    What bears the weight for as long as a hand is a hand to it: half a sine of more than 0.25 s
-    upward, or something that swings by its weight at less than 2 Hz.
+    Any force that bears the weight for as long as a hand does counts as a hand: half a sine of more
+    than 0.25 s upward, or an object that oscillates by its weight at less than 2 Hz.
 
     Parameters
     ----------
@@ -146,10 +145,10 @@ class Handover:
     ----------
     phase : Phase
     probabilities : dict of str to float
-        Of hand, light, bump and fault, as of the last cycle in which somebody did something.
+        Of hand, light, bump and fault, as of the last cycle with an event.
     support : float
-        Share of the weight that somebody bears; negative where they weigh on it, NaN where the
-        weight is not known.
+        Fraction of the weight that a person bears; negative where they load it, NaN where the
+        weight is unknown.
     disturbance : Disturbance
     decisions : Decisions
 
@@ -162,9 +161,6 @@ class Handover:
             if handover.update(state) is Phase.TAKEN:
                 gripper.release()
     """
-
-    fields = ("phase", "support")
-    """Attributes that a task may ask for."""
 
     def __init__(
         self,
@@ -189,18 +185,18 @@ class Handover:
         self._clear()
 
     def give(self, weight_n: float | None = None) -> None:
-        """What is held is to be given from now on; hold it still for a moment.
+        """Give the held object from now on; hold it still for a moment.
 
         Parameters
         ----------
         weight_n : float, optional
-            Of what is held, newton, where it is known. Otherwise it is what hangs now: who leans on
-            it with twice its weight in this moment, and lets go later, is taken for a hand.
+            Of the object, newton, if known. Otherwise it is measured now: a person who leans on it
+            with twice its weight in this moment, and lets go later, is taken for a hand.
 
         Raises
         ------
         OptionError
-            The weight is none.
+            The weight is invalid.
         """
         if weight_n is not None:
             check_number("handover: weight_n", weight_n, self.parameters.least_n, 1e3)
@@ -210,20 +206,20 @@ class Handover:
         self._known_n = math.inf if weight_n is None else float(weight_n)
 
     def take(self) -> None:
-        """Something is to be put between the open pads."""
+        """Take an object that is put between the open pads."""
         self._enter(Phase.AWAITING, "asked to")
         self.disturbance.settle()
         self._clear()
 
     def stop(self) -> None:
-        """Neither."""
+        """Stop giving or taking."""
         self._enter(Phase.IDLE, "asked to")
 
     def update(self, state: State) -> Phase:
-        """Look at a cycle; where the handover is."""
+        """Process a cycle; returns the phase."""
         seen = self.disturbance
         if not seen.update(state):
-            self._before_n = math.nan  # other units may tell of another weight
+            self._before_n = math.nan  # other units may measure another weight
             return self.phase
         if not seen.settled:
             return self.phase
@@ -236,11 +232,11 @@ class Handover:
 
     @property
     def weight_n(self) -> float:
-        """What hangs on the pads at rest, without what leans on it."""
+        """Load of the pads at rest, without a person's."""
         return -_dot(self.disturbance.rest_n, self._up) - self._excess_n
 
     def _weigh(self) -> None:
-        """How much more hangs at rest than the weight: somebody who leans on it for long."""
+        """Excess of the load at rest over the weight: a person who leans on it for long."""
         rest_n = -_dot(self.disturbance.rest_n, self._up)
         if self._known_n is not None:
             self._excess_n, self._known_n = max(rest_n - self._known_n, 0.0), None
@@ -261,7 +257,7 @@ class Handover:
         self.decisions.add(self.disturbance.time_s, phase.value, why)
 
     def _give(self) -> None:
-        """Weigh what may be, and say when it is taken."""
+        """Weigh the hypotheses, and report when the object is taken."""
         p, seen = self.parameters, self.disturbance
         weight_n = self.weight_n
         pads = self._pad_lifts()
@@ -300,7 +296,7 @@ class Handover:
             self._enter(Phase.TAKEN, why)
 
     def _age(self, is_hand: bool, sigma: float) -> None:
-        """For how long the support has been that of a hand, and near its peak."""
+        """Update how long the support has been that of a hand, and near its peak."""
         if not is_hand:
             self._recent.clear()
         self._recent.append(self.support)
@@ -312,11 +308,11 @@ class Handover:
         self._age_s = cycles * self._period_s if is_hand else 0.0
 
     def _bump_longer_log(self) -> float:
-        """Logarithm of the share of bumps that are near their peak for longer than so far."""
+        """Logarithm of the fraction of bumps that stay near their peak for longer than so far."""
         return log_normal_longer_log(max(self._age_s / BUMP_NEAR, 1e-3), *self.parameters.bump_s)
 
     def _pad_lifts(self) -> list[float]:
-        """What each pad is lifted with, newton; its rest is that of the sum, by the same rules."""
+        """Lift of each pad, newton; its rest is that of the sum, by the same rules."""
         seen = self.disturbance
         u, v, w = self._up
         now = [u * x + v * y + w * z for x, y, z in zip(*seen.pad_force_n, strict=True)]
@@ -331,14 +327,14 @@ class Handover:
         return now
 
     def _agree(self, lift: list[float]) -> float:
-        """Logarithm of how well two pads agree that somebody lifts."""
+        """Log-likelihood that two pads share a lift."""
         total = sum(lift)
         if self._pads != 2 or total <= 0.0:
             return 0.0
         return beta_log(lift[0] / total, *self.parameters.agree)
 
     def _take(self) -> None:
-        """Close on what touches; what hangs still is received."""
+        """Close on contact; an object that hangs still is received."""
         seen, p = self.disturbance, self.parameters
         if self.phase == Phase.AWAITING:
             if seen.active or seen.load_n > seen.parameters.held_n:
@@ -356,7 +352,7 @@ class Handover:
 
 
 def _even_log(value: float, low: float, high: float, sigma: float) -> float:
-    """Logarithm of a density that is even between two bounds, and falls normally beyond."""
+    """Logarithm of a density that is uniform between two bounds, with normal tails."""
     away = value - min(max(value, low), high)
     width = math.sqrt(2.0 * math.pi) * sigma + high - low
     return -0.5 * (away / sigma) ** 2 - math.log(width)

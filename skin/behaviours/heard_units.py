@@ -1,4 +1,4 @@
-"""Units that pads are heard by: whether they are others than before, and what those bore."""
+"""Changes of the set of units that are heard, and the load of those that changed."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["HeardUnits"]
 
 
 class HeardUnits:
-    """Compares the units that are valid with those of the cycle before.
+    """Compares the valid units with those of the cycle before.
 
     Parameters
     ----------
     topology : Topology
     names : tuple of str
-        Patches, as of the `PadLoads`.
+        Patches, as in `PadLoads`.
     """
 
     def __init__(self, topology: Topology, names: tuple[str, ...]) -> None:
@@ -31,25 +31,25 @@ class HeardUnits:
         self._scale = np.ones(len(names))
 
     def update(self, state: State, loads: PadLoads, hung_n: np.ndarray) -> float:
-        """Look at a cycle in which all pads are heard.
+        """Process a cycle in which all pads are heard.
 
         Parameters
         ----------
         state : State
         loads : PadLoads
         hung_n : ndarray, shape (p,)
-            Newton: what hung on each pad before.
+            Newton: load of each pad before.
 
         Returns
         -------
         float
-            Newton: one-sigma of what is told otherwise because others are heard, as those that
-            went may have borne nothing, or twice their share; 0 where they are the same.
+            Newton: one-sigma of the change due to the new set of units, since the lost ones may
+            have borne nothing, or twice their part; 0 where the set is the same.
         """
-        told = state.units.valid.tobytes()
-        if told == self._valid:
+        valid = state.units.valid.tobytes()
+        if valid == self._valid:
             return 0.0
-        is_first, self._valid = not self._valid, told
+        is_first, self._valid = not self._valid, valid
         now = np.array(state.units.valid, bool)
         changed = (self._of_pads & (now != self._was)).sum(axis=1)
         count = np.maximum((self._of_pads & now).sum(axis=1), 1)
@@ -59,10 +59,10 @@ class HeardUnits:
         return 0.0 if is_first else math.sqrt(float(np.sum((share * hung_n) ** 2)))
 
     def keep(self) -> None:
-        """Remember who is heard now."""
+        """Store the current set."""
         self._kept = self._valid
 
     @property
     def as_kept(self) -> bool:
-        """Whether the same are heard as then."""
+        """Whether the set equals the stored one."""
         return self._valid == self._kept

@@ -1,4 +1,4 @@
-"""Kalman filter of a few states, of which one is measured: floats in, floats out, compiled."""
+"""Kalman filter of a few states, one of which is measured: scalars in and out, compiled."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ __all__ = ["Kalman", "Noise"]
 NOISE_S = 2.0
 """Time constant of the noise that is learned [assumed]."""
 
-JUDGED_S = 0.12
-"""Time constant of the mean of innovations that tells a change [assumed: an eighth of the second
-in which changes are wanted]."""
+INNOVATION_S = 0.12
+"""Time constant of the mean of innovations that detects a change [assumed: an eighth of the second
+in which changes are to be detected]."""
 
 OPEN_SIGMAS = 4.0
-"""Of that mean, beyond which what was taken for constant is not [derived: once in half an hour, by
+"""Threshold of that mean, above which a constant has changed [derived: once in half an hour, by
 Gaussian noise; it costs a second of precision then]."""
 
 OPEN_S = (0.2, 0.4, 0.6, 0.8)
-"""How long ago a jump may have been when it shows [assumed: within the second in which changes are
-wanted]."""
+"""Age of a jump when it is detected, at most [assumed: the second in which changes are to be
+detected]."""
 
 MOST_STEPS = 100_000
-"""Steps that are predicted at once; a longer silence tells no more [numeric]."""
+"""Maximum number of steps predicted at once; a longer silence adds nothing [numeric]."""
 
 
 class Noise:
-    """Variance of white noise on a value that changes slowly, from differences of neighbours.
+    """Variance of white noise on a slowly changing value, from differences of neighbours.
 
     Parameters
     ----------
     variance : float
-        Before any is heard.
+        Initial value.
     period_s : float
 
     Attributes
@@ -50,7 +50,7 @@ class Noise:
         self._last = float("nan")
 
     def update(self, value: float, kept: bool = True) -> None:
-        """Take the next value; NaN for none, and not `kept` where it may have jumped."""
+        """Add the next value; NaN for none; not `kept` where it may have jumped."""
         off = value - self._last
         self._last = value if math.isfinite(value) else math.nan
         if kept and math.isfinite(off):
@@ -58,11 +58,11 @@ class Noise:
 
 
 class Kalman:
-    """Follows m states of ``dx/dt = flows @ x + noise``, and tells where they jump.
+    """Filters m states of ``dx/dt = flows @ x + noise``, and detects jumps.
 
-    The mean of the innovations over an eighth of a second, in sigmas, is 0 as long as the model
-    holds. Where it is far off, something has changed that was taken for constant: `changed` says
-    so, and its owner opens the covariance of that state.
+    The mean of the innovations over an eighth of a second, in sigmas, is 0 while the model holds.
+    Where it is far off, a constant has changed: `changed` is True, and the owner inflates the
+    covariance of that state.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class Kalman:
     intensity : ndarray, shape (m, m)
         Of the white noise, square of the states' units per second.
     period_s : float
-    judged_s : tuple of float
-        Time constants of the means of innovations that tell a change: a long one tells a smaller
-        change, later.
+    innovation_s : tuple of float
+        Time constants of the means of innovations that detect a change: a long one detects a
+        smaller change, later.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Kalman:
 
     def __init__(
         self, flows: np.ndarray, intensity: np.ndarray, period_s: float,
-        judged_s: tuple[float, ...] = (JUDGED_S,),
+        innovation_s: tuple[float, ...] = (INNOVATION_S,),
     ) -> None:  # fmt: skip
         count = len(flows)
         # Van Loan, "Computing integrals involving the matrix exponential", 1978
@@ -104,76 +104,76 @@ class Kalman:
         self._noise = np.ascontiguousarray(0.5 * (noise + noise.T))
         self._scratch = np.zeros((count, count))
         later = np.stack([expm(flows * since_s) for since_s in OPEN_S])
-        self._opened = np.einsum("tak,tbk->kab", later, later) / len(OPEN_S)
-        self._gains = [min(1.0, period_s / one_s) for one_s in judged_s]
+        self._inflation = np.einsum("tak,tbk->kab", later, later) / len(OPEN_S)
+        self._gains = [min(1.0, period_s / one_s) for one_s in innovation_s]
         self._scales = [((2.0 - gain) / gain) ** 0.5 for gain in self._gains]
-        self._calm = [0.0] * len(judged_s)
+        self._calm = [0.0] * len(innovation_s)
         self._means = list(self._calm)
         self.x = np.zeros(count)
         self.covariance = np.zeros((count, count))
 
     def begin(self, x: np.ndarray, covariance: np.ndarray) -> None:
-        """Begin anew from what is known."""
+        """Initialise state and covariance."""
         self.x[:], self.covariance[:] = x, covariance
         self._means[:] = self._calm
 
     @property
     def disagreement(self) -> float:
-        """Mean of the innovations that is farthest off, in its own sigmas."""
-        told = [scale * mean for scale, mean in zip(self._scales, self._means, strict=True)]
-        return max(told, key=abs)
+        """The largest mean of the innovations, in its own sigmas."""
+        scaled = [scale * mean for scale, mean in zip(self._scales, self._means, strict=True)]
+        return max(scaled, key=abs)
 
     @property
     def lag(self) -> float:
-        """What a mean of innovations is off beyond its noise, in sigmas of one: by so much the
-        filter is behind what is measured, before it is told that something changed."""
+        """Excess of a mean of innovations over its noise, in sigmas of one innovation: the lag of
+        the filter behind the measurement, before a change is detected."""
         beyond = max(m * m - k**-2 for m, k in zip(self._means, self._scales, strict=True))
         return math.sqrt(max(beyond, 0.0))
 
     @property
     def changed(self) -> bool:
-        """Whether the model holds no longer."""
+        """Whether the model no longer holds."""
         return abs(self.disagreement) > OPEN_SIGMAS
 
-    def open(self, row: int, sigma: float) -> None:
-        """One state may have jumped by so much, some time within the last second: learn it anew,
-        and what it has led to since."""
-        self.covariance += sigma * sigma * self._opened[row]
+    def inflate(self, row: int, sigma: float) -> None:
+        """Add the variance of a jump of one state within the last second, and of its
+        consequences."""
+        self.covariance += sigma * sigma * self._inflation[row]
         self._means[:] = self._calm
 
     def jump(self, row: int, sigma: float, steps: int) -> None:
-        """One state may have jumped by so much, this many periods ago."""
+        """Add the variance of a jump of one state this many periods ago."""
         led_to = sigma * np.linalg.matrix_power(self._step, steps)[:, row]
         self.covariance += np.outer(led_to, led_to)
 
     def restart(self, row: int, value: float, variance: float) -> None:
-        """One state is what it is measured to be, whatever it was before."""
+        """Set one state to its measurement, without correlations."""
         self.covariance[row, :] = self.covariance[:, row] = 0.0
         self.x[row], self.covariance[row, row] = value, variance
         self._means[:] = self._calm
 
-    def share(self, row: int, other: int, more: float) -> None:
-        """One state is another, and so much more."""
+    def equate(self, row: int, other: int, more: float) -> None:
+        """Set one state to another plus an offset."""
         self.x[row] = self.x[other] + more
         self.covariance[row, :] = self.covariance[other, :]
         self.covariance[:, row] = self.covariance[row, :]
         self.covariance[row, row] = self.covariance[other, other]
 
     def scale(self, row: int, by: float) -> None:
-        """One state has another unit from now on."""
+        """Change the unit of one state."""
         self.x[row] *= by
         self.covariance[row, :] *= by
         self.covariance[:, row] *= by
 
     def shift(self, row: int, by: float, variance: float) -> None:
-        """One state is measured from another zero from now on."""
+        """Shift the zero of one state."""
         self.x[row] += by
         self.covariance[row, row] += variance
 
     def update(self, row: int, measured: float, variance: float, steps: int = 1) -> None:
-        """Go on by some periods, and take a measurement of one state; none where it is no
-        finite number."""
-        off = _follow(  # of plain numbers: each enumeration would be a signature of its own
+        """Predict some periods, and update by a measurement of one state; none where it is not
+        finite."""
+        off = _follow(  # plain numbers: each enumeration would compile separately
             self._step, self._noise, self._scratch, self.x, self.covariance,
             (int(min(steps, MOST_STEPS)), int(row)), (float(measured), float(variance)),
         )  # fmt: skip
@@ -181,7 +181,7 @@ class Kalman:
             self._means[k] += gain * (off - self._means[k])
 
     def settled_sigma(self, row: int, measured: int, variance: float) -> float:
-        """One-sigma that a state settles at, where another is measured with this variance."""
+        """Steady-state one-sigma of a state, where another is measured with this variance."""
         picked = np.zeros((len(self.x), 1))
         picked[measured] = 1.0
         settled = solve_discrete_are(self._step.T, picked, self._noise, np.eye(1) * variance)
@@ -195,7 +195,7 @@ class Kalman:
 
 
 def follow_python(step, noise, scratch, x, covariance, what, measured):
-    """Predict `what[0]` periods, and correct by a measurement of state `what[1]`.
+    """Predict `what[0]` periods, and update by a measurement of state `what[1]`.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
-"""Level: whether what two pads hold hangs evenly between them, and how far off its middle they are.
+"""Level: whether an object hangs evenly between two pads, and how far it is off their middle.
 
-Two pads that hold a weight evenly bear half of it each, and feel no torsion. Where the weight is
-nearer to one, that one bears more; where it hangs beside the line between them, it twists them,
-and torsion over weight is how far.
+Two pads that hold a weight evenly bear half of it each, without torsion. A pad that is nearer to
+the weight bears more; a weight off the line between them twists them, by torsion over weight.
 """
 
 from __future__ import annotations
@@ -23,12 +22,13 @@ from topology import Topology
 __all__ = ["Level", "LevelSettings"]
 
 LEFT_SIGMAS = 5.0
-"""Beyond a bound, at which what was level is so no longer [derived: not by noise within hours]."""
+"""Distance beyond a bound at which the object is no longer level [derived: not by noise within
+hours]."""
 
 
 @dataclass(frozen=True)
 class LevelSettings:
-    """When what is held counts as level.
+    """Bounds of level.
 
     Attributes
     ----------
@@ -37,11 +37,11 @@ class LevelSettings:
     most_imbalance : float
         Difference of what the two pads bear over their sum [assumed].
     least_n : float
-        Weight below which nothing is told [assumed: five sigma of two pads].
+        Weight below which nothing is reported [assumed: five sigma of two pads].
     mean_s : float
         Time constant of the means [derived: 0.3 s take noise of 2 mm to 0.2 mm].
     down : tuple of 3 float
-        Where weight points, skin frame.
+        Direction of gravity, skin frame.
     """
 
     most_arm_m: float = 0.0025
@@ -57,7 +57,7 @@ class LevelSettings:
 
 
 class Level:
-    """Watches two pads that face each other.
+    """Monitors two pads that face each other.
 
     Parameters
     ----------
@@ -69,23 +69,20 @@ class Level:
     Raises
     ------
     OptionError
-        They are not two pads, or weight points along their normals.
+        They are not two pads, or gravity is along their normals.
 
     Attributes
     ----------
     imbalance, imbalance_sigma : float
-        What the first pad bears of the weight minus what the second does, over their sum; NaN where
-        it is not known.
+        Load of the first pad minus that of the second, over their sum; NaN where it is unknown.
     arm_m, arm_sigma_m : float
-        How far the weight is off the line between the pads, along `across`; NaN where it is not
-        known.
+        Distance of the weight from the line between the pads, along `across`; NaN where it is
+        unknown.
     across : ndarray, shape (3,)
         Unit vector, skin frame: horizontal, across that line.
     level, known : bool
     decisions : Decisions
     """
-
-    fields = ("imbalance", "imbalance_sigma", "arm_m", "arm_sigma_m", "level", "known")
 
     def __init__(
         self, topology: Topology, names: tuple[str, str] | None = None,
@@ -114,7 +111,7 @@ class Level:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was held."""
+        """Reset the estimates."""
         self._lose()
         self._means: list[float] | None = None
         self._spreads = [0.0, 0.0]
@@ -125,7 +122,7 @@ class Level:
         self.level = self.known = False
 
     def update(self, state: State, loads: PadLoads | None = None) -> None:
-        """Look at a cycle; `loads` are those of the same two pads, where somebody has read them."""
+        """Process a cycle; `loads` are those of the same two pads, if they were read already."""
         loads = self._pads.read(state) if loads is None else loads
         if self._first_ns is None:
             self._first_ns = state.stamp_ns
@@ -145,9 +142,9 @@ class Level:
             means[i] += gain * off
         for i, off in enumerate((offs[0], offs[2])):
             self._spreads[i] += gain * (off * off - self._spreads[i])
-        self._tell(state, gain)
+        self._report(state, gain)
 
-    def _tell(self, state: State, gain: float) -> None:
+    def _report(self, state: State, gain: float) -> None:
         assert self._means is not None
         difference, weight, twist = self._means
         settled = self._age * self._gain >= 1.0

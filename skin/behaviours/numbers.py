@@ -1,4 +1,4 @@
-"""Parameters that are several numbers, directions among them: checked."""
+"""Checks of parameters of several numbers, such as directions."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["check_direction", "check_pair", "check_tuple", "unit_vector"]
 
 
 def check_tuple(where: str, values: object, *bounds: tuple[float, float]) -> None:
-    """Refuse what is no tuple of as many numbers as there are bounds, each within its own.
+    """Require a tuple of one number for each of the bounds.
 
     Raises
     ------
     OptionError
-        It is none.
+        It is not.
 
     Examples
     --------
@@ -32,19 +32,19 @@ def check_tuple(where: str, values: object, *bounds: tuple[float, float]) -> Non
 
 
 def check_direction(where: str, values: object, *, or_none: bool = False) -> None:
-    """Refuse what is no direction; with `or_none` (0, 0, 0) is one, too.
+    """Require a direction; with `or_none` (0, 0, 0) is allowed.
 
     Raises
     ------
     OptionError
-        It is none.
+        It is not.
     """
     if not (or_none and isinstance(values, tuple | list) and list(values) == [0.0, 0.0, 0.0]):
         unit_vector(where, values)
 
 
 def unit_vector(where: str, value: Any) -> tuple[float, float, float]:
-    """A direction of three numbers, of length 1.
+    """A vector of three numbers, normalised.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def unit_vector(where: str, value: Any) -> tuple[float, float, float]:
 
 
 def check_pair(where: str, value: Any) -> tuple[Any, Any]:
-    """A lower and an upper end.
+    """Require a lower and an upper end.
 
     Raises
     ------

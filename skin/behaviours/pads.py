@@ -1,8 +1,7 @@
 """Loads of the pads of a gripper, or of the fingers of a hand, where some units may be silent.
 
-A unit that is not valid is no sign that nothing touches it: it is taken to bear the share of its
-pad's load that it bore when it was last valid; one that was never valid, the mean share of the
-others.
+A unit that is not valid may be loaded: it is assumed to bear the fraction of its pad's load of its
+last valid cycle, or the mean fraction of the others if it never was valid.
 """
 
 from __future__ import annotations
@@ -15,50 +14,50 @@ import numpy as np
 from bus.compiled.bound import Bound
 from bus.compiled.jit import compiled, jitable
 from skin.behaviours.checks import check_patches, check_state
-from skin.state import State
+from skin.state import State, if_wanted
 from topology import Topology
 
 __all__ = ["PadLoads", "Pads"]
 
 SHARE_LOAD_N = 0.3
-"""Load of a pad from which on shares are learned: 16 units have 0.05 N of noise [derived]."""
+"""Load of a pad above which fractions are learned: 16 units have 0.05 N of noise [derived]."""
 
 PRESSED = 4.0
-"""Sigmas of its normal force from which on a unit's tangential force counts: one that nothing
-presses bears none, and would add its noise [derived: a false one in 30 000]. It counts as well
-where its share of the load, a mean over 25 cycles, tells of a fifth of that."""
+"""Sigmas of its normal force above which a unit's tangential force counts: an unloaded unit bears
+none and would add noise [derived: a false one in 30 000]. It also counts where its fraction of the
+load, a mean over 25 cycles, is above a fifth of that."""
 
 SHARE_S = 0.1
-"""Time constant of shares [assumed]."""
+"""Time constant of the fractions [assumed]."""
 
 LEAST_HEARD = 0.25
-"""Share that is heard below which a pad's loads are not told [assumed: three silent units of four
+"""Heard fraction below which a pad's loads are not reported [assumed: three silent units of four
 leave nothing to extrapolate from]."""
 
 
 class PadLoads(NamedTuple):
-    """What each of p pads bears. Views, valid until the next cycle; NaN where too little is heard.
+    """Loads of p pads. Views, valid until the next cycle; NaN where too little is heard.
 
     Attributes
     ----------
     load_n : ndarray, shape (p,), float64
         Newton: sum of the normal forces of the units.
     force_n : ndarray, shape (3, p)
-        Newton, skin frame: what the world exerts on the pad; of units that nothing presses, the
-        normal force alone.
+        Newton, skin frame: exerted by the world on the pad; of unloaded units only the normal
+        force.
     shear_n : ndarray, shape (3, p)
         Newton, skin frame: the part of `force_n` across the mean normal.
     torsion_nm : ndarray, shape (p,)
-        Newton metre: moment about the mean normal through the centre of pressure.
+        Newton metre: torque about the mean normal through the centre of pressure.
     load_sigma_n, force_sigma_n : ndarray, shape (p,)
-        One-sigma of `load_n`, and of a component of `force_n`: noise of the units, and half of what
-        is filled in for those that are not valid. NaN where sigma is not wanted.
+        One-sigma of `load_n`, and of a component of `force_n`: noise of the units, and half of the
+        estimates for those that are not valid. NaN where sigma is not wanted.
     heard : ndarray, shape (p,)
-        Share of the load on units that are valid.
+        Fraction of the load on valid units.
     temperature_c : ndarray, shape (p,)
         Degree Celsius: mean of the valid units, weighted by normal force; NaN where there is none.
     moment_nm : ndarray, shape (3, p)
-        Newton metre, skin frame: of what the world exerts on the pad, about the skin's origin.
+        Newton metre, skin frame: torque of the world on the pad, about the skin's origin.
     centre_m : ndarray, shape (3, p)
         Metre, skin frame: centre of pressure of the valid units; NaN where nothing presses.
     """
@@ -76,7 +75,7 @@ class PadLoads(NamedTuple):
 
 
 class Pads:
-    """Reads the loads of pads, a cycle after the other.
+    """Computes the loads of pads, cycle by cycle.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ class Pads:
     Raises
     ------
     OptionError
-        No patch, one that there is not, or one twice.
+        No patch, one that does not exist, or one twice.
     """
 
     def __init__(self, topology: Topology, names: Iterable[str] | None = None) -> None:
@@ -120,7 +119,7 @@ class Pads:
         self._position[:], self._rotation[:] = position, rotation
 
     def read(self, state: State) -> PadLoads:
-        """Loads of the pads in this cycle; `state` has force, and best sigma and temperature.
+        """Loads of the pads in this cycle; `state` has force, and preferably sigma and temperature.
 
         Raises
         ------
@@ -128,8 +127,9 @@ class Pads:
             The state is of another topology, or has no force.
         """
         units = state.units
-        sigma = self._no_sigma if units.force_sigma is None else units.force_sigma
-        warmth = self._no_temperature if units.temperature is None else units.temperature
+        sigma, warmth = if_wanted(units, "force_sigma"), if_wanted(units, "temperature")
+        sigma = self._no_sigma if sigma is None else sigma
+        warmth = self._no_temperature if warmth is None else warmth
         last = self._last
         if (
             last is not None
@@ -150,7 +150,7 @@ class Pads:
 
 
 class Readings(NamedTuple):
-    """Of the units, as of `skin.state.Reading`."""
+    """Of the units, as in `skin.state.Reading`."""
 
     force: np.ndarray
     force_sigma: np.ndarray
@@ -169,8 +169,8 @@ class Places(NamedTuple):
 class PadSums(NamedTuple):
     """Sums over the valid units of each pad, shape (p,), or (3, p) in the skin frame.
 
-    `load` counts normal forces, `pressed` only those that press; `heat` is temperature times normal
-    force, `heated` that force; `lost` is the share of the load on units that are not valid.
+    `load` counts normal forces, `pressed` only pressing ones; `heat` is temperature times normal
+    force, `heated` that force; `lost` is the fraction of the load on units that are not valid.
     """
 
     load: np.ndarray
@@ -194,7 +194,7 @@ def pad_loads_python(
     sums: PadSums,
     out: PadLoads,
 ) -> None:
-    """Add up what the units of each pad bear, with what silent ones are taken to bear."""
+    """Sum the loads of each pad's units, with estimates for silent ones."""
     _sum_valid(readings, places, share, out.load_n, sums)
     _add_lost(readings, places.pad, share, sums)
     for pad in range(sums.load.size):
@@ -208,14 +208,14 @@ def pad_loads_python(
 
 @jitable
 def _is_heard(readings, i):
-    """Whether a unit tells a force that is a number."""
-    told = readings.force[0, i] + readings.force[1, i] + readings.force[2, i]
-    return readings.valid[i] and np.isfinite(told)
+    """Whether a unit reports a finite force."""
+    force = readings.force[0, i] + readings.force[1, i] + readings.force[2, i]
+    return readings.valid[i] and np.isfinite(force)
 
 
 @jitable
 def _sum_valid(readings, places, share, last_n, sums):
-    """Sums over the units that are valid."""
+    """Sums over the valid units."""
     for row in (sums.load, sums.pressed, sums.load_variance, sums.variance, sums.heat, sums.heated):
         row[:] = 0.0
     for rows in (sums.force, sums.moment, sums.normal, sums.centre):
@@ -257,7 +257,7 @@ def _sum_valid(readings, places, share, last_n, sums):
 
 @jitable
 def _add_lost(readings, pad_of, share, sums):
-    """Shares of the load on units that are not valid."""
+    """Fractions of the load on units that are not valid."""
     for pad in range(sums.lost.size):
         total, count = 0.0, 0
         for i in range(share.size):
@@ -276,7 +276,7 @@ def _add_lost(readings, pad_of, share, sums):
 
 @jitable
 def _finish(sums, pad, out):
-    """Fill in what is lost, and split the force into normal and shear."""
+    """Add the estimates of lost units, and split the force into normal and shear."""
     heard = min(max(1.0 - sums.lost[pad], 0.0), 1.0)
     scale = 1.0 / heard if heard >= LEAST_HEARD else np.nan
     force, moment = sums.force[:, pad], sums.moment[:, pad]

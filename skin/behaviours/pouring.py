@@ -1,9 +1,9 @@
-"""Pouring: how fast a held vessel fills, in which stage, and how much is in it.
+"""Pouring: flow into a held vessel, its stage, and the poured volume.
 
-What hangs on the pads is the vertical sum of their forces. It grows with a flow that is taken for
-constant until the weight disagrees. Hot water warms what is there as well: how many degrees a
-millilitre brings is learned while the flow is strong, and then the rise of the temperature tells a
-flow that is too weak for the weight alone.
+The load of the pads is the vertical sum of their forces. It grows with a flow that is modelled as
+constant until the weight disagrees. Hot water also warms the contents: the warming per millilitre
+is learned while the flow is strong, and then the rise of the temperature measures a flow that is
+too weak for the weight alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from skin.behaviours.decision import Decisions
 from skin.behaviours.heard_units import HeardUnits
-from skin.behaviours.kalman import JUDGED_S, Kalman, Noise
+from skin.behaviours.kalman import INNOVATION_S, Kalman, Noise
 from skin.behaviours.numbers import unit_vector
 from skin.behaviours.pads import PadLoads, Pads
 from skin.behaviours.warmth import Warmth
@@ -29,10 +29,10 @@ __all__ = ["Pouring", "PouringSettings", "water_density"]
 
 
 class Row(IntEnum):
-    """States of the filter, kilogram: what the pads tell, its rise, what was gained. The first
-    has another zero for each set of units that is heard, the last has not."""
+    """States of the filter, kilogram: the measured weight, its rise, the gain. The zero of the
+    first depends on the set of heard units, that of the last does not."""
 
-    TOLD = 0
+    MEASURED = 0
     FLOW = 1
     GAINED = 2
 
@@ -43,39 +43,39 @@ FIRST_NOISE_KG = 0.005
 """One-sigma of the noise of a weight, before it is learned [assumed]."""
 
 TARE_S = 1.0
-"""In which what hangs there already is weighed [derived: 2 g of noise fall to 0.2 g]."""
+"""Duration of the tare [derived: 2 g of noise fall to 0.2 g]."""
 
 FIRST_FLOW_KG_PER_S = 0.001
-"""One-sigma of the flow while what hangs there is weighed [assumed]."""
+"""One-sigma of the flow during the tare [assumed]."""
 
 LEARN_S, APART_S = 3.0, 1.0
-"""Time constant of what a millilitre warms, which falls as the vessel fills [assumed]; and time
-after which rates and flows have errors of their own [derived: the filters' own]."""
+"""Time constant of the warming per millilitre, which falls as the vessel fills [assumed]; and time
+after which errors of rates and flows are independent [derived: the filters' own]."""
 
 FIRST_SHARE, FIRST_SPREAD = 0.6, 0.4
-"""Heat capacity of a vessel with something in it, over that of as much water, before any is poured,
-and its relative one-sigma [assumed: between empty glass and water]."""
+"""Heat capacity of a vessel and its contents, over that of as much water, before pouring, and its
+relative one-sigma [assumed: between empty glass and water]."""
 
-JUDGED_LONG_S = 0.5
-"""Of the mean of innovations that tells a small change of flow [derived: 3 ml/s within a second,
-of 32 units]."""
+INNOVATION_LONG_S = 0.5
+"""Time constant of the mean of innovations that detects a small change of flow [derived: 3 ml/s
+within a second, of 32 units]."""
 
-UNHEARD_S, STALE_S = JUDGED_S, 0.5
-"""Silence after which the flow may have stopped or jumped [derived: as long as that takes to
-show]; and after which no stage is told [assumed: half of the second in which it is wanted]."""
+UNHEARD_S, STALE_S = INNOVATION_S, 0.5
+"""Silence after which the flow may have stopped or jumped [derived: the time to detect that]; and
+after which no stage is reported [assumed: half of the second in which it is wanted]."""
 
-UNSEEN_S = JUDGED_S / 3**0.5
-"""How long a flow that jumped may run unseen: one-sigma [derived: evenly, up to `JUDGED_S`]."""
+UNSEEN_S = INNOVATION_S / 3**0.5
+"""Undetected duration of a jump of flow: one-sigma [derived: uniform, up to `INNOVATION_S`]."""
 
 HUNG_S = 0.1
-"""Time constant of what hangs on each pad, which those that fall silent bore [assumed]."""
+"""Time constant of the load of each pad, used for units that fall silent [assumed]."""
 
 LEFT_SPREAD = 0.5
-"""Of the share of silent units, what may differ in what is poured from what hung before [assumed:
-as of `PadLoads`]."""
+"""Relative difference between the distribution of poured and of earlier load over silent units
+[assumed: as in `PadLoads`]."""
 
 FALL_SPREAD = 0.2
-"""Relative one-sigma of what a millilitre warms, since it was learned [assumed]."""
+"""Relative one-sigma of the warming per millilitre, since it was learned [assumed]."""
 
 
 def water_density(celsius: float) -> float:
@@ -94,23 +94,23 @@ def water_density(celsius: float) -> float:
 
 @dataclass(frozen=True)
 class PouringSettings:
-    """What counts as which flow, and what is known of the measurement.
+    """Thresholds of flows, and priors of the measurement.
 
     Attributes
     ----------
     high_ml_per_s, low_ml_per_s, least_ml_per_s : float
-        From which on a flow is "high", "low" and "micro" [paper: 15, 8 and about 1 ml/s in its
-        three stages; assumed: the means of these in between].
+        Lower bounds of a "high", "low" and "micro" flow [paper: 15, 8 and about 1 ml/s in its three
+        stages; assumed: the means of these in between].
     jump_ml_per_s : float
-        By how much a flow may jump: one-sigma [assumed: a tap].
+        One-sigma of a jump of flow [assumed: a tap].
     drift_ml_per_s15 : float
-        How fast it changes otherwise: its one-sigma after a second [assumed].
+        One-sigma of its other changes after a second [assumed].
     gain_sigma : float
-        Of forces, relative, the same for all units [assumed].
+        Relative, of forces, common to all units [assumed].
     hot_c : float
-        Of what is poured, where that is known; else NaN, and the weight alone tells the first flow.
+        Of the poured liquid, if known; else NaN, and the first flow is measured by weight alone.
     down : tuple of 3 float
-        Where weight points, skin frame.
+        Direction of gravity, skin frame.
     """
 
     high_ml_per_s: float = 10.0
@@ -135,7 +135,7 @@ class PouringSettings:
 
 
 class Pouring:
-    """Watches a vessel fill, from `begin` on.
+    """Monitors the filling of a vessel, from `begin` on.
 
     Parameters
     ----------
@@ -144,31 +144,26 @@ class Pouring:
         Patches that hold it; all of them if not given.
     settings : PouringSettings
     warmth : Warmth, optional
-        Of what is held; it is to be updated first. Without it, the weight alone tells.
+        Of the held vessel, updated by the caller before. Without it, only the weight is used.
 
     Attributes
     ----------
     weight_n : float
-        What hangs on the pads, in this cycle; NaN where it is not known.
+        Load of the pads, in this cycle; NaN where it is unknown.
     poured_ml, sigma_ml : float
-        Since `begin`; NaN before it. Sigma allows for what silent units may have borne, and, while
-        nothing is heard, for a flow that stopped or jumped.
+        Since `begin`; NaN before it. Sigma includes the possible load of silent units and, while
+        nothing is heard, a stop or jump of the flow.
     flow_ml_per_s, flow_sigma_ml_per_s : float
     stage : str
         "none", "micro", "low" or "high"; "unknown" while nothing is heard for half a second.
     began : bool
-        Whether what hung there has been weighed.
+        Whether the tare has been taken.
     known : bool
         Whether the weight is heard.
     c_per_ml : float
-        What a millilitre warms, where that is learned; else NaN.
+        Warming per millilitre, once it is learned; else NaN.
     decisions : Decisions
     """
-
-    fields = (
-        "weight_n", "poured_ml", "sigma_ml", "flow_ml_per_s", "flow_sigma_ml_per_s", "stage",
-        "began", "known",
-    )  # fmt: skip
 
     def __init__(
         self, topology: Topology, names: Iterable[str] | None = None,
@@ -184,9 +179,9 @@ class Pouring:
         self._pads = Pads(topology, names)
         self._period_s = 1.0 / topology.cycle_rate_hz
         flows = np.zeros((3, 3))
-        flows[[Row.TOLD, Row.GAINED], Row.FLOW] = 1.0
+        flows[[Row.MEASURED, Row.GAINED], Row.FLOW] = 1.0
         intensity = np.diag([0.0, (1e-3 * settings.drift_ml_per_s15) ** 2, 0.0])
-        self._filter = Kalman(flows, intensity, self._period_s, (JUDGED_S, JUDGED_LONG_S))
+        self._filter = Kalman(flows, intensity, self._period_s, (INNOVATION_S, INNOVATION_LONG_S))
         self._down = np.array(unit_vector("down", settings.down))
         self._units = HeardUnits(topology, self._pads.names)
         self._hung = np.zeros(len(self._pads.names))
@@ -200,11 +195,10 @@ class Pouring:
         self._unheard_s = 0.0
 
     def begin(self) -> None:
-        """Weigh what hangs there within the next second, and count from then on. It must hang
-        still."""
+        """Tare within the next second, and count from then on. The vessel must hang still."""
         self._wanted, self.began = True, False
         self._tare, self._tared, self._weighed = 0.0, 0.0, 0
-        self._scale = 1.0  # of what is heard, to what hangs
+        self._scale = 1.0  # from the measured weight to the whole one
         self._filled, self._filled_at, self._filled_variance = 0.0, 0.0, 0.0
         self._scaled_s = math.inf
         self._level = 0
@@ -215,14 +209,14 @@ class Pouring:
         self.stage = "none"
 
     def end(self) -> None:
-        """Count no longer; what was poured stays."""
+        """Stop counting; the poured volume stays."""
         self._wanted = False
         if self.stage != "none":
             self.stage = "none"
             self._say("end", f"{self.poured_ml:.1f} ± {self.sigma_ml:.1f} ml")
 
     def update(self, state: State, loads: PadLoads | None = None) -> None:
-        """Look at a cycle; `loads` are those of the same pads, where somebody has read them."""
+        """Process a cycle; `loads` are those of the same pads, if they were read already."""
         loads = self._pads.read(state) if loads is None else loads
         if self._first_ns is None or self._last_ns is None:
             self._first_ns = self._last_ns = state.stamp_ns
@@ -247,12 +241,12 @@ class Pouring:
             return
         if self.began:
             self._follow(steps)
-            self._tell()
+            self._report()
         elif known:
             self._weigh()
 
     def _weigh(self) -> None:
-        """Mean of what hangs there, first."""
+        """Mean of the load, for the tare."""
         self._weighed += 1
         self._tare += (self.weight_n / G - self._tare) / self._weighed
         if self._weighed * self._period_s < TARE_S:
@@ -268,35 +262,36 @@ class Pouring:
         self._say("tare", f"{1e3 * self._tare:.1f} ± {1e3 * variance**0.5:.1f} g")
 
     def _other_units(self, lost_n: float) -> None:
-        """Others are heard: what they tell has another zero, and perhaps another scale."""
+        """The set of heard units has changed: their weight has another zero, and perhaps another
+        scale."""
         filter = self._filter
-        told, gained = float(filter.x[Row.TOLD]), float(filter.x[Row.GAINED])
+        weight, gained = float(filter.x[Row.MEASURED]), float(filter.x[Row.GAINED])
         since = self._filled * (gained - self._filled_at)
         self._filled_at = gained
-        if self._units.as_kept:  # as at the tare: the same zero again
+        if self._units.as_kept:  # the set at the tare: the same zero
             self._filled, self._filled_variance, self._scale = 0.0, 0.0, 1.0
-            filter.share(Row.TOLD, Row.GAINED, self._tare)
+            filter.equate(Row.MEASURED, Row.GAINED, self._tare)
             self._scaled_s = math.inf
             return
         self._filled_variance += since * since
-        share = lost_n / (G * max(told, 1e-3))
+        share = lost_n / (G * max(weight, 1e-3))
         self._filled = math.hypot(self._filled, share)
-        filter.shift(Row.TOLD, 0.0, (lost_n / G) ** 2)
+        filter.shift(Row.MEASURED, 0.0, (lost_n / G) ** 2)
         self._scaled_s = self._time_s + TARE_S
 
     def _rescale(self) -> None:
-        """What hangs is as much as before others were heard: that tells the scale of these."""
+        """Compute the scale of the new set of units, since the load is the same as before."""
         filter = self._filter
-        told, hangs = float(filter.x[Row.TOLD]), self._tare + float(filter.x[Row.GAINED])
+        weight, hangs = float(filter.x[Row.MEASURED]), self._tare + float(filter.x[Row.GAINED])
         self._scaled_s = math.inf
-        if not 0.2 * told < hangs < 5.0 * told:
+        if not 0.2 * weight < hangs < 5.0 * weight:
             return
         own = filter.covariance
-        off = own[Row.TOLD, Row.TOLD] + own[Row.GAINED, Row.GAINED]
-        off = max(float(off - 2.0 * own[Row.TOLD, Row.GAINED]), 0.0)
-        scale = hangs / told
+        off = own[Row.MEASURED, Row.MEASURED] + own[Row.GAINED, Row.GAINED]
+        off = max(float(off - 2.0 * own[Row.MEASURED, Row.GAINED]), 0.0)
+        scale = hangs / weight
         self._scale *= scale
-        filter.scale(Row.TOLD, scale)
+        filter.scale(Row.MEASURED, scale)
         gained = float(filter.x[Row.GAINED])
         since = self._filled * (gained - self._filled_at)
         self._filled_variance += since * since
@@ -309,14 +304,14 @@ class Pouring:
         if before_s <= UNHEARD_S + self._period_s < self._unheard_s:
             jump = max(1e-3 * self.settings.jump_ml_per_s, abs(float(filter.x[Row.FLOW])))
             filter.jump(Row.FLOW, jump, round(before_s / self._period_s))
-        told = self._scale * self.weight_n / G
+        weight = self._scale * self.weight_n / G
         variance = self._scale**2 * self._noise.variance
-        filter.update(Row.TOLD, told, variance, steps)
+        filter.update(Row.MEASURED, weight, variance, steps)
         if self.known:
             self._unheard_s = 0.0
         warmer = 0 if self.warmth is None else self.warmth.jumps
         if filter.changed or warmer != self._jumps:
-            filter.open(Row.FLOW, 1e-3 * self.settings.jump_ml_per_s)
+            filter.inflate(Row.FLOW, 1e-3 * self.settings.jump_ml_per_s)
         self._jumps = warmer
         if self._time_s >= self._scaled_s and self.known:
             self._rescale()
@@ -339,7 +334,7 @@ class Pouring:
             self._warm(warmth)
 
     def _warm(self, warmth: Warmth) -> None:
-        """Learn what a millilitre warms from strong flows, and weak flows from that."""
+        """Learn the warming per millilitre from strong flows, and weak flows from that."""
         rate, rate_sigma = warmth.rate_c_per_s, warmth.rate_sigma_c_per_s
         flow, sigma = self.flow_ml_per_s, self.flow_sigma_ml_per_s
         coldness_c = self.settings.hot_c - warmth.inside_c
@@ -358,14 +353,14 @@ class Pouring:
             return
         self.c_per_ml = self._products / self._squares
         spread = math.hypot(FALL_SPREAD, 1.0 / math.sqrt(self._squares) / self.c_per_ml)
-        told = rate / self.c_per_ml
-        told_sigma = math.hypot(rate_sigma / self.c_per_ml, spread * told)
-        own, other = 1.0 / sigma**2, 1.0 / told_sigma**2
-        self.flow_ml_per_s = (own * flow + other * told) / (own + other)
+        flow_by_rate = rate / self.c_per_ml
+        by_rate_sigma = math.hypot(rate_sigma / self.c_per_ml, spread * flow_by_rate)
+        own, other = 1.0 / sigma**2, 1.0 / by_rate_sigma**2
+        self.flow_ml_per_s = (own * flow + other * flow_by_rate) / (own + other)
         self.flow_sigma_ml_per_s = (own + other) ** -0.5
 
-    def _tell(self) -> None:
-        """The stage, which stays until the flow is beyond a bound by half a sigma."""
+    def _report(self) -> None:
+        """Report the stage, with a hysteresis of half a sigma."""
         flow, slack, ask = (
             max(self.flow_ml_per_s, 0.0),
             0.5 * self.flow_sigma_ml_per_s,

@@ -1,11 +1,11 @@
-"""Probe: what friction there is, found by loosening the grip on what hangs still.
+"""Probe: measures friction by loosening the grip on an object that hangs still.
 
-A flat face that slides all alike gives no warning: no unit is ahead of the others. But what hangs
-still has a tangential load that stays, whatever the grip is, until friction gives: from then on the
-load is friction times grip, and falls with it. So the grip is loosened, quickly, since what falls
-freely for 30 ms falls 4 mm at most. Where Page's sum of what the load lacks rises, the posterior of
-the moment at which it began to lack is looked at: has it slid, the grip goes up again at once. The
-ratio of the loads at that moment is friction at rest, their ratio after it, friction in motion.
+A flat face that slides as a whole gives no warning: there is no incipient slip. But the tangential
+load of an object that hangs still does not depend on the grip until it slides: from then on it is
+friction times grip. So the grip is loosened quickly: an object in free fall for 30 ms falls 4 mm.
+When Page's cumulative sum of the missing load rises, the posterior of the onset is computed: if the
+object slides, the grip rises at once. The ratio of the loads at the onset is static friction, their
+ratio after it kinetic friction.
 """
 
 from __future__ import annotations
@@ -22,39 +22,39 @@ from skin.behaviours.demand import Demand
 __all__ = ["Answer", "Outcome", "Probe"]
 
 WAIT_S, MEAN_S = 0.12, 0.16
-"""Until a load counts as steady; what its mean is over [derived: noise of two pads of 16 units,
+"""Duration after which a load is steady, and of its mean [derived: noise of two pads of 16 units,
 0.035 N, in a mean over 40 cycles is 0.006 N]."""
 
 STEADY = 4.0
-"""Sigmas that a load may leave its mean by and still be steady [assumed]."""
+"""Largest deviation of a steady load from its mean, sigmas [assumed]."""
 
 LOOSENS_PER_S = 4.0
-"""How fast the grip falls, as a share of itself [derived: with friction the same in motion, a slide
-after t is g t^3 4/6, 0.4 mm in 40 ms; slower, it would be as far before the load tells]."""
+"""Relative rate of loosening [derived: with equal static and kinetic friction, a slide after t is
+g t^3 4/6, 0.4 mm in 40 ms; slower, it would be as far before the load shows it]."""
 
 DRIFT, LIMIT = 0.5, 2.0
-"""Of Page's test, in sigmas: what is taken off each cycle, and the sum from which on the posterior
-is worth its time [numeric]."""
+"""Of Page's test, in sigmas: the allowance per cycle, and the sum at which the posterior is
+computed [numeric]."""
 
 RISE = 8.0
-"""The same sum upwards, at which somebody pulls, and the probe is given up [assumed]."""
+"""The same sum upwards, which shows a pull and aborts the probe [assumed]."""
 
 STILL = 0.1
-"""Probability that nothing slid, below which it has [assumed: one slide in ten that is none; it
-costs grip, a later one costs way]."""
+"""Probability of no slide below which one is reported [assumed: one false slide in ten; it costs
+grip, a late one costs travel]."""
 
 MOST_FRICTION = 1.2
-"""Coefficient that friction at rest may have [assumed: silicone on clean glass]."""
+"""Largest coefficient of static friction [assumed: silicone on clean glass]."""
 
 LEAST_SHARE = 0.5
-"""Friction in motion over that at rest, at least [assumed]."""
+"""Smallest ratio of kinetic to static friction [assumed]."""
 
 LEAST_N = 1e-3
-"""Newton, of a load that is divided by [numeric]."""
+"""Newton, lower bound of a divisor [numeric]."""
 
 
 class Outcome(StrEnum):
-    """What a probe has found."""
+    """Outcomes of a probe."""
 
     SLID = "slid"
     HELD = "held"
@@ -62,20 +62,20 @@ class Outcome(StrEnum):
 
 
 class Answer(NamedTuple):
-    """What a probe tells.
+    """Result of a probe.
 
     Attributes
     ----------
     outcome : Outcome
     friction : float
-        Ratio of the loads at which it began to slide, mean of its posterior; where it held, hardly
-        more than the largest that it bore.
+        Ratio of the loads at the onset of the slide, mean of its posterior; where it held, about
+        the largest ratio that it bore.
     sigma : float
         One-sigma of `friction`.
     kinetic : float
         Ratio while it slid; `friction` where it held.
     shear_n : float
-        What friction bore by pad while it hung still.
+        Load of friction per pad while the object hung still.
     """
 
     outcome: Outcome
@@ -86,12 +86,12 @@ class Answer(NamedTuple):
 
 
 class Probe:
-    """Looks for a load that hangs still, and loosens it once.
+    """Waits for an object that hangs still, and loosens it once.
 
     Attributes
     ----------
     factor : float
-        What the grip is to be multiplied by, now.
+        Factor for the grip, now.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -103,11 +103,11 @@ class Probe:
 
     @property
     def loosens(self) -> bool:
-        """Whether it loosens the grip now."""
+        """Whether the grip is being loosened."""
         return self.factor < 1.0
 
     def restart(self) -> None:
-        """Forget what it was at."""
+        """Abort and start again."""
         self.factor = 1.0
         self._count, self._mean_n = 0, 0.0
         self._pull_n, self._borne_n = 0.0, 0.0
@@ -116,7 +116,7 @@ class Probe:
         self._shears: list[float] = []
 
     def update(self, load_n: float, demand: Demand, least_n: float) -> Answer | None:
-        """Go on by a cycle; an answer where there is one.
+        """Process a cycle; returns the answer when there is one.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Probe:
         demand : Demand
             Of this cycle.
         least_n : float
-            Newton: to which grip it may loosen.
+            Newton: lower bound of the loosened grip.
         """
         sigma_n = demand.sigma_n
         if not self.loosens:
@@ -150,7 +150,7 @@ class Probe:
         return None
 
     def _watch(self, demand: Demand) -> None:
-        """Take the mean of a load that stays, and begin to loosen after it."""
+        """Average a steady load, then start to loosen."""
         self._count += 1
         self._mean_n += (demand.pull_n - self._mean_n) / min(self._count, self._mean)
         if abs(demand.pull_n - self._mean_n) > STEADY * demand.sigma_n:
@@ -178,8 +178,8 @@ class Probe:
 
 
 class _Onset(NamedTuple):
-    """Where a slide began: mean and one-sigma of one over the load there, in 1/N; what friction in
-    motion bore over pull and load; the probability that it held all the time."""
+    """Onset of a slide: mean and one-sigma of one over the load there, in 1/N; load of kinetic
+    friction over pull and load; the probability of no slide."""
 
     per_load: float
     sigma_per_load: float
@@ -190,13 +190,12 @@ class _Onset(NamedTuple):
 def _onset(
     loads: np.ndarray, shears: np.ndarray, pull_n: float, sigma_n: float, known: int, later: float
 ) -> _Onset:
-    """When a load that stayed began to be in proportion to the grip: posterior over the cycles, of
-    shapes (m,), and over none of them.
+    """Posterior of the cycle from which a steady load is proportional to the grip, shapes (m,), and
+    of no such cycle.
 
-    Until then the load is what it was, `pull_n` in the mean of the `known` cycles before these;
-    from then on it is the grip times some ratio, at most that at which it began. Noise is white.
-    Any cycle is as likely, and so are the `later` ones that would come while friction can be as
-    high.
+    Before it the load is constant, `pull_n` in the mean of the `known` cycles before these; after
+    it, it is the grip times a ratio, at most that of the onset. Noise is white. All cycles have the
+    same prior, also the `later` ones within the bound of friction.
     """
     smooth = np.convolve(np.pad(loads, 1, "edge"), np.full(3, 1.0 / 3.0), "valid")
     products, squares, energy = (
@@ -219,6 +218,6 @@ def _onset(
 
 
 def _within(ratio: np.ndarray, sigma: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """Mean likelihood, of a normal one, over all ratios that friction in motion may have."""
+    """Mean of a normal likelihood over all ratios that kinetic friction may have."""
     low, high = (ndtr((share * most - ratio) / sigma) for share in (LEAST_SHARE, 1.0))
     return np.sqrt(2.0 * np.pi) * sigma * (high - low) / ((1.0 - LEAST_SHARE) * most)

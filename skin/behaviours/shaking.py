@@ -1,6 +1,6 @@
-"""Shaking: how often and how strongly what is held is moved to and fro.
+"""Shaking: frequency and amplitude of a held object's oscillation.
 
-Moved up and down, it weighs more and less. A sine is fitted to the weight of the last seconds, with
+Vertical acceleration changes the weight. A sine is fitted to the weight of the last seconds, with
 mean and trend, every quarter of a second.
 """
 
@@ -23,32 +23,32 @@ from topology import Topology
 __all__ = ["Shaking", "ShakingSettings"]
 
 SAMPLES_PER_PERIOD = 8
-"""Of the highest frequency, means that are fitted: a mean over such a part is 3 % too small, which
-is put right [derived]."""
+"""Averaging window as a fraction of the period of the highest frequency: it attenuates by 3 %,
+which is corrected [derived]."""
 
 FITS_PER_S = 4.0
 
 
 @dataclass(frozen=True)
 class ShakingSettings:
-    """What to look for.
+    """Search range and thresholds.
 
     Attributes
     ----------
     window_s : float
-        That is fitted [derived: 5 s of 1 Hz, a tenth of a newton over noise of half that, leave
-        0.003 Hz].
+        Length of the fitted window [derived: 5 s of 1 Hz, a tenth of a newton over noise of half
+        that, leave 0.003 Hz].
     band_hz : (float, float)
-        Lowest and highest frequency, neither included [derived: three periods in the window, and
-        what hands do].
+        Lowest and highest frequency, exclusive [derived: three periods in the window, and the range
+        of hands].
     sigmas : float
-        Amplitude over its sigma from which on something is periodic; half of it, and it is not
-        [derived: the largest of a hundred of noise stays below 4].
+        Amplitude over its sigma above which there is an oscillation; below half of it, there is
+        none [derived: the largest of a hundred of noise stays below 4].
     least_share : float
-        Of the variance beside the trend that one sine must explain [assumed: the largest of noise
-        alone explains a tenth].
+        Fraction of the variance, without the trend, that the sine must explain [assumed: the
+        largest of noise alone explains a tenth].
     direction : tuple of 3 float
-        Along which it is looked for, skin frame: force on the pads.
+        Of the oscillation, skin frame: force on the pads.
     """
 
     window_s: float = 5.0
@@ -68,7 +68,7 @@ class ShakingSettings:
 
 
 class Shaking:
-    """Watches the force on pads along a direction.
+    """Monitors the force on pads along a direction.
 
     Parameters
     ----------
@@ -80,21 +80,17 @@ class Shaking:
     Raises
     ------
     OptionError
-        The pads cannot be, or the topology is too slow for the band.
+        The pads are invalid, or the cycle rate is too low for the band.
 
     Attributes
     ----------
     frequency_hz, frequency_sigma_hz : float
-        NaN where nothing is periodic.
+        NaN without an oscillation.
     amplitude_n, amplitude_sigma_n : float
         Of the force: mass times acceleration.
     shaken : bool
     decisions : Decisions
     """
-
-    fields = (
-        "frequency_hz", "frequency_sigma_hz", "amplitude_n", "amplitude_sigma_n", "shaken",
-    )  # fmt: skip
 
     def __init__(
         self, topology: Topology, names: Iterable[str] | None = None,
@@ -120,14 +116,14 @@ class Shaking:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last seconds."""
+        """Clear the window."""
         self._weight[:] = 0.0
         self._sample, self._sum, self._heard = -1, 0.0, 0
         self._lose()
         self.shaken = False
 
     def update(self, state: State, loads: PadLoads | None = None) -> None:
-        """Look at a cycle; `loads` are those of the same pads, where somebody has read them."""
+        """Process a cycle; `loads` are those of the same pads, if they were read already."""
         loads = self._pads.read(state) if loads is None else loads
         if self._first_ns is None:
             self._first_ns = state.stamp_ns
@@ -143,7 +139,7 @@ class Shaking:
             self._heard += 1
 
     def _next(self, sample: int) -> None:
-        """Put a mean into the ring, and nothing in place of those that lack."""
+        """Write a mean into the ring, and leave gaps for missing ones."""
         count = self._value.size
         before = self._sample
         if before >= 0:
@@ -153,10 +149,10 @@ class Shaking:
             for missed in range(max(before + 1, sample - count), sample):
                 self._weight[missed % count] = 0.0
             if sample // self._every != before // self._every:
-                self._judge(sample)
+                self._evaluate(sample)
         self._sample, self._sum, self._heard = sample, 0.0, 0
 
-    def _judge(self, sample: int) -> None:
+    def _evaluate(self, sample: int) -> None:
         fit_sine(
             self._value, self._weight, sample % self._value.size, self._sample_s,
             self.settings.band_hz, *self._scratch, self._fit,
@@ -164,7 +160,7 @@ class Shaking:
         hz, hz_sigma, amplitude, sigma, _, _, share, _ = self._fit.tolist()
         need = self.settings.sigmas * (0.5 if self.shaken else 1.0)
         low_hz, high_hz = self.settings.band_hz
-        is_within = low_hz < hz < high_hz  # at an end, what moves is slower or faster
+        is_within = low_hz < hz < high_hz  # at an end, the true frequency is outside
         shaken = is_within and amplitude > need * sigma and share > self.settings.least_share
         if shaken:
             angle = math.pi * hz * self._sample_s

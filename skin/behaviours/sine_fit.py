@@ -1,8 +1,7 @@
-"""Least-squares fit of a sine, a mean and a trend to samples of which some may lack.
+"""Least-squares fit of a sine, a mean and a trend to samples with gaps.
 
-Frequencies on a grid are tried first, of which neighbours overlap; from the best, Gauss and
-Newton's method goes on. The error of the frequency is that of Rife and Boorstyn (1974), as the
-normal equations have it.
+A search on a grid of overlapping frequencies is refined by Gauss-Newton. The error of the frequency
+is that of Rife and Boorstyn (1974), from the normal equations.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ __all__ = ["FIT_SIZE", "fit_sine"]
 
 UNKNOWNS = 5
 FIT_SIZE = 8
-"""Of what is told: frequency, its sigma, amplitude, its sigma, phase, residual, share explained,
+"""Outputs: frequency, its sigma, amplitude, its sigma, phase, residual, explained fraction,
 samples."""
 
 LEAST_SAMPLES = 12
 STEPS = 4
-"""Of Gauss and Newton's method: two are enough within a third of a line's width [numeric]."""
+"""Gauss-Newton iterations: two are enough within a third of a line's width [numeric]."""
 
 
 def fit_sine_python(value, weight, first, period_s, band, normal, right, out):
@@ -29,9 +28,9 @@ def fit_sine_python(value, weight, first, period_s, band, normal, right, out):
     Parameters
     ----------
     value, weight : ndarray, shape (m,)
-        A ring; samples of weight 0 lack.
+        A ring; samples of weight 0 are missing.
     first : int
-        The oldest.
+        Index of the oldest.
     period_s : float
         Between samples.
     band : (float, float)
@@ -41,8 +40,8 @@ def fit_sine_python(value, weight, first, period_s, band, normal, right, out):
         Scratch.
     out : ndarray, shape (8,)
         Written: Hz, sigma, amplitude, sigma, phase at the newest sample in radian, residual rms,
-        share of the variance beside the trend that the sine explains, samples. NaN where too few
-        are heard.
+        fraction of the variance without the trend that the sine explains, samples. NaN where too
+        few are heard.
     """
     count = value.size
     out[:] = np.nan
@@ -80,8 +79,8 @@ def fit_sine_python(value, weight, first, period_s, band, normal, right, out):
 
 @jitable
 def _solve(value, weight, first, period_s, at, unknowns, normal, right):
-    """Sum of squares that is left. `normal` becomes the inverse, `right` the solution; with five
-    unknowns, the fifth is what is to be added to the frequency."""
+    """Returns the residual sum of squares. `normal` becomes the inverse, `right` the solution; with
+    five unknowns, the fifth is the correction of the frequency."""
     count = value.size
     hz, cosine, sine = at
     turn = 2.0 * np.pi * hz
@@ -124,7 +123,7 @@ def _solve(value, weight, first, period_s, at, unknowns, normal, right):
 
 @jitable
 def _invert(matrix, size):
-    """A symmetric positive matrix, in place, by Gauss and Jordan's method."""
+    """Inverse of a symmetric positive matrix, in place, by Gauss-Jordan elimination."""
     for k in range(size):
         pivot = 1.0 / max(matrix[k, k], 1e-300)
         matrix[k, k] = 1.0

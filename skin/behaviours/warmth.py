@@ -1,10 +1,10 @@
-"""Warmth: how warm what is held really is, whether it is heated or cools, and whether it may.
+"""Warmth: true temperature of a held object, whether it heats or cools, and its limits.
 
-The gel lags what touches it by seconds, and a wall lags what is behind it. Both lags are known, so
-that a Kalman filter can go back through them: its states are the temperature within, its rate, the
-wall's surface and the gel. The surface is what a person would touch, the temperature within is what
-matters to a solution or to tea. A rate is taken for constant until the gels disagree; phases turn
-where it is beyond its own noise.
+The gel lags the contact by seconds, and a wall lags its contents. Both lags are known, so that a
+Kalman filter can invert them: its states are the inside temperature, its rate, the wall's surface
+and the gel. The surface temperature matters to a person who touches it, the inside temperature to a
+solution or to tea. A rate is modelled as constant until the gels disagree; phases change where it
+exceeds its noise.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from skin.behaviours.decision import Decisions
 from skin.behaviours.gel import SMOOTH_S, Gel, GelMean
-from skin.behaviours.kalman import JUDGED_S, Kalman, Noise
+from skin.behaviours.kalman import INNOVATION_S, Kalman, Noise
 from skin.behaviours.numbers import check_pair
 from skin.errors import check_kind, check_number, check_numbers
 from skin.state import State
@@ -28,7 +28,7 @@ __all__ = ["Warmth", "WarmthSettings"]
 
 
 class Row(IntEnum):
-    """States of the filter: temperature within, its rate, outer face, mean gel."""
+    """States of the filter: inside temperature, its rate, outer face, mean gel."""
 
     INSIDE = 0
     RATE = 1
@@ -37,65 +37,65 @@ class Row(IntEnum):
 
 
 FIRST_SIGMA_C, WALL_SIGMA_C = 30.0, 2.0
-"""At the first touch: of what is within, and of what the wall differs from it [assumed: any cup,
-that has stood for a while]."""
+"""One-sigma at the first contact: of the inside temperature, and of the wall's difference to it
+[assumed: any cup that has stood for a while]."""
 
 FIRST_RATE_C_PER_S = 1.0
-"""One-sigma of the rate at the first touch [assumed]."""
+"""One-sigma of the rate at the first contact [assumed]."""
 
 KNOWN_SIGMA_C = 1.0
 """One-sigma up to which the temperature counts as known [assumed: a tenth of the usual bands]."""
 
 FOUND_SIGMA_C = 3.0
-"""One-sigma from which on what is told is measured, no longer assumed [derived: what was assumed
-at the first touch weighs a hundredth]."""
+"""One-sigma below which a result is measured and not assumed [derived: the prior of the first
+contact then weighs a hundredth]."""
 
-UNHEARD_S = JUDGED_S
-"""Silence after which the rate may have jumped [derived: as long as a jump takes to show, so that
-fewer cycles that lack tell no less]."""
+UNHEARD_S = INNOVATION_S
+"""Silence after which the rate may have jumped [derived: the time in which a jump is detected;
+fewer missing cycles lose nothing]."""
 
 JUMP_ERROR = 0.02
-"""Share of a jump of the mean gel, where the set of units changes, that may be wrong [assumed]."""
+"""Relative error of a jump of the mean gel where the set of units changes [assumed]."""
 
 JUMPED_S = 2.0
-"""After a rate has changed, in which its sign is enough to say which way [assumed]."""
+"""Time after a change of rate in which its sign alone decides the phase [assumed]."""
 
 
 @dataclass(frozen=True)
 class WarmthSettings:
-    """What is known of the contact, and what is watched.
+    """Properties of the contact, and limits.
 
     Attributes
     ----------
     gel_lag_s : float
-        Lag of the gel behind what touches it [1-D heat model, assumed].
+        Lag of the gel behind the contact [1-D heat model, assumed].
     wall_lag_s : float
-        Lag of the outer face of what is held behind its contents: of 1 mm of glass [derived: d²/a];
-        0.05 for something massive.
+        Lag of the outer face behind the contents: of 1 mm of glass [derived: d²/a]; 0.05 for a
+        solid object.
     lag_sigma_s : float
-        One-sigma of both lags together: what is within is off by so much of its rise [assumed: a
-        tenth of the gel's].
+        One-sigma of the sum of both lags: times the rate, an error of the inside temperature
+        [assumed: a tenth of the gel's].
     wall_sigma : float
-        Share of what is within, above where the gel began, that the outer face may lack: one-sigma
-        [assumed: a cup in still air].
+        One-sigma of the relative difference of outer face and contents, above the gel's initial
+        temperature [assumed: a cup in still air].
     jump_c_per_s : float
-        By how much a rate may jump: one-sigma [assumed: a burner that is lit under a beaker].
+        One-sigma of a jump of the rate [assumed: a burner that is lit under a beaker].
     drift_c_per_s15 : float
-        How fast it changes otherwise: its one-sigma after a second [assumed: cooling by 40 K with a
-        time constant of half a minute].
+        One-sigma of its other changes after a second [assumed: cooling by 40 K with a time constant
+        of half a minute].
     noise_c : float
         One-sigma of the noise of a unit's temperature, before it is learned [assumed].
     turn_sigmas : float
         Rate over its sigma at which a phase begins, or half of it after the gels have disagreed;
         below half of it, it ends [derived: once in four hours by noise].
     band_c : (float, float)
-        Wanted [paper: 60 to 75 °C for PVA].
+        Target [paper: 60 to 75 °C for PVA].
     limit_c : float
-        Never to be passed [paper: 90 °C].
+        Upper limit [paper: 90 °C].
     hot_c : float
-        Surface from which on a person is to be warned [ISO 13732-1: a minute's contact].
+        Surface temperature for a warning [ISO 13732-1: a minute's contact].
     ahead_s : float
-        How long before the limit is reached, at this rate, it is told [assumed].
+        Time before the limit, at this rate, at which it is reported [assumed].
     """
 
     gel_lag_s: float = 4.0
@@ -125,7 +125,7 @@ class WarmthSettings:
 
 
 class Warmth:
-    """Watches the temperature of what pads hold.
+    """Monitors the temperature of an object held by pads.
 
     Parameters
     ----------
@@ -137,24 +137,24 @@ class Warmth:
     Attributes
     ----------
     inside_c, sigma_c : float
-        Temperature within, and its one-sigma; NaN before anything is touched.
+        Inside temperature, and its one-sigma; NaN before a contact.
     rate_c_per_s, rate_sigma_c_per_s : float
-        Its rise.
+        Its rate.
     surface_c : float
-        Of the outer face: contact temperature, without the gel's lag.
+        Of the outer face: contact temperature, corrected for the gel's lag.
     gel_c : float
-        As the units tell it, mean; NaN where none is heard.
+        Mean of the units' readings; NaN where none is heard.
     phase : str
         "unknown", "steady", "heating" or "cooling".
     phase_began_s : float
-        Since the first cycle: when the rate crossed zero, before it was beyond its noise.
+        Since the first cycle: when the rate crossed zero, before it exceeded its noise.
     in_band, over_limit, hot, known : bool
-        Within the band; at the limit, or so within `ahead_s`; too hot to be touched; sigma is below
-        1 °C. What is not known is over the limit, or hot, where one sigma more is; and it stays so
-        while nothing is heard, and after it has been let go, until something else is known. A gel
-        at the rail of its wire is at least so hot, and while there is one, nothing ends.
+        Within the band; at the limit, or there within `ahead_s`; too hot to touch; sigma is below 1
+        °C. Without knowledge, one sigma is added before the comparison with limits. Warnings stay
+        while nothing is heard, and after a release, until a new measurement. A gel at the rail of
+        its wire is a lower bound, and while there is one, no warning ends.
     jumps : int
-        How often the rate has been found to have changed.
+        Number of detected changes of the rate.
     decisions : Decisions
 
     Examples
@@ -167,12 +167,6 @@ class Warmth:
             if warmth.over_limit:
                 flame.off()
     """
-
-    fields = (
-        "inside_c", "sigma_c", "rate_c_per_s", "rate_sigma_c_per_s", "surface_c", "gel_c", "phase",
-        "in_band", "over_limit", "hot", "known",
-    )  # fmt: skip
-    """Attributes that a task may ask for."""
 
     def __init__(
         self, topology: Topology, names: Iterable[str] | None = None,
@@ -199,12 +193,12 @@ class Warmth:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was held, and that it was over the limit or hot."""
+        """Reset, including warnings."""
         self.over_limit = self.hot = False
         self._lose()
 
     def _lose(self) -> None:
-        """Forget what was held, but not what it warned of."""
+        """Reset the estimates, but not the warnings."""
         nan = math.nan
         self.inside_c = self.sigma_c = self.rate_c_per_s = self.rate_sigma_c_per_s = nan
         self.surface_c = self.gel_c = self.phase_began_s = nan
@@ -220,7 +214,7 @@ class Warmth:
         self._gel.reset()
 
     def update(self, state: State) -> None:
-        """Look at a cycle."""
+        """Process a cycle."""
         if self._first_ns is None:
             self._first_ns = state.stamp_ns
         self._time_s = 1e-9 * (state.stamp_ns - self._first_ns)
@@ -267,7 +261,7 @@ class Warmth:
             filter.restart(Row.GEL, gel.mean_c, noise.variance)
             steps = 0
         elif gel.changed:
-            # smoothed differences are late, and differences fall with the gel's lag
+            # smoothed differences lag, and differences decay with the gel's lag
             jump_c = gel.jump_c * math.exp(-SMOOTH_S / self.settings.gel_lag_s)
             filter.shift(Row.GEL, jump_c, noise.variance + (JUMP_ERROR * jump_c) ** 2)
         if gel.count:
@@ -279,7 +273,7 @@ class Warmth:
         elif gel.count:
             self._is_free = False
         if filter.changed:
-            filter.open(Row.RATE, self.settings.jump_c_per_s)
+            filter.inflate(Row.RATE, self.settings.jump_c_per_s)
             self.jumps += 1
             self._jumped_s = self._time_s
         self.inside_c, self.rate_c_per_s, self.surface_c, _ = filter.x.tolist()
@@ -293,8 +287,8 @@ class Warmth:
         self._found = self._found or own_c < FOUND_SIGMA_C
 
     def _wait(self, gel: GelMean, steps: int) -> int:
-        """Go on to the last cycle but one where nothing has been heard, and let the rate jump when
-        that has lasted; steps that are left."""
+        """Predict to the last silent cycle but one, and let the rate jump after a long silence;
+        returns the remaining steps."""
         before_s = self._unheard_s
         missed = steps - 1 if gel.count else steps
         self._unheard_s = before_s + missed * self._period_s
@@ -309,19 +303,19 @@ class Warmth:
         return steps
 
     def _turn(self) -> None:
-        """Heating, cooling or steady, as far as the rate is beyond its noise."""
+        """Heating, cooling or steady, where the rate exceeds its noise."""
         if not self._found:
             return
         rate, sigma = self.rate_c_per_s, self.rate_sigma_c_per_s
         most, settled = self.settings.turn_sigmas, self._settled_c_per_s
         found = self.phase
-        way = "heating" if rate > 0.0 else "cooling"
+        direction = "heating" if rate > 0.0 else "cooling"
         if (rate > 0.0) != (self._rate_before > 0.0):
             self._crossed_s = self._time_s
         self._rate_before = rate
-        jumped = self._time_s - self._jumped_s < JUMPED_S  # that it changed is known: which way?
+        jumped = self._time_s - self._jumped_s < JUMPED_S  # a change was detected
         if abs(rate) > most * (0.5 if jumped else 1.0) * max(sigma, settled):
-            found = way
+            found = direction
         elif sigma < 2.0 * settled and abs(rate) < 0.5 * most * settled:
             found = "steady"
         if found != self.phase:
@@ -333,11 +327,11 @@ class Warmth:
             )  # fmt: skip
 
     def _watch(self) -> None:
-        """Band, limit and a surface too hot, each with a sigma of hysteresis. A sigma is added to
-        what is not known."""
+        """Update band, limit and hot surface, with a sigma of hysteresis. A sigma is added where
+        values are uncertain."""
         ask, sigma = self.settings, self.sigma_c
         is_railed = not math.isnan(self._bound_c)
-        is_measured = self._found and self._heard and not is_railed  # else nothing ends
+        is_measured = self._found and self._heard and not is_railed  # otherwise no warning ends
         unsure = 0.0 if self.known else sigma
         low, high = ask.band_c
         slack = -sigma if self.in_band else 0.0
@@ -362,7 +356,7 @@ class Warmth:
             self._say("hot" if hot else "not hot", why)
 
     def _heed_rail(self) -> None:
-        """A gel at its rail is at least so hot, whatever the others say."""
+        """A gel at its rail is a lower bound, independent of the others."""
         for name, what, limit_c in (
             ("over_limit", "limit", self.settings.limit_c), ("hot", "hot", self.settings.hot_c),
         ):  # fmt: skip

@@ -1,1 +1,1 @@
-"""Many cycles at once: what states show, as arrays with a leading axis of cycles."""
+"""Many cycles at once: the contents of states, as arrays with a leading axis of cycles."""

@@ -16,28 +16,28 @@ if TYPE_CHECKING:
 __all__ = ["CLOSED_BY", "Block"]
 
 CLOSED_BY = tuple(ClosedBy)
-"""What `Block.closed_by` counts along."""
+"""Reasons for the end of a cycle, by the index in `Block.closed_by`."""
 
 
 @dataclass(slots=True)
 class Block:
-    """t consecutive states; the arrays are its own. What is not wanted is None, as in a `State`.
+    """t consecutive states; the arrays are its own. Quantities that are not wanted are None.
 
     Attributes
     ----------
     topology : Topology
     cycle : ndarray, shape (t,), int64
-        SYNC number, counted on without wrapping.
+        SYNC number, unwrapped.
     stamp_ns : ndarray, shape (t,), int64
         Time stamp of the SYNC.
     units : Reading
         All units, every array with a leading axis t.
     coverage : ndarray, shape (t,), float64
-        Share of the sensing area whose units are valid.
+        Fraction of the sensing area whose units are valid.
     closed_by : ndarray, shape (t,), uint8
-        What ended the cycle: an index of `CLOSED_BY`.
+        Reason for the end of the cycle: an index of `CLOSED_BY`.
     totals : ndarray, shape (t, 15), int64
-        Frames by what became of them, running totals in the order of `FrameCounters`.
+        Counts of frames by outcome, running totals in the order of `FrameCounters`.
     overruns : ndarray, shape (t,), int64
     wrench, wrench_sigma : ndarray, shape (t, 6), float64
         Newton and newton metre, skin frame.
@@ -49,14 +49,14 @@ class Block:
     contact_start : ndarray, shape (t + 1,), int64
         The contacts of cycle i are ``contacts[contact_start[i] : contact_start[i + 1]]``.
     contact_slot : ndarray, shape (k,), int32
-        A place that each contact has as long as it lasts; another one may have it later.
+        A number that each contact keeps while it lasts; another one may have it later.
     label : ndarray, shape (t, n), int32
         Contact of each unit, counted within its cycle, -1 for none.
     slip : ndarray, shape (t, n), int32
         `skin.contact.record.UnitSlip` of each unit.
     sampled_ns : ndarray, shape (t, n), int64
     whole : ndarray, shape (t,), bool
-        As of a `State`.
+        See `State`.
     """
 
     topology: Topology
@@ -91,7 +91,7 @@ class Block:
 
     @property
     def counters(self) -> FrameCounters:
-        """Frames by what became of them, up to the last cycle."""
+        """Counts of frames by outcome, up to the last cycle."""
         return FrameCounters(*self.totals[-1].tolist())
 
     @property
@@ -101,7 +101,7 @@ class Block:
 
     @property
     def contact_of_units(self) -> np.ndarray:
-        """Identity of what touches each unit, 0 for nothing; shape (t, n), int64."""
+        """Identity of each unit's contact, 0 for none; shape (t, n), int64."""
         ids = np.append(self.contacts["id"], 0)
         at = self.contact_start[:-1, np.newaxis] + self.label
         return np.where(self.label >= 0, ids[np.where(self.label >= 0, at, -1)], 0)

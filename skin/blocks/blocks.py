@@ -1,4 +1,4 @@
-"""Frames in, blocks out: the spine over many cycles."""
+"""Frames in, blocks out: the pipeline over many cycles."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 __all__ = ["Blocks", "blocks_of"]
 
 SHORTEST = 8
-"""Cycles for which a stride is worth its call [assumed]."""
+"""Cycles above which a stride is worth its call [assumed]."""
 
 
 class Blocks:
-    """A pipeline whose states come as blocks; every number is that of its states, to the bit.
+    """A pipeline whose states come as blocks; every number equals that of its states, to the bit.
 
     Parameters
     ----------
     pipeline : Pipeline
         Before its first cycle.
     most : int, optional
-        Cycles of a block at most; by default a block has some megabytes.
+        Maximum cycles of a block; by default a block has some megabytes.
     fast : bool
-        Whether many cycles go in one compiled call where they can.
+        Whether one compiled call runs many cycles where possible.
     """
 
     def __init__(self, pipeline: Pipeline, most: int | None = None, *, fast: bool = True) -> None:
@@ -45,17 +45,16 @@ class Blocks:
             self._stride = Stride(pipeline)
 
     def feed(self, frames: np.ndarray) -> Iterator[Block]:
-        """Take frames of all buses, in their order; yield every block that is full.
+        """Take frames of all buses, in order; yields every block that is full.
 
-        Go through to the end: nothing is taken before the iterator asks for it.
+        Consume the whole iterator: frames are taken only as it advances.
 
         Parameters
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
         """
         pipeline = self._pipeline
-        if pipeline.zeros is not None:
-            pipeline.zeros.hear(frames)
+        pipeline.hear(frames)
         frames = np.ascontiguousarray(frames).view()
         frames.flags.writeable = False
         rows, row = views(frames), 0
@@ -67,21 +66,18 @@ class Blocks:
                 yield block
 
     def flush(self) -> Block | None:
-        """The last block, with what is open at the end of the log; None if there is nothing."""
+        """The last block, with the open cycle at the end of the log; None if there is none."""
         state = self._pipeline.flush()
         if state is not None:
             self._gather.add(state)
         return self._gather.block()
 
     def _go_on(self, row: int, rows: FrameViews) -> int:
-        """Take frames until the block is full, a cycle needs a look, or they end."""
+        """Take frames until the block is full, a cycle needs Python, or they end."""
         pipeline, gather = self._pipeline, self._gather
         cycles = 0 if self._stride is None else self._stride.ready()
         if self._stride is not None and cycles >= SHORTEST:
-            row, left = self._stride.run(row, rows, gather, cycles)
-            if left:
-                gather.add(pipeline.step(pipeline.assembler.cycle()))
-            return row
+            return self._stride.run(row, rows, gather, cycles)
         row, cycle = pipeline.assembler.take(row, rows)
         if cycle is not None:
             gather.add(pipeline.step(cycle))
@@ -91,7 +87,7 @@ class Blocks:
 def blocks_of(
     states: Iterable[State], pipeline: Pipeline, most: int | None = None
 ) -> Iterator[Block]:
-    """Blocks of states that a pipeline makes for somebody else, a replay for instance."""
+    """Blocks of the states of another iterator, a replay for instance."""
     gather = Gather(pipeline, most)
     for state in states:
         gather.add(state)

@@ -1,4 +1,4 @@
-"""States gathered into blocks, by copying what their pipeline shows."""
+"""Gathers states into blocks, by copying the arrays of their pipeline."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from skin.blocks.block import CLOSED_BY, Block
 from skin.contact.record import CONTACT, Flag
-from skin.state import UNWANTED, Reading
+from skin.state import UNWANTED, Reading, if_wanted
 
 if TYPE_CHECKING:
     from skin.pipeline import Pipeline
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 __all__ = ["Gather"]
 
 BLOCK_BYTES = 16 << 20
-"""Of a block [assumed: the third cache, and a share of it that a laptop has]."""
+"""Bytes of a block [assumed: a part of a laptop's third-level cache]."""
 MOST_CYCLES, LEAST_CYCLES = 4096, 16
 CONTACTS = 16
-"""Contacts that a skin tells apart, at most, in one cycle."""
+"""Maximum number of contacts in one cycle."""
 READING = "reading."
 FLAGS = "flags of the total"
 
@@ -28,20 +28,20 @@ FLAGS = "flags of the total"
 class Gather:
     """Fills blocks with the states of one pipeline.
 
-    Parameters
-    ----------
-    pipeline : Pipeline
-    most : int, optional
-        Cycles of a block at most.
-
-    Attributes
-    ----------
-    count, contact_count : int
-        Cycles and contacts in the block that is being filled.
-    sources : dict of str to ndarray
-        What is copied each cycle: arrays that stay the same.
-    rows : dict of str to ndarray
-        Where they are copied to, with a leading axis of cycles.
+        Parameters
+        ----------
+        pipeline : Pipeline
+        most : int, optional
+            Cycles of a block at most.
+    Maximum cycles of a block.
+        Attributes
+        ----------
+        count, contact_count : int
+            Cycles and contacts in the current block.
+        sources : dict of str to ndarray
+            Arrays that are copied each cycle; they stay the same.
+        rows : dict of str to ndarray
+            Their destinations, with a leading axis of cycles.
     """
 
     def __init__(self, pipeline: Pipeline, most: int | None = None) -> None:
@@ -60,7 +60,7 @@ class Gather:
         self._renew()
 
     def _renew(self) -> None:
-        """Arrays for the next block."""
+        """Allocate arrays for the next block."""
         t = self.capacity
         self.count = self.contact_count = 0
         self.rows = {
@@ -74,7 +74,7 @@ class Gather:
 
     @property
     def is_full(self) -> bool:
-        """Whether another cycle may have no room."""
+        """Whether there may be no room for another cycle."""
         full = self.count == self.capacity
         return full or (self._lists and self.contact_capacity - self.contact_count < CONTACTS)
 
@@ -86,14 +86,14 @@ class Gather:
         self.cycle[t], self.stamp_ns[t] = state.cycle, state.stamp_ns
         self.overruns[t] = state.overruns
         self.closed_by[t] = CLOSED_BY.index(state.closed_by)
-        for slot, contact in zip(self._present, state.contacts or (), strict=False):
+        for slot, contact in zip(self._present, if_wanted(state, "contacts") or (), strict=False):
             self.contacts[k], self.contact_slot[k] = contact.record, slot
             k += 1
         self.count, self.contact_count = t + 1, k
         self.contact_start[t + 1] = k
 
     def block(self) -> Block | None:
-        """What was gathered, whose arrays are the block's from now on; None if nothing was."""
+        """The gathered block, which owns its arrays; None if it is empty."""
         t = self.count
         if not t:
             return None
@@ -119,7 +119,7 @@ class Gather:
         return block
 
     def _coverage(self, valid: np.ndarray) -> np.ndarray:
-        """As `Pipeline.state` has it, for the same bits."""
+        """Computed as in `Pipeline.state`, for the same bits."""
         coverage = np.ones(len(valid))
         for t in np.flatnonzero(~valid.all(axis=1)):
             coverage[t] = float(self._area_share.dot(valid[t]))
@@ -127,7 +127,7 @@ class Gather:
 
 
 def _sources(pipeline: Pipeline) -> dict[str, np.ndarray]:
-    """What states show, in arrays that stay the same."""
+    """Arrays of a pipeline's states, which stay the same."""
     reading = pipeline.decoder.reading
     found = {f"{READING}{name}": getattr(reading, name) for name in Reading.__slots__}
     found |= pipeline.shown

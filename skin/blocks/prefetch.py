@@ -1,4 +1,4 @@
-"""An iterator that a thread runs beforehand, so that reading waits for nobody."""
+"""Runs an iterator ahead in a thread."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ __all__ = ["prefetch"]
 
 T = TypeVar("T")
 POLL_S = 0.2
-"""After which a thread that nobody reads from looks whether it may end."""
+"""Poll interval of a thread that waits for its reader, to see whether it may end."""
 
 
 def prefetch(items: Iterable[T], most: int = 4) -> Iterator[T]:
-    """The same items, made beforehand by a thread, at most so many; so is what it raises.
+    """The same items, produced ahead by a thread, up to `most`; exceptions are passed on.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def prefetch(items: Iterable[T], most: int = 4) -> Iterator[T]:
                 if ended.is_set():
                     return
             put(True, None)
-        except BaseException as error:  # is raised where the items are wanted
+        except BaseException as error:  # raised again in the reader
             put(True, error)
 
     thread = threading.Thread(target=work, name="skin-ahead", daemon=True)

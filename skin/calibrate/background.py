@@ -1,4 +1,4 @@
-"""Stray fields of neighbours learned while a skin is in use, in a process beside it.
+"""Stray fields of neighbours learned while a skin is in use, in a process of its own.
 
 The cycles of a second are written into shared memory as they come, and handed over: to a process of
 its own (`skin.calibrate.learner`), since a thread would share the interpreter's lock with the
@@ -19,31 +19,34 @@ from skin.calibrate.learn import StrayEstimate
 from skin.calibrate.learner import window_dtype
 from skin.errors import SkinError
 from skin.physics.stencil import STENCIL_FILE
+from skin.sinks import WorkerSink
 from skin.worker import RingBuffer, Worker
 from topology.files import whole_file
 from topology.packed import packed
 
 if TYPE_CHECKING:
-    from skin.decode.decoder import Decoder
+    from skin.pipeline import Pipeline
+    from skin.state import State
 
 __all__ = ["Learning"]
 
 LEARNER = "skin.calibrate.learner"
 WAITING = 4
-"""Seconds of cycles that wait for the process, at most, beside the one that is being filled."""
+"""Seconds of cycles that wait for the process, at most, in addition to the one that is being
+filled."""
 ANSWER_S = 600.0
 """That an answer may take [assumed: what waits of the largest skin, on a slow machine]."""
 STENCIL, REPORT = "stencil", "report"
 """What the process is asked for; it learns from all that waits before it answers the first."""
 
 
-class Learning:
-    """Learns the stray fields of a skin from its cycles.
+class Learning(WorkerSink):
+    """Learns the stray fields of a skin from its cycles; a sink, that of ``skin.open(learn=True)``.
 
     Parameters
     ----------
-    decoder : Decoder
-        Of the cycles; tells its zeros and what it follows.
+    pipeline : Pipeline
+        Of the cycles; its decoder has the zeros and what is followed.
 
     Raises
     ------
@@ -51,8 +54,9 @@ class Learning:
         More units than can be learned, or no ambient field is followed.
     """
 
-    def __init__(self, decoder: Decoder) -> None:
-        topology = decoder.topology
+    def __init__(self, pipeline: Pipeline) -> None:
+        super().__init__("learn", pipeline)
+        decoder, topology = pipeline.decoder, pipeline.decoder.topology
         StrayEstimate.check_size(topology)
         if decoder.ambient is None:
             raise SkinError(
@@ -65,22 +69,31 @@ class Learning:
         self._cycles = self._ring.dtype["status"].shape[0]
         self._filled = self._skipped = self._handed = 0
         self._lock, self._last = RLock(), dict[str, dict[str, Any]]()
-        self._worker: Worker | None = Worker(LEARNER, self._ring, {"topology": packed(topology)})
+        self._open: Worker | None = Worker(LEARNER, self._ring, {"topology": packed(topology)})
+        self._worker = self._open
 
     @property
+    def lost(self) -> int:
+        """As `left_out`."""
+        return self.left_out()
+
     def left_out(self) -> int:
         """Seconds of cycles that the process had no room for; one that has begun counts."""
         return -(-self._skipped // self._cycles)
 
-    def look(self, counts: np.ndarray, status: np.ndarray) -> None:
-        """Take a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,)."""
+    def described_loss(self) -> str:
+        """The same in words."""
+        return f"{self.left_out()} seconds of cycles"
+
+    def state(self, _: State) -> None:
+        """Take the counts and flags of a cycle; see `Sink.state`."""
         if self._ambient.begun != self._begun:  # what is followed has another origin
             self._begun, self._filled = self._ambient.begun, 0
         t = self._filled
         if t == 0 and not self._begin():
             self._skipped += 1
             return
-        self._counts[t], self._status[t] = counts, status
+        self._counts[t], self._status[t] = self.pipeline.counts, self.pipeline.status
         self._background[t] = self._ambient.background
         if t + 1 < self._cycles:
             self._filled = t + 1
@@ -91,6 +104,7 @@ class Learning:
 
     def _begin(self) -> bool:
         """Claim room for a window, if there is some."""
+        self.look()
         window = self._ring.claim()
         if window is None:
             return False
@@ -101,7 +115,7 @@ class Learning:
 
     def report(self) -> dict[str, Any]:
         """What was learned so far: ``pressed``, by name, readings of each unit while it was pressed
-        beside an untouched one; ``sigma_ut``, mean one sigma of a lateral axis by what is not
+        next to an untouched one; ``sigma_ut``, mean one sigma of a lateral axis by what is not
         known; ``left_out``. Waits for the second that is being learned from: not for the thread of
         the cycles.
 
@@ -110,7 +124,7 @@ class Learning:
         SkinError
             The process has ended.
         """
-        return self._told(REPORT) | {"left_out": self.left_out}
+        return self._told(REPORT) | {"left_out": self.left_out()}
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the stencil as it is known now, for `skin.open(stencil=FILE)`, once all that waits
@@ -119,7 +133,7 @@ class Learning:
         Raises
         ------
         SkinError
-            Nothing was pressed beside an untouched unit since the skin was untouched for a second,
+            Nothing was pressed next to an untouched unit since the skin was untouched for a second,
             or the process has failed or ended.
         """
         found = self._told(STENCIL)
@@ -131,11 +145,11 @@ class Learning:
         with whole_file(Path(file), over=STENCIL_FILE) as out:
             out.write(base64.b64decode(found["stencil"]))
 
-    def close(self) -> None:
-        """Learn from what waits, and end; closing twice is fine. What was learned can be reported
+    def stop(self) -> None:
+        """Learn from what waits, and end; a second time is fine. What was learned can be reported
         and saved afterwards."""
         with self._lock:
-            worker, self._worker = self._worker, None
+            worker, self._open = self._open, None
             if worker is None:
                 return
             if not self._handed:
@@ -151,9 +165,14 @@ class Learning:
             finally:
                 worker.close()
 
+    def close(self) -> None:
+        """See no more, and stop."""
+        self.pipeline.detach(self)
+        self.stop()
+
     def _told(self, command: str) -> dict[str, Any]:
         with self._lock:
-            worker = self._worker
+            worker = self._open
             found = self._last[command] if worker is None else _answer(worker, command)
         if "error" in found:
             raise SkinError(found["error"])

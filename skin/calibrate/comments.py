@@ -12,7 +12,7 @@ __all__ = ["carry_comments"]
 STRING = r'"(?:[^"\\]|\\.)*"|\'[^\']*\''
 TRAILING = re.compile(rf"^(?:{STRING}|[^#\"'])*?\s*(#.*)$")
 OWN = re.compile(r"# ± ")
-"""How the comments begin that are written with a value, and anew with each."""
+"""How the comments begin that are written with a value, and again with each."""
 
 
 class _Line(NamedTuple):

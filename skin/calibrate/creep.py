@@ -5,10 +5,10 @@ the force. What the face bears elastically, F_e, follows from its displacement b
 laws, or is what a decoder without terms shows. Fitted is ``F = g (F_e + sum_j w_j h_j)``. The gain
 g belongs to the elastic law: it is 1 where that was measured on faces that were held for long.
 
-Terms overlap, so that data alone would tell them badly. Each has a prior: that of a soft silicone,
-which relaxes by some per cent in a decade of time. As few are taken as predict stretches of the
-recording that they were not fitted to; what holds do not tell of slow ones stays with the prior,
-and is in sigma. Terms that are faster than the samples are as large as the others' mean.
+Terms overlap, so that data alone would determine them badly. Each has a prior: that of a soft
+silicone, which relaxes by some per cent in a decade of time. As few are taken as predict stretches
+of the recording that they were not fitted to; what holds do not determine of slow ones stays with
+the prior, and is in sigma. Terms that are faster than the samples are as large as the others' mean.
 """
 
 from __future__ import annotations
@@ -18,14 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.special import ndtri
-from scipy.stats import median_abs_deviation
 
 from bus.compiled.jit import compiled
 from skin.calibrate.bench.posterior import KEPT
-from skin.calibrate.cross_validation import FOLDS, PIECES
+from skin.calibrate.cross_validation import FOLDS, cross_validated, folds_of
 from skin.errors import ScanError, check_choice
-from skin.physics.least_squares import Fit, check_levels, check_samples
+from skin.physics.least_squares import Fit, check_levels, check_samples, robust_sigma
 from topology import CREEP_TERMS
 
 __all__ = ["CreepFit", "fit_creep", "unrelaxed"]
@@ -39,10 +37,10 @@ RELATIVE = 0.12
 GAIN_SIGMA = 0.1
 """Of the gain about 1 [assumed]."""
 GAIN_MOST = 2.0
-"""A gain that is larger, or smaller than its inverse, tells of another unit, axis or scale."""
+"""A gain that is larger, or smaller than its inverse, indicates another unit, axis or scale."""
 SAMPLES_A_TERM = 5.0
-"""Samples within the time of a term that is told [assumed]: a step between two of them is taken for
-a ramp."""
+"""Samples within the time of a term that is determined [assumed]: a step between two of them is
+taken for a ramp."""
 FRESH_S = 1.0
 """Age of a load up to which the samples' interval counts: later, nothing is fast [derived]."""
 HELD_SHARE = 0.25
@@ -63,10 +61,11 @@ class CreepFit:
     fit : Fit
         Parameters of `UnitModel`: ``<law>_creep_relative``, ``<law>_creep_s`` and
         ``<law>_creep_sigma_relative``. That sigma is one of the relaxation of a step, on average
-        from 0.1 to 100 s: covariance, priors of what was not told, and what terms cannot follow.
+        from 0.1 to 100 s: covariance, priors of what was not determined, and what terms cannot
+        follow.
     gain, gain_sigma : float
         By which the stiffnesses of the elastic law are to be multiplied.
-    told : tuple of bool, length CREEP_TERMS
+    determined : tuple of bool, length CREEP_TERMS
         Of each decade: whether the data leave its term less than `KEPT` of its prior variance.
     scores : tuple of float
         Error in stretches that were left out, N, without a term, with one, and so on.
@@ -75,7 +74,7 @@ class CreepFit:
     fit: Fit
     gain: float
     gain_sigma: float
-    told: tuple[bool, ...]
+    determined: tuple[bool, ...]
     scores: tuple[float, ...]
 
     @property
@@ -166,12 +165,15 @@ def fit_creep(
     kept_s, span = _decades(data)
     folds = np.cumsum(begins) - 1
     if folds[-1] < FOLDS - 1:
-        folds = np.arange(time.size) * PIECES // time.size % FOLDS
+        folds = folds_of(time.size)
     orders = range(CREEP_TERMS - kept_s.size + 1)
-    scores = np.array([_held_out(data, order, kept_s, span, folds) for order in orders])
-    worse = scores - scores[np.argmin(scores.mean(axis=1))]
-    doubt = worse.std(axis=1, ddof=1) / np.sqrt(worse.shape[1])
-    order = int(np.argmax(worse.mean(axis=1) <= doubt))
+
+    def error(order: int, training: np.ndarray) -> np.ndarray:
+        found = _solve(data, order, kept_s, span, training)
+        missed = _residual(found.values, data)[~training] / data.sigma
+        return np.minimum(missed**2, OUTLIER_SIGMAS**2)
+
+    order, scores = cross_validated(orders, folds, error)
     whole = _solve(data, orders[-1], kept_s, span)
     found = whole if order == orders[-1] else _solve(data, order, kept_s, span)
     left = _left(found, whole, data)
@@ -181,11 +183,11 @@ def fit_creep(
     spread = [np.diag(each.covariance)[1 : 1 + orders[-1]]
               for each in (whole, _prior(orders[-1], span))]  # fmt: skip
     slow = np.argsort(whole.terms()[1, : orders[-1]])
-    told = [False] * kept_s.size + (spread[0] <= KEPT * spread[1])[slow].tolist()
+    determined = [False] * kept_s.size + (spread[0] <= KEPT * spread[1])[slow].tolist()
     means = tuple((data.sigma * np.sqrt(scores.mean(axis=1))).tolist())
     return CreepFit(
         _parameters(found, data, law, left), float(found.values[0]),
-        float(np.sqrt(found.covariance[0, 0])), tuple(told), means,
+        float(np.sqrt(found.covariance[0, 0])), tuple(determined), means,
     )  # fmt: skip
 
 
@@ -207,9 +209,9 @@ def unrelaxed(fit: CreepFit, time_s: np.ndarray, elastic_n: np.ndarray) -> np.nd
 
 
 def _noise(values: np.ndarray, begins: np.ndarray) -> float:
-    """One-sigma from one sample to the next, N, whatever the few do that are steps."""
+    """One-sigma from one sample to the next, N, which the few that are steps do not move."""
     steps = np.diff(values)[~begins[1:]]
-    return float(median_abs_deviation(steps) / (np.sqrt(2.0) * ndtri(0.75)))
+    return robust_sigma(steps) / float(np.sqrt(2.0))
 
 
 def _follow_python(data, gain, weight, times_s, memory, other):
@@ -329,19 +331,6 @@ def _solve(
     return _Found(joined(best.x), spreading @ own @ spreading.T + np.diag(more))
 
 
-def _held_out(
-    data: _Data, order: int, kept_s: np.ndarray, span: tuple[float, float], folds: np.ndarray
-) -> np.ndarray:
-    """Mean square error of each fold, over that of the noise, fitted to the others."""
-    errors = []
-    for fold in range(folds.max() + 1):
-        out = folds == fold
-        found = _solve(data, order, kept_s, span, ~out)
-        error = _residual(found.values, data)[out] / data.sigma
-        errors.append(np.mean(np.minimum(error**2, OUTLIER_SIGMAS**2)))
-    return np.array(errors)
-
-
 def _relaxation(found: _Found) -> float:
     """What a step relaxes by, root mean square from 0.1 to 100 s. Terms that say less of it than
     they leave unknown are further from the truth than none."""
@@ -353,8 +342,8 @@ def _relaxation(found: _Found) -> float:
 def _left(found: _Found, whole: _Found, data: _Data) -> float:
     """One-sigma of the relaxation of a step, on average from 0.1 to 100 s.
 
-    It is what all terms that could be told leave unknown, by how much fewer differ from them, and
-    what neither follows: noise differs from sample to sample, a misfit does not.
+    It is what all terms that could be determined leave unknown, by how much fewer differ from them,
+    and what neither follows: noise differs from sample to sample, a misfit does not.
     """
     at_s = np.geomspace(*TIMES_S, 31)
 

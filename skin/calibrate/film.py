@@ -3,8 +3,8 @@
 A film off the chip's axis looks like an offset of the lateral field that grows as the film nears
 the chip: no offset undoes it, but a shift of the displacement does, and a tilt is a little of both.
 What is fitted is therefore the displacement, not the field, over the whole range: each sample
-weighs as much as its displacement is worth, and what the model cannot follow is told as a spread of
-its own, which differs over the range (`skin.calibrate.share`).
+weighs as much as its displacement is worth, and what the model cannot follow is reported as a
+spread of its own, which differs over the range (`skin.calibrate.film_variance`).
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from scipy.optimize import root_scalar
 
 from skin.calibrate.field_angle import ANGLE_NAMES, angle_powers, angle_slope, field_angle
-from skin.calibrate.share import Scatter, fit_variance
+from skin.calibrate.film_variance import Scatter, fit_variance
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit, check_levels, check_samples, gauss_newton, least_squares
 
-__all__ = ["FilmFit", "fit_film"]
+__all__ = ["FilmFit", "fit_film", "map_field"]
 
 RAW = ("stretch", "skew", "turn", "hall_offset_x_ut", "hall_offset_y_ut", "film_x_mm", "film_y_mm",
        *ANGLE_NAMES)  # fmt: skip
@@ -78,7 +78,7 @@ def fit_film(
     depth_mm, displacement_mm, direction_rad : ndarray, shape (t,)
         As commanded.
     offset_ut : tuple of 3 floats
-        Of the chip without a film (`fit_bare_chip`): that of Bz is taken, the others are a start.
+        Of the chip without a film: that of Bz is taken, the others are a start.
     sigma_ut : float
         One-sigma noise of each axis, after averaging.
     reading_ut : float
@@ -127,6 +127,21 @@ def fit_film(
     return FilmFit(told, spread_mm, sigma_mm, variance / sigma_mm**2 - flat)
 
 
+def map_field(field_ut: np.ndarray, film: Fit) -> np.ndarray:
+    """Lateral field without offset, and mapped, as `fit_film` has both.
+
+    Parameters
+    ----------
+    field_ut : ndarray, shape (t, 3)
+
+    Returns
+    -------
+    ndarray, shape (2, t)
+    """
+    x, y = (field_ut[:, i] - film[f"hall_offset_{axis}_ut"] for i, axis in enumerate("xy"))
+    return np.stack([film[f"field_{row}x"] * x + film[f"field_{row}y"] * y for row in "xy"])
+
+
 _MAP_BY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, -1.0], [-1.0, 0.0, 0.0]])
 """d (xx, xy, yx, yy) / d (stretch, skew, turn)."""
 
@@ -136,7 +151,7 @@ def _map(stretch: float, skew: float, turn: float) -> np.ndarray:
 
 
 def _spread(residual: np.ndarray, noise: np.ndarray, freedom: int) -> float:
-    """Spread beside the noise with which chi-squared of the residuals is their number."""
+    """Spread in addition to the noise with which chi-squared of the residuals is their number."""
 
     def excess(spread: float) -> float:
         return float(np.sum(residual**2 / (noise**2 + spread**2)) - freedom)

@@ -5,14 +5,15 @@ the multipoles that all films of a skin share (`skin.physics.multipoles`), and o
 strength, the place and the tilt. These are estimated, with theory as the prior, from two kinds of
 readings:
 
-- **at rest**: what a tare reads beside the chip's offset and the own film is the field of the
-  neighbours at rest, and the ambient field, which is estimated along;
+- **at rest**: what a tare reads in addition to the chip's offset and the own film is the field of
+  the neighbours at rest, and the ambient field, which is estimated along;
 - **in touch**: where one unit is pressed and its neighbour is not, the neighbour's chip reads the
   stray field directly.
 
 It is an extended Kalman filter without process noise: films do not change. Every pair of a skin has
 coefficients of its own in the result, whether it was touched or not, since a lattice, a cylinder
-and scattered units share the multipoles; what no reading has told keeps its prior, and is in sigma.
+and scattered units share the multipoles; what no reading has determined keeps its prior, and is in
+sigma.
 """
 
 from __future__ import annotations
@@ -115,9 +116,9 @@ class StrayEstimate:
         ----------
         field_ut : ndarray, shape (3, n)
             Axes of the chips: the reading less the chip's own offset and the own film; NaN of units
-            or axes that tell nothing.
+            or axes without information.
         sigma_ut : ndarray, shape (3, n)
-            One sigma: of offset and own film; the noise of a mean is little beside them.
+            One sigma: of offset and own film; the noise of a mean is small against them.
 
         Raises
         ------
@@ -128,11 +129,11 @@ class StrayEstimate:
         for name, array in (("field_ut", field_ut), ("sigma_ut", sigma_ut)):
             if np.shape(array) != (3, n):
                 raise ScanError(f"{name}: must be of shape (3, {n}); got {np.shape(array)}")
-        told = np.isfinite(field_ut)
-        if not (sigma_ut[told] > 0.0).all():
-            raise ScanError(f"sigma_ut: must be above 0; got {np.min(sigma_ut[told])}")
-        variance = np.where(told, sigma_ut, np.inf) ** 2
-        self._learn(np.where(told, field_ut, 0.0)[np.newaxis], variance[np.newaxis], None)
+        known = np.isfinite(field_ut)
+        if not (sigma_ut[known] > 0.0).all():
+            raise ScanError(f"sigma_ut: must be above 0; got {np.min(sigma_ut[known])}")
+        variance = np.where(known, sigma_ut, np.inf) ** 2
+        self._learn(np.where(known, field_ut, 0.0)[np.newaxis], variance[np.newaxis], None)
 
     def touch(
         self, displacement_mm: np.ndarray, change_ut: np.ndarray, free: np.ndarray,
@@ -166,7 +167,7 @@ class StrayEstimate:
         self, values: np.ndarray, variance: np.ndarray, moved: np.ndarray | None
     ) -> None:  # fmt: skip
         """The update of an iterated extended Kalman filter, in the form of information: readings
-        are many, and tell of a few units."""
+        are many, and depend on a few units."""
         before, covariance = self.mean, self.covariance
         found = self._normal(values, variance, moved, before)
         if (odd := found.miss > OUTLIER**2).any():
@@ -263,9 +264,9 @@ class StrayEstimate:
     def stencil(self) -> Stencil:
         """The stencil as it is known now, with its sigma, in place of that of theory.
 
-        `rest_ut` is all that untouched chips read beside their own: neighbours and the ambient
-        field of the tare. Once the skin is tared its lateral part stays that which the tare has
-        left out of the offsets, and what chips were seen to be off it.
+        `rest_ut` is all that untouched chips read in addition to their own: neighbours and the
+        ambient field of the tare. Once the skin is tared its lateral part stays that which the tare
+        has left out of the offsets, and what chips were seen to be off it.
         """
         theory = self.theory
         at, by = theory.unit, theory.neighbour
@@ -280,7 +281,7 @@ class StrayEstimate:
             values[part] = np.einsum("pat,kt->pak", found, solve)
             drawn = self._model.moving(at[part], by[part], poses, self._start)
             known = theory.coefficients[theory.kind[part]] * theory.strength[by[part], None, None]
-            # what the multipoles cannot tell of the film as drawn, they cannot of another
+            # what the multipoles cannot describe of the film as drawn, they cannot of another
             left = (found - values[part] @ terms) ** 2 + (drawn - known @ terms) ** 2
             missed[part] = np.sqrt(left @ share)
         rest = theory.rest_ut + self._model.resting(self.mean) - self._model.resting(self._start)

@@ -22,11 +22,11 @@ from skin.calibrate.tare import tare
 from skin.calibrate.touch import TouchTest, warmup
 from skin.calibrate.untouched import LEAST_CYCLES
 from skin.errors import OptionError, ScanError
-from skin.worker import RingBuffer, WorkerEnd
+from skin.worker import Service, WorkerEnd, run
 from topology import CHANNELS, Topology
 from topology.packed import unpacked
 
-__all__ = ["Learner", "Window", "window_dtype"]
+__all__ = ["Learner", "LearnerService", "Window", "window_dtype"]
 
 WINDOW_S = 1.0
 SPARE = 1.2
@@ -38,7 +38,7 @@ LOOKS_S = 0.05
 
 
 class Window(NamedTuple):
-    """Cycles of a second: how often the ambient field had begun anew, counts (t, c, n), flags
+    """Cycles of a second: how often the ambient field had begun again, counts (t, c, n), flags
     (t, n), and what was followed then (t, 4, n)."""
 
     begun: int
@@ -62,9 +62,9 @@ def window_dtype(topology: Topology) -> np.dtype[Any]:
 class Learner:
     """Learns window by window: nothing, until nothing has touched the skin for a second.
 
-    Zeros are taken anew, on the skin as files have it: it has the chips' own offsets, without which
-    the field of neighbours at rest could not be told. Units that were silent then are left out from
-    then on.
+    Zeros are taken again, on the skin as files have it: it has the chips' own offsets, without
+    which the field of neighbours at rest could not be determined. Units that were silent then are
+    left out from then on.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Learner:
 
     def take(self, window: Window) -> None:
         """Learn from a window; where what is followed has another origin than before it begins
-        anew."""
+        again."""
         if window.begun != self._begun:
             self.test, self._begun = None, window.begun
         if self.test is not None:
@@ -105,18 +105,12 @@ class Learner:
             found.leaving_out(tared.rest_ut).applied(), estimate, tared, window.counts
         )
 
-    def take_next(self, ring: RingBuffer) -> None:
-        """Learn from the oldest window that waits, if one does; its room is free before."""
-        if not (waiting := ring.unread()).size:
-            return
-        window = Window(
-            int(waiting["begun"][0]), *(waiting[k][0].copy() for k in Window._fields[1:])
-        )
-        ring.release(1)
+    def learn(self, window: Window) -> None:
+        """As `take`; what fails is reported to whoever asks for what was learned."""
         if not self.failed:
             try:
                 self.take(window)
-            except Exception as error:  # told to whoever asks for what was learned
+            except Exception as error:
                 self._fail(error)
 
     def warmup(self) -> None:
@@ -145,7 +139,7 @@ class Learner:
             why = f" ({self.why})" if self.why else ""
             return {"missing": f"second without a touch{why}"}
         if not self.test.pressed.any():
-            return {"missing": "press beside an untouched unit"}
+            return {"missing": "press next to an untouched unit"}
         try:
             file = io.BytesIO()
             self.test.estimate.stencil().write(file)
@@ -158,32 +152,34 @@ class Learner:
         self.failed = str(error) or type(error).__name__
 
 
-def answer(learner: Learner, ring: RingBuffer, command: str) -> dict[str, Any]:
-    """What a command is answered."""
-    if command == "report":
-        return learner.report()
-    for _ in range(ring.waiting):
-        learner.take_next(ring)
-    return learner.stencil()
+class LearnerService(Service):
+    """Learns and answers until the loop has ended: it has asked for all that it wants by then."""
+
+    at_once = frozenset({"report"})
+    rest_s = LOOKS_S
+    reads_to_end = False
+    frees_first = True
+
+    def __init__(self, request: dict[str, Any]) -> None:
+        self.learner = learner = Learner(unpacked(request["topology"]))
+        self.commands = {"report": learner.report, "stencil": learner.stencil}
+
+    def take(self, records: np.ndarray) -> None:
+        """Learn from a window."""
+        window = records[0]
+        self.learner.learn(Window(int(window["begun"]), *(window[k] for k in Window._fields[1:])))
 
 
-def serve(end: WorkerEnd, learner: Learner) -> None:
-    """Learn and answer until the loop has ended: it has asked for all that it wants by then."""
-    learner.warmup()
-    while True:
-        command = end.command(0.0 if end.ring.waiting else LOOKS_S)
-        if end.ended:
-            return
-        if command is None:
-            learner.take_next(end.ring)
-        else:
-            end.answer(**answer(learner, end.ring, command["command"]))
+def begin(end: WorkerEnd) -> LearnerService:
+    """Be ready for the first window."""
+    service = LearnerService(end.request)
+    service.learner.warmup()
+    return service
 
 
 def main() -> None:
     """Run as a process of its own."""
-    end = WorkerEnd()
-    serve(end, Learner(unpacked(end.request["topology"])))
+    run(begin)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A calibration file as the fits it was written from: what is not measured anew is kept."""
+"""A calibration file as the fits it was written from: what is not measured again is kept."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from topology.model import TABLES
 __all__ = ["as_fit", "named_file", "read_calibration"]
 
 SIGMA = re.compile(r"""\s*["']?(\w+)["']?\s*=.*# ± (\S+)""")
-"""A parameter with the sigma that `write_calibration` puts beside it."""
+"""A parameter with the sigma that `write_calibration` writes next to it."""
 
 
 def named_file(topology: Topology, patch: str) -> Path | None:

@@ -39,7 +39,7 @@ def even_spread(error: np.ndarray, noise: np.ndarray | float) -> float:
     Parameters
     ----------
     error : ndarray, shape (t,)
-        Beside each other those that the law has in common.
+        Neighbours are those that the law has in common.
     noise : ndarray, shape (t,), or float
         Of one reading, which adds to it.
     """
@@ -51,13 +51,13 @@ def law_spread(error: np.ndarray, force: np.ndarray, noise: np.ndarray | float) 
     """One-sigma of a law of the force, of a share of it and absolute.
 
     The two parts are those under which the errors are most probable, if they are normal; then both
-    are scaled so that 68 % of the errors of readings lie within one sigma, whatever their
+    are scaled so that 68 % of the errors of readings lie within one sigma, for any
     distribution.
 
     Parameters
     ----------
     error, force : ndarray, shape (t,)
-        Error of the law, and what it says, newton. Beside each other those that have an error in
+        Error of the law, and what it says, newton. Neighbours are those that have an error in
         common.
     noise : ndarray, shape (t,), or float
         Of one reading, which adds to the error of the law.
@@ -68,7 +68,7 @@ def law_spread(error: np.ndarray, force: np.ndarray, noise: np.ndarray | float) 
     count = np.array([at.size for at in groups])
     seen2 = np.array([product[at].mean() for at in groups])
     force2 = np.array([np.mean(size[at] ** 2) for at in groups])
-    # what products of noise alone amount to: below it nothing is told
+    # what products of noise alone amount to: below it nothing is known
     least2 = noise2 / np.sqrt(count) + 1e-12
     told2 = np.maximum(seen2 + least2, 0.1 * least2)
     most_n = 3.0 * float(np.sqrt(told2.max()))

@@ -3,7 +3,7 @@
 Of every unit it takes the frequency at rest and the offsets of the lateral field, in place: with
 the chip's own offset, that of its assembly as far as calibration does not know it (`film_x_mm`),
 and the ambient field of the moment. From then on
-`skin.decode.ambient.Ambient` tells the *change* of the ambient field since the tare, so that
+`skin.decode.ambient.Ambient` reports the *change* of the ambient field since the tare, so that
 nothing is subtracted twice; what it had followed before belongs to the calibration before, and is
 not restored on this one.
 
@@ -11,10 +11,10 @@ What resting neighbours add is left out: decoders take it off themselves, by mag
 the stencil that they are given. What a stencil has beyond theory stands with the zeros
 (`tare_rest_x_ut`, `tare_rest_y_ut`), and a decoder that takes another field off warns of it.
 
-Bz at rest is no offset: its size tells the displacement (R from the angle of the field), and the
-bench has measured that of the film. What a unit reads beside that is of its neighbours at rest and
-of the ambient field: it is kept as `axial_rest_ut`, with its sigma, and decoders weigh it against
-what they know of the neighbours.
+Bz at rest is no offset: its size determines the displacement (R from the angle of the field), and
+the bench has measured that of the film. What a unit reads in addition is of its neighbours at rest
+and of the ambient field: it is kept as `axial_rest_ut`, with its sigma, and decoders weigh it
+against what they know of the neighbours.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ from skin.errors import CountsError, OptionError, ScanError, SkinError
 from skin.physics.least_squares import Fit
 from skin.physics.stencil import neighbours_at_rest
 from topology import CHANNELS, Topology
-from topology.files import check_over
+from topology.files import check_over, missing
+from topology.load import is_builtin
 
 __all__ = ["Tare", "calibration_files", "chosen", "tare"]
 
@@ -59,7 +60,7 @@ class Tare:
     offset_ut, offset_sigma_ut : ndarray, shape (2, n)
         Of Bx and By at the chip's reference temperature.
     axial_ut : ndarray, shape (n,)
-        Bz at rest, less its offset; told, not tared. NaN where the wire does not carry it.
+        Bz at rest, less its offset; reported, not tared. NaN where the wire does not carry it.
     axial_rest_ut, axial_rest_sigma_ut : ndarray, shape (n,)
         Of it what neighbours and the ambient field add, at reference temperatures; likewise.
     cycles : ndarray, shape (n,), int
@@ -147,8 +148,8 @@ class Tare:
     def write(
         self, out: str | os.PathLike[str] | None = None, *, date: str | None = None
     ) -> dict[str, Path]:
-        """Write calibration files that keep every other value of those which the topology names,
-        and their comments.
+        """Write calibration files that keep every other value of those which the topology names, or
+        which are there from a call before, and their comments.
 
         Parameters
         ----------
@@ -165,7 +166,8 @@ class Tare:
         files = calibration_files(self.topology, self.taken, out)
         beyond_ut = self.beyond_ut()
         for patch, path in files.items():
-            source = named_file(self.topology, patch)
+            source = _own_file(self.topology, patch)
+            source = None if source is None or missing(source) else source
             before, units = read_calibration(source)
             here = self.topology.patch == self.topology.patch_names.index(patch)
             tared = {*before.get("tared", ())}
@@ -185,7 +187,7 @@ class Tare:
         return files
 
     def _fit(self, i: int, known: Sequence[Fit], beyond_ut: np.ndarray) -> Fit:
-        """What the tare has found, beside what is `known` from a bench."""
+        """What the tare has found, in addition to what is `known` from a bench."""
         left_ut = [fit.values[fit.names.index("field_sigma_ut")] for fit in known
                    if "field_sigma_ut" in fit.names]  # fmt: skip
         values = {
@@ -231,12 +233,12 @@ def calibration_files(
         Units that are tared.
     out : str or path, optional
         A file where one patch is tared, or a folder for a file of each; if not given, the files
-        that the topology names.
+        that the topology names, or ``<patch>.calibration.toml`` next to it.
 
     Raises
     ------
     SkinError
-        A patch names none, and none is given.
+        None is given, a patch names none, and the topology has no file or is a ready-made one.
     FileExistsError
         A file is there that is no calibration file of these units.
     """
@@ -257,14 +259,23 @@ def _calibration_files(
         return {patch: path if alone else path / f"{patch}.toml" for patch in patches}
     files = {}
     for patch in patches:
-        named = named_file(topology, patch)
-        if named is None:
+        file = _own_file(topology, patch)
+        if file is None:
             raise SkinError(
-                f"{topology.path}: patch {patch!r}: must name a calibration file to be written "
-                f'(calibration = "{patch}.toml"), or another be given; got neither'
+                f"{topology.name}: patch {patch!r}: must have a calibration file to be written to "
+                "(--output FILE), as no file of yours names one; got none"
             )
-        files[patch] = named
+        files[patch] = file
     return files
+
+
+def _own_file(topology: Topology, patch: str) -> Path | None:
+    """The calibration file that the topology names for a patch, or else that next to it; None for
+    ready-made topologies, whose folder is not the user's."""
+    named = named_file(topology, patch)
+    if named is not None or topology.path is None or is_builtin(topology.path):
+        return named
+    return topology.path.with_name(f"{patch}.calibration.toml")
 
 
 def tare(

@@ -1,7 +1,7 @@
 """From counts while a skin is touched to what chips read of their neighbours' films.
 
-A unit whose frequency stays at its zero is provably untouched: whatever its chip reads beyond what
-it read at rest comes from the films around, whose displacements their own chips tell. Near a unit
+A unit whose frequency stays at its zero is provably untouched: all that its chip reads beyond what
+it read at rest comes from the films around, whose displacements their own chips report. Near a unit
 that does not answer, or not soundly, nothing is learned: its film may be anywhere.
 """
 
@@ -20,7 +20,7 @@ from topology import Topology
 __all__ = ["LEAST", "TouchTest", "warmup"]
 
 PRESSED_MM = 0.3
-"""Depth from which on the displacement of a unit is told well enough, to 0.06 mm [derived]."""
+"""Depth from which on the displacement of a unit is known well enough, to 0.06 mm [derived]."""
 UNTOUCHED_SIGMAS = 4.0
 """Within which the mean depth of every quarter of a recording is of an untouched unit: a press of
 10 µm, 0.015 N, is seen in a second at 100 Hz [derived]."""
@@ -33,7 +33,7 @@ LEAST = 40
 
 
 class TouchTest:
-    """Tells an estimate of the stray fields what readings of a touched skin say.
+    """Updates an estimate of the stray fields by readings of a touched skin.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class TouchTest:
         Returns
         -------
         int
-            Readings that have told something; 0 where nothing was pressed beside an untouched unit.
+            Readings that were of use; 0 where nothing was pressed next to an untouched unit.
 
         Raises
         ------

@@ -31,8 +31,9 @@ DRIFTED_UT = 200.0
 SPREAD = np.sqrt(3.0)
 """Sigmas to the ends of an even spread."""
 OFFSET_UT, OFFSET_BLIND_UT = 1000.0, 2000.0
-"""Lateral field beyond which a unit is sheared: beside what resting neighbours add, and where that
-is not known, which on a fingertip is 1.2 mT [derived]. 1000 µT are 0.6 mm at rest [assumed]."""
+"""Lateral field beyond which a unit is sheared: in addition to what resting neighbours add, and
+where that is not known, which on a fingertip is 1.2 mT [derived]. 1000 µT are 0.6 mm at rest
+[assumed]."""
 
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(len(CHANNELS))
 
@@ -66,7 +67,7 @@ class Readings:
         As of `skin.calibrate.tare.tare`.
     expected_ut : ndarray, shape (3, n), optional
         Field of resting neighbours in theory, where nobody said that the skin is untouched: then a
-        lateral field that units as made do not have tells of shear, not only one that no unit has.
+        lateral field that units as made do not have indicates shear, not only one that no unit has.
     """
 
     def __init__(
@@ -167,7 +168,7 @@ class _Unit:
             self.mean = self.sigma = self.spread = np.full(len(CHANNELS), np.nan)
             return
         self.mean, self.spread = values.mean(axis=1), values.std(axis=1, ddof=1)
-        # where the noise is below a step, so is what a mean can tell
+        # where the noise is below a step, so is what a mean can resolve
         coarse = np.where(self.spread < 0.5 * self.step, self.step / np.sqrt(12.0), 0.0)
         self.sigma = np.hypot(self.spread / np.sqrt(self.count), coarse)
 
@@ -236,7 +237,7 @@ class _Unit:
                     break
 
     def faults(self) -> Iterator[str]:
-        """What tells of a unit that does not work as its model, and of one that warms up."""
+        """What indicates a unit that does not work as its model, and of one that warms up."""
         for name, channel, nominal, usual, unit in self._usual():
             if self.spread[channel] > NOISY * usual:
                 yield (f"{name}: must have noise of {usual:.3g} {unit}, twice that at most; got "
@@ -250,7 +251,7 @@ class _Unit:
                 yield f"temperature: must be steady; changed by {warmed:.2g} °C from half to half"
 
     def loaded(self, rest_ut: np.ndarray, room_ut: float) -> Iterator[str]:
-        """What tells of a press, a pull or shear, given the field of resting neighbours, shape
+        """What indicates a press, a pull or shear, given the field of resting neighbours, shape
         (3,), and how far the lateral field may be from that."""
         rest = self.p["frequency_rest_hz"]
         room = DRIFTED_HZ + SPREAD * self.p["frequency_sigma_hz"]

@@ -1,7 +1,8 @@
-"""Fitted parameters to a calibration file, format 1, that `topology.load` reads."""
+"""Fitted parameters to a skin, and to a calibration file, format 1, that `topology.load` reads."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -17,11 +18,11 @@ import numpy as np
 from skin.calibrate.comments import carry_comments
 from skin.errors import CalibrationError, OptionError
 from skin.physics.least_squares import Fit
-from topology import UnitModel
+from topology import Topology, UnitModel
 from topology.calibration_schema import CalibrationFile
 from topology.files import Kind, whole_file
 
-__all__ = ["OfUnits", "calibration_of", "parameter_values", "write_calibration"]
+__all__ = ["OfUnits", "calibration_of", "parameter_values", "with_fits", "write_calibration"]
 
 KNOWN = tuple(field.name for field in msgspec.structs.fields(UnitModel))
 BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -29,7 +30,7 @@ ENTRY = re.compile(r"(\w+)\[(\d+)\]")
 
 
 class OfUnits(NamedTuple):
-    """What is told of units beside their parameters."""
+    """What is reported of units in addition to their parameters."""
 
     tared: Collection[str] = ()
     """Units whose zeros were taken in their places."""
@@ -64,9 +65,9 @@ def write_calibration(
     before: str = "",
     of_units: OfUnits | None = None,
 ) -> None:
-    """Write what was fitted of the units of a patch, with the sigma of each value beside it.
+    """Write what was fitted of the units of a patch, with the sigma of each value next to it.
 
-    The file is written beside its place and then renamed: it is there whole or not at all.
+    The file is written next to its place and then renamed: it is there whole or not at all.
 
     Parameters
     ----------
@@ -95,13 +96,13 @@ def write_calibration(
     """
     lines = ["format = 1", f"patch = {_text(patch)}"]
     lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
-    told = OfUnits() if of_units is None else of_units
-    lines += [f"tared = {_value(sorted(told.tared))}"] if told.tared else []
+    known = OfUnits() if of_units is None else of_units
+    lines += [f"tared = {_value(sorted(known.tared))}"] if known.tared else []
     for unit, fits in units.items():
         found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
         lines += ["", f"[units.{_key(unit)}]"]
         lines += [_line(name, value, sigma) for name, (value, sigma) in found.items()]
-    for unit, table in told.measured.items():
+    for unit, table in known.measured.items():
         lines += ["", f"[measured.{_key(unit)}]"]
         lines += [f"{_key(name)} = {_value(value)}" for name, value in table.items()]
     with whole_file(Path(file), "w", over=calibration_of(patch), encoding="utf-8") as out:
@@ -186,3 +187,23 @@ def _value(value: Any) -> str:
 def _text(text: str) -> str:
     """A basic string of TOML; JSON escapes alike, but for DEL, which TOML wants escaped."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def with_fits(topology: Topology, units: Mapping[str, tuple[Fit, ...]]) -> Topology:
+    """The skin with fitted parameters.
+
+    Parameters
+    ----------
+    topology : Topology
+    units : dict of str to tuple of Fit
+        Units and their fits; those that are missing stay as they are.
+    """
+    changed = {name: values.copy() for name, values in topology.parameters.items()}
+    for name, fits in units.items():
+        index = topology.unit_index(name)
+        most = float(topology.parameters["tangential_max_mm"][index])
+        for parameter, (value, _) in parameter_values(name, fits, most).items():
+            changed[parameter][..., index] = value
+    for values in changed.values():
+        values.flags.writeable = False
+    return dataclasses.replace(topology, parameters=changed)

@@ -8,12 +8,13 @@ goes into the offsets, as of every tare; of units that are tared after others, w
 it by then does not.
 
 What a run has followed can be saved at its end and taken up by the next. A zero is that of a unit
-on its board, at its temperature: it is taken up if the board tells the same serial number, the
+on its board, at its temperature: it is taken up if the board reports the same serial number, the
 temperature is the same within `SAME_C`, and the calibration has not changed. Zeros of boards that
-tell no serial number, or several as one node, are not taken up.
+report no serial number, or several as one node, are not taken up.
 
 A press that stands still from the first cycle on and is smaller than units as made differ from each
-other (0.25 N; 0.1 N where a bench has measured the frequency at rest) cannot be told from rest.
+other (0.25 N; 0.1 N where a bench has measured the frequency at rest) cannot be distinguished from
+rest.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class Zeros:
     Parameters
     ----------
     decoder : Decoder
-        Is told of new zeros.
+        Called with new zeros.
     tare : bool
         Whether units that were never tared are.
 
@@ -183,7 +184,7 @@ class Zeros:
     def _tare(
         self, readings: Readings, looks: dict[int, Look], followed_ut: np.ndarray
     ) -> Iterator[int]:
-        """Tare the units that nothing touches; tell of the others. Another step a cycle."""
+        """Tare the units that nothing touches; report the others. Another step a cycle."""
         topology, names = self._decoder.topology, self._filed.unit_names
         faults = {i: look.faults[0] for i, look in looks.items() if look.faults}
         pressed = np.zeros(topology.n, bool)
@@ -204,7 +205,7 @@ class Zeros:
         zeros = readings.zeros(taken)
         yield 0
         if self._decoder.ambient is not None:
-            # once others tell the ambient field it is not part of a zero
+            # once others determine the ambient field it is not part of a zero
             is_first = not topology.tared.any()
             known_ut = np.zeros_like(followed_ut) if is_first else followed_ut
             zeros = zeros._replace(
@@ -251,7 +252,7 @@ class Zeros:
             "axial_rest_sigma_ut": p["axial_rest_sigma_ut"], "serial": self._serial(),
             "temperature_c": self._temperature_c(self._last[0]),
         }  # fmt: skip
-        # what was tared beside zeros taken up has their ambient field in it, else another
+        # what was tared together with zeros taken up has their ambient field in it, else another
         before = {} if self.taken and not self.taken_up else self._before
         kept: dict[str, Any] = {
             name: np.where(topology.tared, values, before.get(name, values))
@@ -329,7 +330,7 @@ class Zeros:
         faults = {
             "must have a good reading in the first second; got none": count == 0,
             "must be of the calibration as it is now": saved["calibration"] != self._calibration(),
-            "must be of a board that tells one serial number; got none or several": serial < 0,
+            "must be of a board that reports one serial number; got none or several": serial < 0,
             "must be of the board that is there now": saved["serial"] != serial,
             f"must be within {SAME_C:g} °C of the temperature now": ~(np.abs(warmer) <= SAME_C),
         }

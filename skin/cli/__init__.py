@@ -1,22 +1,27 @@
 """The `skin` command: one file a sub-command, the file named after it.
 
 Exit status: 0 fine, 1 a check failed, 2 wrong use or bad input. Every command that reports takes
-`--json` and then ends with one JSON object as the last line of standard output.
+`--json` and then ends with one JSON object as the last line of standard output: its report, or
+`{"errors": [...]}` where the exit status is 2.
 """
 
 from __future__ import annotations
 
+import functools
+import io
+import json
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, redirect_stderr
 from importlib import import_module
 
 __all__ = ["COMMANDS", "main"]
 
 COMMANDS = {
+    "new": "write a commented topology file, and calibration files to fill in",
     "demo": "simulate a palm, decode it live, and show the errors against the truth",
     "check": "check a topology file and show what hangs where, and the load of each bus",
     "mount": "check how the patches of a skin sit on a robot model, and write them into a copy",
@@ -25,6 +30,7 @@ COMMANDS = {
     "view": "show what the skin feels in a browser, live or from a log",
     "record": "run a skin, and record its frames and states as MCAP",
     "replay": "play a recording, or a log, as it was live",
+    "warmup": "compile what a skin needs before it is used, for install scripts and containers",
     "doctor": "listen to the buses of a topology, and say what is wrong and why",
     "tare": "take the zeros of an untouched skin, and save them",
     "calibrate": "fit units to the recordings of a bench, and write their calibration file",
@@ -37,8 +43,8 @@ COMMANDS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one sub-command; return its exit status."""
-    import tyro
-
+    if os.environ.get("NO_COLOR"):  # https://no-color.org
+        os.environ.setdefault("PYTHON_TYRO_ANSI_CODES", "False")
     given = sys.argv[1:] if arguments is None else arguments
     if not given or given[0] in ("-h", "--help"):
         print(_overview())
@@ -49,27 +55,56 @@ def main(arguments: list[str] | None = None) -> int:
 
         print(__version__)
         return 0
+    if name == "--completion":
+        from skin.cli.completion import script
+
+        print(script())
+        return 0
+    is_json = "--json" in rest
     if name not in COMMANDS:
         from skin.errors import OptionError
 
-        return _refuse(str(OptionError.unknown("skin", name, COMMANDS)))
+        return _refuse(str(OptionError.unknown("skin", name, COMMANDS)), is_json)
     module = import_module(f"skin.cli.{name}")
     command: Callable[..., int] = getattr(module, name)
     if rest and rest[0] in (words := getattr(module, "SUBCOMMANDS", {})):
         place, function = words[rest[0]].split(":")
         command = getattr(import_module(place), function)
         name, rest = f"{name} {rest[0]}", rest[1:]
-    return _guarded(
-        lambda: tyro.cli(
-            command,
-            prog=f"skin {name}",
-            args=rest,
-            config=(tyro.conf.FlagCreatePairsOff,),
+    return _guarded(_parsed(command, name, rest, is_json), is_json)
+
+
+def _parsed(
+    command: Callable[..., int], name: str, given: list[str], is_json: bool
+) -> Callable[[], int]:
+    """A command with its arguments; SystemExit, and a message, where they are wrong."""
+    import tyro
+
+    @functools.wraps(command)
+    def bound(*arguments: object, **options: object) -> Callable[[], int]:
+        return functools.partial(command, *arguments, **options)
+
+    def parse() -> Callable[[], int]:
+        found: Callable[[], int] = tyro.cli(
+            bound, prog=f"skin {name}", args=given, config=(tyro.conf.FlagCreatePairsOff,)
         )
-    )
+        return found
+
+    if not is_json:
+        return parse()
+    said = io.StringIO()
+    try:
+        with redirect_stderr(said):
+            return parse()
+    except SystemExit as end:
+        print(said.getvalue(), end="", file=sys.stderr)
+        if end.code:
+            _print_errors(line for row in said.getvalue().splitlines()
+                          if (line := row.strip("╭╮╰╯│─ ")))  # fmt: skip
+        raise
 
 
-def _guarded(call: Callable[[], int]) -> int:
+def _guarded(call: Callable[[], int], is_json: bool) -> int:
     """Turn the errors that a user can mend into a message and exit status 2."""
     from bus.errors import BusError
     from skin.errors import SkinError
@@ -80,14 +115,14 @@ def _guarded(call: Callable[[], int]) -> int:
             status = call()
         sys.stdout.flush()
         return status
-    except BrokenPipeError:  # whoever reads has seen enough, as `head` does
+    except BrokenPipeError:  # the reader has seen enough, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (BusError, SkinError, TopologyError) as error:
-        return _refuse(str(error))
+        return _refuse(str(error), is_json)
     except OSError as error:
         where = error.filename if error.filename is not None else "skin"
-        return _refuse(f"{where}: {error.strerror or error}")
+        return _refuse(f"{where}: {error.strerror or error}", is_json)
     except KeyboardInterrupt:
         return 130
 
@@ -109,9 +144,15 @@ def _ended_by_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _refuse(message: str) -> int:
+def _refuse(message: str, is_json: bool) -> int:
     print(message, file=sys.stderr)
+    if is_json:
+        _print_errors(message.splitlines())
     return 2
+
+
+def _print_errors(lines: Iterable[str]) -> None:
+    print(json.dumps({"errors": list(lines)}))
 
 
 def _overview() -> str:
@@ -121,5 +162,7 @@ def _overview() -> str:
         "usage: skin COMMAND [OPTIONS]\n\n"
         "Tactile skins of F3T units on CAN: frames in, contacts out.\n\n"
         f"commands:\n{rows}\n\n"
-        "skin COMMAND --help tells more of one; skin --version the version."
+        "skin COMMAND --help describes one; skin --version prints the version.\n"
+        'Completion in bash: eval "$(skin --completion)"; in zsh after: autoload -U bashcompinit; '
+        "bashcompinit."
     )

@@ -36,15 +36,8 @@ def calibrate(
     bench: Bench,
     /,
     *,
-    output: Annotated[
-        Path | None,
-        options.quiet(
-            "calibration file to write, or a folder of one for each patch; otherwise those that "
-            "the topology names",
-            metavar="FILE|DIR",
-            aliases=["-o"],
-        ),
-    ] = None,
+    output: options.Calibration = None,
+    write: options.Write = False,
     report: Annotated[
         Path | None,
         options.quiet("report with plots to write, one HTML file", metavar="FILE"),
@@ -57,7 +50,8 @@ def calibrate(
     """Fit units to the recordings of a bench and write their calibration file.
 
     Also: `skin calibrate plan FILE` prints what to record, `skin calibrate check FILE BENCH` scores
-    an old calibration on new recordings. docs/calibrate.md has the formats.
+    an old calibration on new recordings, `skin calibrate crosstalk FILE` learns the stray fields of
+    neighbours from a finger. docs/guides/calibrate.md has the formats.
 
     Recordings are judged first, and what was found is checked on them at the end. If anything is
     wrong, it is named, nothing is written and the exit status is 1.
@@ -74,14 +68,14 @@ def calibrate(
     outcome = calibrate_bench(bench, force=force, progress=_progress())
     for fault in outcome.faults:
         print(fault, file=sys.stderr)
-    files: dict[str, str] = {}
+    files: dict[str, Path] = {}
     stencil: Path | None = None
     refused = bool(outcome.faults) and not force
     if not refused:
         if not outcome.results and outcome.learned is None:
-            raise SkinError("\n".join([f"{bench}: must tell something of a unit; got nothing",
+            raise SkinError("\n".join([f"{bench}: must fix a parameter of a unit; got none",
                                        *outcome.notes]))  # fmt: skip
-        files = {patch: str(path.resolve()) for patch, path in outcome.write(output).items()}
+        files = {patch: path.resolve() for patch, path in outcome.write(output).items()}
         stencil = outcome.write_stencil(output)
     if report is not None and outcome.results:
         from skin.view.calibration import write_report
@@ -91,6 +85,7 @@ def calibrate(
     print(_table(outcome))
     for patch, path in files.items():
         print(f"{patch}: written to {path}")
+    lines = options.named_in_file(outcome.topology, files, write)
     for note in outcome.notes:
         print(f"not learned: {note}", file=sys.stderr)
     if stencil is not None and (learned := outcome.learned) is not None:
@@ -100,13 +95,14 @@ def calibrate(
     if refused:
         print("nothing was written (--force writes all the same)", file=sys.stderr)
     if json:
-        told = {"topology": outcome.topology.name, "units": len(outcome.results),
-                "faults": list(outcome.faults), "notes": list(outcome.notes), "files": files,
+        found = {"topology": outcome.topology.name, "units": len(outcome.results),
+                "faults": list(outcome.faults), "notes": list(outcome.notes), "lines": lines,
+                "files": {patch: str(path) for patch, path in files.items()},
                 "stencil": None if stencil is None else str(stencil.resolve()),
                 "results": {r.unit: {"goodness": r.goodness, "kept": r.kept, "left": r.left,
                                      "range": r.range} for r in outcome.results},
                 "report": None if report is None else str(report.resolve())}  # fmt: skip
-        print(json_text.dumps(told))
+        print(json_text.dumps(found))
     return int(refused)
 
 
@@ -123,13 +119,14 @@ def plan(file: options.File, /, *, json: options.Json = False) -> int:
         rows = [(step.kind, f"{step.seconds:g} s", step.text) for step in protocol]
         print("\n".join(f"  {line}" for line in columns(("segment", "time", "what"), rows)))
     print(
-        "\nReference: time, and any of force (N), displacement (mm), temperature (°C); what it "
-        "lacks stays as\nthe model has it, and is said to. docs/calibrate.md has the formats."
+        "\nReference: time, and any of force (N), displacement (mm), temperature (°C). The laws of "
+        "a missing quantity\nstay those of the model, and are listed. The formats: "
+        "docs/guides/calibrate.md."
     )
     if json:
-        told = {"topology": loaded.name, "unit": [step._asdict() for step in unit],
+        found = {"topology": loaded.name, "unit": [step._asdict() for step in unit],
                 "array": [step._asdict() for step in array]}  # fmt: skip
-        print(json_text.dumps(told))
+        print(json_text.dumps(found))
     return 0
 
 
@@ -150,9 +147,9 @@ def check(
     from skin.compiling import announcer
 
     announcer()
-    told = check_bench(calibration, bench, _progress())
+    checked = check_bench(calibration, bench, _progress())
     rows = []
-    for name, entry in told.items():
+    for name, entry in checked.items():
         score = entry.get("score")
         over = score.over_sigma if score else {}
         rows.append(
@@ -171,12 +168,12 @@ def check(
     head = ("unit", "serial", "force rmse / N", "Ft / sigma", "Fz / sigma", "T / sigma",
             "rest / Hz", "")  # fmt: skip
     print("\n".join(columns(head, rows)))
-    faults = [fault for entry in told.values() for fault in entry["faults"]]
+    faults = [fault for entry in checked.values() for fault in entry["faults"]]
     for fault in faults:
         print(fault, file=sys.stderr)
     if json:
         units = {name: entry | ({"score": asdict(entry["score"])} if "score" in entry else {})
-                 for name, entry in told.items()}  # fmt: skip
+                 for name, entry in checked.items()}  # fmt: skip
         print(json_text.dumps({"calibration": str(calibration), "units": units}))
     return int(bool(faults))
 

@@ -38,6 +38,7 @@ def calibrate_crosstalk(
         Path, tyro.conf.arg(metavar="FILE", help="file to write what was learned to")
     ],
     output: options.Calibration = None,
+    write: options.Write = False,
     seconds: options.Until = None,
     simulate: Annotated[
         bool, options.quiet("touch simulated units, one after the other, in this process")
@@ -49,7 +50,7 @@ def calibrate_crosstalk(
 ) -> int:
     """Learn the stray field of every film: hands off for two seconds, then press where it says.
 
-    Press and shear each unit for a second, in all directions; units beside it are to be left alone.
+    Press and shear each unit for a second, in all directions; its neighbours are to be left alone.
     It ends when each has been pressed, or after the time given (two seconds a unit).
     Exit status 1, and nothing is written, if the skin could not be tared or no press was seen.
     """
@@ -64,7 +65,7 @@ def calibrate_crosstalk(
     options.check_seconds(seconds)
     options.check_folder("--stencil", stencil, STENCIL_FILE)
     announcer()
-    loaded = load(file).on(interface=interface, channel=channel)
+    loaded = load(file, allow_no_calibration=True).on(interface=interface, channel=channel)
     taken = chosen(loaded)
     calibration_files(loaded, taken, output)  # refused before, not after
     estimate = StrayEstimate(loaded)
@@ -92,15 +93,17 @@ def calibrate_crosstalk(
           f"{loaded.n - len(names)} units from their own touch")  # fmt: skip
     for patch, path in files.items():
         print(f"{patch}: zeros written to {path}")
+    lines = options.named_in_file(loaded, files, write)
     if names:
         print(f"not pressed: {', '.join(names)}")
     if json:
-        told = {
+        report = {
             "topology": loaded.name, "units": loaded.n, "missing": names, "refused": [],
             "sigma_ut": float(estimate.sigma_ut().mean()), "stencil": str(stencil.resolve()),
             "files": {patch: str(path.resolve()) for patch, path in files.items()},
+            "lines": lines,
         }  # fmt: skip
-        print(json_text.dumps(told))
+        print(json_text.dumps(report))
     return 0
 
 
@@ -136,7 +139,9 @@ def _hearing(
 
     clock: Callable[[], int] = Ticks(topology.cycle_rate_hz) if simulate else time.monotonic_ns
     scene = _Finger(topology.n) if simulate else None
-    with skin.open(topology, want="temperature", tare=False, sync=sync, simulate=scene) as opened:
+    with skin.open(
+        topology, want="temperature", auto_tare=False, sync=sync, simulate=scene
+    ) as opened:
         counter = 0
 
         def hear(seconds: float) -> tuple[np.ndarray, np.ndarray]:

@@ -64,13 +64,17 @@ def check(
 
 def _too_dense(topology: Topology) -> list[str]:
     """What `skin.open` would refuse, as units are too near to each other."""
+    from skin.decode.spacing import far_apart
+
+    if far_apart(topology):
+        return []
+    if topology.n > MOST_UNITS:
+        print(f"\nnote: whether {topology.n} units are too near to each other is seen at opening")
+        return []
     from skin.compiling import announcer
     from skin.decode.density import sparse_enough
     from skin.errors import TooDenseError
 
-    if topology.n > MOST_UNITS:
-        print(f"\nnote: whether {topology.n} units are too near to each other is seen at opening")
-        return []
     announcer()
     try:
         sparse_enough(topology)

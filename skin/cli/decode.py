@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from skin.cli import options
+from skin.io.record import is_recording
 
 if TYPE_CHECKING:
-    from skin.bulk.progress import Told
+    from skin.io.bulk.progress import ProgressReport
+    from topology import Topology
 
 __all__ = ["decode"]
 
@@ -21,9 +23,9 @@ Paths = Annotated[
     tuple[str, ...],
     tyro.conf.Positional,
     tyro.conf.arg(
-        metavar="TOPOLOGY LOG [LOG ...]",
+        metavar="[TOPOLOGY] LOG [LOG ...]",
         help="topology file, or the name of a ready-made one, and recorded CAN logs or "
-        "recordings; logs alone with --topology",
+        "recordings; logs alone with --topology, recordings alone by their own",
     ),
 ]
 Output = Annotated[
@@ -59,7 +61,7 @@ def decode(
     format: Annotated[
         Literal["parquet", "npz", "mcap"], tyro.conf.arg(help="of the files in a folder")
     ] = "parquet",
-    share: Annotated[
+    shard: Annotated[
         str | None,
         options.quiet("every N-th log only, from the I-th on, for one of N machines",
                       metavar="I/N"),
@@ -68,33 +70,32 @@ def decode(
         str | None,
         options.quiet("decode on the dask cluster of this scheduler", metavar="ADDRESS"),
     ] = None,
-    anew: Annotated[
+    force: Annotated[
         bool, options.quiet("decode logs into a folder that have not changed, too")
     ] = False,
     json: options.Json = False,
 ) -> int:  # fmt: skip
     """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …) and recordings of `skin record`.
 
-    Into a folder go Parquet files in parts: cycles, contacts, and spells of units in trouble
-    (docs/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is that of
-    the live skin, into a folder or a file: logs are decoded by the defaults of `skin.open`, but for
-    --sweeps and --dtype, as the report and all files but .csv state. A log that was decoded before
-    is left out, unless it, the topology, its calibration, what is asked for or the version have
-    changed; after an interruption the same call goes on.
+    Into a folder go Parquet files in parts: cycles, contacts, and fault intervals of units
+    (docs/guides/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is
+    that of the live skin, into a folder or a file: logs are decoded by the defaults of `skin.open`,
+    but for --sweeps and --dtype, as the report and all files but .csv state. A log that was decoded
+    before is left out, unless it, the topology, its calibration, what is asked for or the version
+    have changed; after an interruption the same call goes on.
 
-    A .csv has a row for each cycle and unit; beside it lie FILE.wrench.csv with a row for each
+    A .csv has a row for each cycle and unit; next to it are FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what
     happened to contacts: born, resumed, merged, split, ended, stick, incipient, gross. 1 is the
     limit of a test_ratio (field against model); whole is 0 where a silent unit may touch.
 
     The arrays of an .npz are time_s (t), temperature_c (t, n), force_n (t, 3, n), status (t, n),
-    test_ratio (t, n), wrench and wrench_sigma (t, 6), whole (t), centroid_m (t, 3), contact (t, n)
-    and unit (n); of k contacts in all cycles contact_cycle (an index of t), contact_id,
-    contact_load_n, contact_centroid_m (k, 3), contact_normal (k, 3), contact_slip, contact_margin,
-    contact_friction and contact_whole; of e events event_time_s, event_contact and event. The
-    contact of a unit is the identity of what touches it, the same as long as it stays, and 0 for
-    nothing; _options are those of decoding, as JSON. A .parquet has a row for each cycle;
-    docs/connect.md has its columns.
+    test_ratio (t, n), wrench (t, 6), centroid_m (t, 3), …, and unit (n); of k contacts in all
+    cycles contact_cycle (an index of t), contact_id, contact_load_n, contact_centroid_m (k, 3), …;
+    of e events event_time_s, event_contact and event. The contact of a unit is the identity of what
+    touches it, the same as long as it stays, and 0 for nothing; _options are those of decoding, as
+    JSON. A .parquet has a row for each cycle. All have the same columns, those of
+    docs/reference/columns.md.
 
     Exits with 1 if a log holds no cycle of this skin, is damaged, lacks SYNC or has time that
     runs back, or could not be decoded; all that can be decoded is.
@@ -102,32 +103,38 @@ def decode(
     from skin.cli.decode_file import decode_file
     from skin.errors import OptionError
 
-    topology, logs = _named(paths, topology)
+    loaded, logs = _named(paths, topology)
     asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
     into_file = output is not None and output.suffix != "" and not output.is_dir()
     if len(logs) == 1 and (output is None or into_file):
         _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
-                           share=share, cluster=cluster, anew=anew)  # fmt: skip
-        return decode_file(logs[0], topology=topology, output=output, asked=asked, json=json)
+                           shard=shard, cluster=cluster, force=force)  # fmt: skip
+        return decode_file(logs[0], topology=loaded, output=output, asked=asked, json=json)
     if output is None or into_file:
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
     return _into_folder(
-        _shared(logs, share), topology, output, json,
-        {"options": asked, "jobs": jobs, "format": format, "anew": anew, "cluster": cluster},
+        _shared(logs, shard), loaded, output, json,
+        {"options": asked, "jobs": jobs, "format": format, "force": force, "cluster": cluster},
     )  # fmt: skip
 
 
-def _named(paths: tuple[str, ...], topology: str | None) -> tuple[str, list[Path]]:
-    """The topology and the logs that are named."""
+def _named(paths: tuple[str, ...], topology: str | None) -> tuple[Topology, list[Path]]:
+    """The topology and the logs that are named; that of the first recording, where it comes first
+    and no other is given."""
     from skin.errors import OptionError
+    from topology import load
 
     given = list(paths)
     if topology is None:
+        if given and is_recording(given[0]):
+            from skin.io.record.replay import recorded_topology
+
+            return recorded_topology(given[0]), [Path(log) for log in given]
         if len(given) < 2:
-            raise OptionError("decode: must be given a topology and a log; got "
+            raise OptionError("decode: must be given a topology and a log, or a recording; got "
                               f"{' '.join(given) or 'none'}")  # fmt: skip
         topology, *given = given
-    return topology, [Path(log) for log in given]
+    return load(topology), [Path(log) for log in given]
 
 
 def _refuse_of_folders(output: Path | None, **given: object) -> None:
@@ -139,39 +146,38 @@ def _refuse_of_folders(output: Path | None, **given: object) -> None:
             raise OptionError(f"--{name}: must be given with a folder as --output; got {output}")
 
 
-def _shared(logs: list[Path], share: str | None) -> list[Path]:
+def _shared(logs: list[Path], shard: str | None) -> list[Path]:
     """The logs of one of several machines, the same on all of them."""
-    if share is None:
+    if shard is None:
         return logs
     from skin.errors import OptionError
 
-    first, _, count = share.partition("/")
+    first, _, count = shard.partition("/")
     if not (first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
-        raise OptionError(f"--share: must be I/N with I from 1 to N; got {share!r}")
+        raise OptionError(f"--shard: must be I/N with I from 1 to N; got {shard!r}")
     return sorted(logs)[int(first) - 1 :: int(count)]
 
 
 def _into_folder(
-    logs: list[Path], topology: str, output: Path, json: bool, how: dict[str, Any]
+    logs: list[Path], topology: Topology, output: Path, json: bool, how: dict[str, Any]
 ) -> int:
     """Decode logs into a folder."""
-    from skin.bulk.job import Job
-    from skin.bulk.run import run
-    from topology import load
+    from skin.io.bulk.job import Job
+    from skin.io.bulk.run import run
 
     if not output.is_dir():
         options.check_folder("--output", output)
-    job = Job(load(topology), output, how["options"], how["format"], anew=how["anew"])
+    job = Job(topology, output, how["options"], how["format"], force=how["force"])
     if not logs:
-        print(json_text.dumps({"logs": []}) if json else "no log for this share")
+        print(json_text.dumps({"logs": []}) if json else "no log for this shard")
         return 0
     bar = _Bar()
     if how["cluster"] is None:
-        report = run(job, logs, jobs=how["jobs"], tell=bar)
+        report = run(job, logs, jobs=how["jobs"], on_progress=bar)
     else:
-        from skin.bulk.cluster import run_on
+        from skin.io.bulk.cluster import run_on
 
-        report = run_on(how["cluster"], job, logs, tell=bar)
+        report = run_on(how["cluster"], job, logs, on_progress=bar)
     bar.end()
     report["output"] = str(output.resolve())
     print(json_text.dumps(report) if json else _table(report))
@@ -209,10 +215,10 @@ class _Bar:
     def __init__(self) -> None:
         self._live, self._shown_at, self._width = sys.stderr.isatty(), time.monotonic(), 0
 
-    def __call__(self, told: Told) -> None:
-        text, now = str(told), time.monotonic()
+    def __call__(self, progress: ProgressReport) -> None:
+        text, now = str(progress), time.monotonic()
         if self._live:
-            bar = "█" * round(20 * told.share)
+            bar = "█" * round(20 * progress.fraction)
             line = f"{bar:<20} {text}"
             print(f"\r{line:<{self._width}}", end="", file=sys.stderr, flush=True)
             self._width = len(line)

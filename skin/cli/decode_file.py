@@ -4,65 +4,79 @@ from __future__ import annotations
 
 import json as json_text
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skin.cli import options
 from skin.cli.table import counted
 
-__all__ = ["decode_file"]
+if TYPE_CHECKING:
+    from skin.blocks.block import Block
+    from topology import Topology
 
-WANT = ("temperature", "force", "test_ratio", "wrench", "centroid", "contacts", "slip")
+__all__ = ["decode_file"]
 
 
 def decode_file(
-    log: Path, *, topology: str, output: Path | None, asked: dict[str, Any], json: bool
+    log: Path, *, topology: Topology, output: Path | None, asked: dict[str, Any], json: bool
 ) -> int:
-    """Decode a log, by these options of `skin.options.Options` and else its defaults; the exit
-    status. See `skin.cli.decode`."""
+    """Decode a log, by these options of `skin.options.Options` and else its defaults, or a
+    recording, by these and else those of its run; the exit status. See `skin.cli.decode`."""
     from skin.cli.decoded import writer_for
     from skin.errors import SkinError
-    from skin.offline import decode_log
-    from topology import load
 
     if output is not None and output.suffix not in (".csv", ".npz", ".parquet"):
         raise SkinError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
     options.check_folder("--output", output)
-    loaded = load(topology)
-    want = (*WANT, "sigma") if output is not None and output.suffix == ".parquet" else WANT
-    states = decode_log(loaded, log, want=want, **asked)
+    states, blocks = _source(log, topology, asked)
     cycles, valid, peak = 0, 0, 0.0
-    with writer_for(output, loaded, states.pipeline.options) as add:
-        for state in states:
-            cycles += 1
-            valid += int(state.units.valid.sum())
-            peak = max(peak, float(np.linalg.norm(state.wrench[:3])))
-            add(state)
-    counters = asdict(states.counters)
+    with writer_for(output, topology, states.pipeline.options) as add:
+        for block in blocks:
+            cycles += len(block)
+            valid += int(np.count_nonzero(block.units.valid))
+            peak = max(peak, float(np.linalg.norm(block.wrench[:, :3], axis=1).max()))
+            add(block)
+    counters, damage = asdict(states.counters), getattr(states, "damage", None)
     report = {
-        "topology": loaded.name,
-        "units": loaded.n,
+        "topology": topology.name,
+        "units": topology.n,
         "cycles": cycles,
-        "valid_share": valid / max(1, cycles * int(loaded.enabled.sum())),
+        "valid_share": valid / max(1, cycles * int(topology.enabled.sum())),
         "peak_force_n": peak,
         "counters": counters,
         "options": states.pipeline.options.report(),
-        "damage": states.damage,
+        "damage": damage,
         "faults": states.faults,
         "output": str(output.resolve()) if output is not None and cycles else None,
     }
     if json:
         print(json_text.dumps(report))
     else:
-        print(f"{cycles} cycles of {loaded.n} units; frames: {counted(counters)}")
+        print(f"{cycles} cycles of {topology.n} units; frames: {counted(counters)}")
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
         if report["output"]:
             print(f"written: {report['output']}")
-    if states.damage:
-        print(f"{states.damage}; what stands before it was decoded", file=sys.stderr)
+    if damage:
+        print(f"{damage}; what stands before it was decoded", file=sys.stderr)
     for fault in states.faults:
         print(fault, file=sys.stderr)
-    return 0 if cycles and not states.damage and not states.faults else 1
+    return 0 if cycles and not damage and not states.faults else 1
+
+
+def _source(log: Path, topology: Topology, asked: dict[str, Any]) -> tuple[Any, Iterator[Block]]:
+    """What has counters and faults of a log or recording, and its blocks."""
+    from skin.blocks.blocks import blocks_of
+    from skin.io.bulk.job import WANT
+    from skin.io.record import is_recording
+    from skin.io.record.replay import redecode
+    from skin.offline import decode_log
+
+    if is_recording(log):
+        played = redecode(log, topology, **asked)
+        return played, blocks_of(played, played.pipeline)
+    decoded = decode_log(topology, log, **{"want": (*WANT, "test_ratio")} | asked)
+    return decoded, decoded.blocks()

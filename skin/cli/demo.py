@@ -50,12 +50,10 @@ def demo(
         float, tyro.conf.arg(metavar="SECONDS", help="simulated time; a stroke takes 7")
     ] = 7.0,
     seed: Annotated[int, tyro.conf.arg(metavar="INT", help="seed of the simulated noise")] = 0,
-    fast: Annotated[bool, options.quiet("as fast as possible instead of in real time")] = False,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-demo.png"),
+    fast: options.Fast = False,
+    picture: options.Picture = Path("skin-demo.png"),
     view: Annotated[
-        bool, options.quiet("serve the live view afterwards, on a terminal until Ctrl-C")
+        bool, options.quiet("do not serve the live view afterwards, on a terminal until Ctrl-C")
     ] = True,
     view_seconds: ViewSeconds = None,
     json: options.Json = False,
@@ -63,7 +61,7 @@ def demo(
     """Simulate a skin, decode its frames live, and show the errors against the truth.
 
     A sphere presses, slides and lifts all over the units. The picture shows the forces, the wrench
-    and the centre of pressure beside the true ones; it needs matplotlib, all else does not.
+    and the centre of pressure with the true ones; it needs matplotlib, all else does not.
 
     Other demos, each with its own --help: skin demo grasp, gesture, pva, tea, grip.
     """
@@ -133,7 +131,7 @@ def _check_word(file: str) -> None:
 
 
 def _offer_view(file: str, seed: int, seconds: float | None) -> None:
-    """Serve the live view to a person; tell others how to have it."""
+    """Serve the live view on a terminal; else print the command that does."""
     from skin.cli.view import view
     from skin.errors import LibraryError
     from skin.view.server import check_installed

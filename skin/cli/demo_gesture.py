@@ -15,7 +15,7 @@ from skin.cli.demo_picture import check_picture
 from skin.cli.table import columns
 
 if TYPE_CHECKING:
-    from skin.tasks.gesture_trial import GestureTrial, Seen
+    from skin.demos.gesture_trial import GestureTrial, Seen
 
 __all__ = ["demo_gesture"]
 
@@ -25,21 +25,19 @@ def demo_gesture(
     seed: Annotated[
         int, tyro.conf.arg(metavar="INT", help="seed of the person, the object and the noise")
     ] = 0,
-    fast: Annotated[bool, options.quiet("as fast as possible instead of in real time")] = False,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-gesture.png"),
+    fast: options.Fast = False,
+    picture: options.Picture = Path("skin-gesture.png"),
     json: options.Json = False,
 ) -> int:
     """Hold a block while a person pulls it in eight directions, taps, presses and twists it.
 
     MuJoCo moves gripper and block; the person is a spring with a tremor that pushes the block. What
-    they do is told from the frames on the bus alone, with the direction and a confidence. Exit
+    they do is recognised from the frames on the bus alone, with direction and confidence. Exit
     status 1 where one of them is taken for another. The picture needs matplotlib, all else does
     not.
     """
+    from skin.demos.gesture_trial import asked_story, run_gestures
     from skin.errors import MOST_SEED, LibraryError, check_number
-    from skin.tasks.gesture_trial import asked_story, run_gestures
     from skin.view.gesture_picture import save_gestures
 
     check_picture(picture)
@@ -71,19 +69,19 @@ def _figures(trial: GestureTrial) -> dict[str, object]:
 
 
 def _row(seen: Seen) -> dict[str, object]:
-    told, asked = seen.told, seen.asked
+    found, asked = seen.reported, seen.asked
     row: dict[str, object] = {
         "began_s": round(seen.began_s, 3),
         "done": asked.kind,
         "done_deg": _degrees(asked.angle_rad),
-        "told": None if told is None else told.kind,
+        "found": None if found is None else found.kind,
     }
-    if told is not None:
+    if found is not None:
         directed = math.isfinite(asked.angle_rad)
         row |= {
-            "told_deg": _degrees(told.angle_rad) if directed else None,
-            "confidence": round(told.confidence, 4),
-            "told_s": round(seen.first_s, 3),
+            "found_deg": _degrees(found.angle_rad) if directed else None,
+            "confidence": round(found.confidence, 4),
+            "found_s": round(seen.first_s, 3),
         }
     return row
 
@@ -97,16 +95,16 @@ def _table(report: dict[str, object], trial: GestureTrial) -> str:
     for seen in trial.seen:
         row = _row(seen)
         shown = [f"{row['began_s']:6.2f} s", str(row["done"]), _angle(row["done_deg"])]
-        if seen.told is None:
+        if seen.reported is None:
             shown += ["nothing", "", "", ""]
         else:
-            shown += [str(row["told"]), _angle(row["told_deg"]), f"{row['confidence']:.1%}",
-                      f"{row['told_s']:.2f} s"]  # fmt: skip
+            shown += [str(row["found"]), _angle(row["found_deg"]), f"{row['confidence']:.1%}",
+                      f"{row['found_s']:.2f} s"]  # fmt: skip
         rows.append(shown)
-    head = ("began", "done", "towards", "told", "towards", "confidence", "after")
+    head = ("began", "done", "towards", "recognised", "towards", "confidence", "after")
     last = (
         f"{report['right']} of {report['asked']} right, {report['direction_rms_deg']:.1f} degrees "
-        f"rms, {report['false']} told where nobody did anything; picture: "
+        f"rms, {report['false']} recognised where nobody did anything; picture: "
         f"{report['picture'] or 'none'}"
     )
     return "\n".join([*columns(head, rows), last])

@@ -15,7 +15,7 @@ from skin.cli.demo_picture import check_picture
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
-    from skin.tasks.grasp_trial import Trial
+    from skin.demos.grasp_trial import Trial
     from skin.view.grasp_picture import Shots
 
 __all__ = ["demo_grasp", "figures_of"]
@@ -26,21 +26,19 @@ def demo_grasp(
     seed: Annotated[
         int, tyro.conf.arg(metavar="INT", help="seed of the object and of the noise")
     ] = 0,
-    fast: Annotated[bool, options.quiet("as fast as possible instead of in real time")] = False,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-grasp.png"),
+    fast: options.Fast = False,
+    picture: options.Picture = Path("skin-grasp.png"),
     json: options.Json = False,
 ) -> int:
     """Close a gripper on an object of unknown weight and friction, lift it, and pull at it.
 
     MuJoCo moves gripper and object, the skin makes the forces between them, and the controller
-    knows no more than the frames on the bus tell: it holds by slip onset and grip margin, and
+    knows no more than the frames on the bus: it holds by slip onset and grip margin, and
     grips harder for a moment to see whether what it has lifted hangs or slides. Exit status 1
     where the object is dropped. The picture needs matplotlib, all else does not.
     """
+    from skin.demos.grasp_trial import run_trial
     from skin.errors import MOST_SEED, LibraryError, check_number
-    from skin.tasks.grasp_trial import run_trial
     from skin.view.grasp_picture import save_grasp
 
     check_picture(picture)
@@ -91,10 +89,10 @@ def shots_of(trial: Trial) -> Shots:
 
 
 def _title(report: dict[str, object]) -> str:
-    told = "dropped" if report["dropped"] else "held"
+    outcome = "dropped" if report["dropped"] else "held"
     return (
         f"A {report['shape']} of {report['mass_kg']} kg and friction {report['friction']}, "
-        f"{told}, by slip onset, grip margin and one probe"
+        f"{outcome}, by slip onset, grip margin and one probe"
     )
 
 
@@ -110,9 +108,9 @@ def _table(report: dict[str, object]) -> str:
         "picture": "{shown_picture}",
     }
     margin = report["margin"]
-    told = {
+    shown = {
         "outcome": "dropped" if report["dropped"] else "held",
         "shown_margin": "nothing" if margin is None else f"{margin:.0%}",
         "shown_picture": report["picture"] or "none",
     }
-    return facts(rows, report | told, 26)
+    return facts(rows, report | shown, 26)

@@ -15,7 +15,7 @@ from skin.cli.demo_picture import check_picture
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
-    from skin.tasks.disturbance import Disturbance
+    from skin.demos.disturbance import Disturbance
     from skin.view.grip_picture import GripCurves
 
 __all__ = ["demo_grip"]
@@ -26,22 +26,20 @@ def demo_grip(
     seed: Annotated[
         int, tyro.conf.arg(metavar="INT", help="seed of the object, the pulls and the noise")
     ] = 0,
-    fast: Annotated[bool, options.quiet("as fast as possible instead of in real time")] = False,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-grip.png"),
+    fast: options.Fast = False,
+    picture: options.Picture = Path("skin-grip.png"),
     json: options.Json = False,
 ) -> int:
     """Hold an object of unknown weight and friction with the least grip, while it is pulled.
 
     3 s at rest, 4 s of pulls and turns in all directions, 3 s of recovery, as in the paper's
     Fig. 4c. MuJoCo moves gripper and object, and the control knows no more than the frames on the
-    bus tell. Exit status 1 where the object is dropped. The picture needs matplotlib, all else does
+    bus say. Exit status 1 where the object is dropped. The picture needs matplotlib, all else does
     not.
     """
+    from skin.demos.disturbance import run_disturbance
+    from skin.demos.disturbance_score import figures_of
     from skin.errors import MOST_SEED, LibraryError, check_number
-    from skin.tasks.disturbance import run_disturbance
-    from skin.tasks.disturbance_score import figures_of
     from skin.view.grip_picture import save_grip
 
     check_picture(picture)
@@ -82,11 +80,11 @@ def _curves(run: Disturbance) -> GripCurves:
 
 def _title(report: dict[str, Any]) -> str:
     dead = f", {report['dead_units']} units dead" if report["dead_units"] else ""
-    told = "dropped" if report["dropped"] else "held"
+    outcome = "dropped" if report["dropped"] else "held"
     return (
         f"A {report['shape']} of {report['mass_kg']:.3f} kg and friction "
         f"{report['friction']:.2f}{dead}, "
-        f"pulled and turned: {told}"
+        f"pulled and turned: {outcome}"
     )
 
 
@@ -107,11 +105,11 @@ def _table(report: dict[str, Any]) -> str:
         value = report[name]
         return "nothing" if value is None else f"{value:.0%}"
 
-    told = {
+    shown = {
         "outcome": "dropped" if report["dropped"] else "held",
         "rest": share("margin_rest"), "peak": share("margin_peak"),
         "median": share("margin_median"),
         "shown_picture": report["picture"] or "none",
         "shown_decisions": ("\n" + 27 * " ").join(report["decisions"]),
     }  # fmt: skip
-    return facts(rows, report | told, 26)
+    return facts(rows, report | shown, 26)

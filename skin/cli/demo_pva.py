@@ -18,7 +18,7 @@ ROWS = {
     "temperature within": "{temperature_rmse_c:.2f} °C rms off, {temperature_max_error_c:.2f} °C "
     "worst; highest {highest_c:.1f} °C",
     "shaken": "{shaken_hz:.4f} Hz",
-    "beaker off the line": "{offset_mm:.1f} mm before it was gripped anew",
+    "beaker off the line": "{offset_mm:.1f} mm before it was gripped again",
 }
 
 
@@ -27,21 +27,19 @@ def demo_pva(
     seed: Annotated[
         int, tyro.conf.arg(metavar="INT", help="seed of the beaker, the flame and the noise")
     ] = 0,
-    fast: Annotated[bool, options.quiet("as fast as possible instead of in real time")] = False,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-pva.png"),
+    fast: options.Fast = False,
+    picture: options.Picture = Path("skin-pva.png"),
     json: options.Json = False,
 ) -> int:
     """Prepare a solution of PVA: level a beaker, heat it to 75 °C, shake it at 1 Hz until 60 °C.
 
-    The steps stand in `skin/tasks/pva.toml`. MuJoCo moves gripper and beaker; what decides is what
-    the frames on the bus tell: temperature behind the lags of gel and glass, level, periodic
+    The steps stand in `skin/demos/pva.py`. MuJoCo moves gripper and beaker; what decides is what
+    the frames on the bus: temperature behind the lags of gel and glass, level, periodic
     motion. Heating and cooling are ten times as fast as in a laboratory. Exit status 1 where the
     task fails or the beaker is dropped. The picture needs matplotlib, all else does not.
     """
+    from skin.demos.pva import run_pva
     from skin.errors import MOST_SEED, check_number
-    from skin.tasks.pva import run_pva
 
     check_picture(picture)
     check_number("--seed", seed, 0, MOST_SEED, whole=True)

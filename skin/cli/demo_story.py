@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
-    from skin.tasks.play import Change, Story
+    from skin.demos.play import Change, Story
     from skin.view.story_picture import Reel, Span
 
 __all__ = ["figures_of", "reel_of", "show"]
@@ -35,8 +35,8 @@ def show(
         print(json_text.dumps(report), flush=True)
     else:
         print("\n".join(map(str, story.timeline)))
-        told = report | {"shown_picture": report["picture"] or "none"}
-        print(facts(dict(rows) | {"picture": "{shown_picture}"}, told, 26), flush=True)
+        shown = report | {"shown_picture": report["picture"] or "none"}
+        print(facts(dict(rows) | {"picture": "{shown_picture}"}, shown, 26), flush=True)
     return 1 if story.outcome != "done" or story.dropped else 0
 
 
@@ -63,7 +63,7 @@ def figures_of(seed: int, story: Story) -> dict[str, Any]:
 
 def reel_of(story: Story, felt: list[Change], levels_c: dict[str, float], fills: bool) -> Reel:
     """A story for its picture."""
-    from skin.tasks.play import COLUMNS
+    from skin.demos.play import COLUMNS
     from skin.view.story_picture import Reel, Span
 
     end_s = float(story.column("time_s")[-1])

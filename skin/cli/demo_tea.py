@@ -27,21 +27,19 @@ def demo_tea(
     seed: Annotated[
         int, tyro.conf.arg(metavar="INT", help="seed of the glass, the kettle and the noise")
     ] = 0,
-    fast: Annotated[bool, options.quiet("as fast as possible instead of in real time")] = False,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-tea.png"),
+    fast: options.Fast = False,
+    picture: options.Picture = Path("skin-tea.png"),
     json: options.Json = False,
 ) -> int:
     """Fill a glass with hot water in three flows until it has 55 °C, carry it, hand it over.
 
-    The steps stand in `skin/tasks/tea.toml`. MuJoCo moves gripper, glass and the person's hand;
-    what decides is what the frames on the bus tell: temperature behind the lags of gel and glass,
+    The steps stand in `skin/demos/tea.py`. MuJoCo moves gripper, glass and the person's hand;
+    decisions are made by the frames on the bus alone: temperature behind the lags of gel and glass,
     and what hangs on the pads. Exit status 1 where the task fails or the glass is dropped. The
     picture needs matplotlib, all else does not.
     """
+    from skin.demos.tea import GOAL_C, run_tea
     from skin.errors import MOST_SEED, check_number
-    from skin.tasks.tea import GOAL_C, run_tea
 
     check_picture(picture)
     check_number("--seed", seed, 0, MOST_SEED, whole=True)

@@ -39,9 +39,9 @@ def doctor(
     """Listen to the buses of a topology, and compare what is heard with what the file expects.
 
     Each finding comes with its likely cause: missing units, silent branches, swapped buses, wrong
-    identifiers, lengths and rates, two units of one address, boards without heartbeats or with one
-    serial number, losses by where they happen, errors of the bus. Exits with 0 if all is well,
-    and with 1 if there are findings.
+    identifiers, lengths and rates, two units of one address, boards without heartbeats, with one
+    serial number or with different firmware, losses by where they happen, errors of the bus. Exits
+    with 0 if all is well, and with 1 if there are findings.
     """
     from bus.diagnose import diagnose
     from bus.discover import Survey
@@ -106,21 +106,23 @@ def _frames(log: str, topology: Topology) -> LogReader:
 
 def _of_this_host() -> Iterator[Finding]:
     """What is wrong with the installation."""
-    import bus
+    from bus.compiled import places
     from bus.diagnose import Finding
 
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    caches = (
-        [Path(given)]
-        if given
-        else [Path(str(bus.__file__)).parent, Path(os.path.expanduser("~/.cache"))]
-    )
-    if not any(_is_writable(folder) for folder in caches):
+    folder = places.wanted()
+    if folder is None or not _is_writable(folder):
+        where = "this user's caches: there is no home" if folder is None else folder
         yield Finding(
             "no-cache", "warning", "host", 1,
-            f"compiled code cannot be kept in {' or '.join(map(str, caches))}, only "
-            "among temporary files if at all: a start may have to compile anew",
+            f"compiled code cannot be kept in {where}, only among temporary files if at all: a "
+            "start may have to compile again",
             "a read-only installation; set NUMBA_CACHE_DIR to a folder that can be written",
+        )  # fmt: skip
+    elif folder.exists() and (fault := places.fault_of(folder)) is not None:
+        yield Finding(
+            "unsafe-cache", "warning", "host", 1,
+            f"compiled code in {folder} is not used: {fault}",
+            f"a folder that was made by hand; chmod go-w {folder}, or remove it",
         )  # fmt: skip
 
 

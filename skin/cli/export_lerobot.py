@@ -17,9 +17,17 @@ if TYPE_CHECKING:
 __all__ = ["export_lerobot"]
 
 OF_LOGS: dict[str, Any] = {
-    "want": ("temperature", "force", "wrench", "centroid", "contacts", "slip"),
+    "want": ("temperature", "force", "test_ratio", "wrench", "centroid", "contacts", "slip"),
 }
 """Options of a log; a recording has those of its run."""
+
+TaxelImages = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(
+        metavar="PATCH [PATCH ...]",
+        help="patches of rows and columns whose forces are also written as an image",
+    ),
+]
 
 
 def export_lerobot(
@@ -32,7 +40,10 @@ def export_lerobot(
     ],
     /,
     *,
-    topology: Annotated[str, tyro.conf.arg(metavar="FILE", help=options.FILE_HELP)],
+    topology: Annotated[
+        str | None,
+        options.quiet(f"{options.FILE_HELP}: of logs; recordings have their own", metavar="FILE"),
+    ] = None,
     frames: Annotated[
         tuple[Path, ...],
         tyro.conf.arg(
@@ -53,6 +64,7 @@ def export_lerobot(
     window: Annotated[
         int, tyro.conf.arg(metavar="INT", help="samples of the skin in a window")
     ] = 8,
+    taxel_image: TaxelImages = (),
     offset_s: Annotated[
         float,
         tyro.conf.arg(
@@ -66,42 +78,48 @@ def export_lerobot(
     """Write recordings, or CAN logs, and the frames of a camera as a LeRobot v3 data set.
 
     Each frame has the newest sample of the skin that is not later, and the window before it; what
-    is not valid is NaN. The report tells how far frames and samples are apart, and what lacks.
-    docs/connect.md has the features. Exits with 1 if a frame has no sample, or a log is damaged.
+    is not valid is NaN. The report has the distances of frames and samples, and how many frames
+    have no sample. docs/guides/connect.md has the features. Exits with 1 if a log is damaged, with
+    2 if no frame of an episode has a sample.
     """
     from skin.errors import SkinError, check_number
-    from skin.export.frames import read_frames
-    from skin.export.lerobot import Dataset
-    from skin.record.replay import replay, replay_anew
+    from skin.io.export.frames import read_frames
+    from skin.io.export.lerobot import Dataset
+    from skin.io.record import is_recording
+    from skin.io.record.replay import recorded_topology, redecode, replay
     from topology import load
 
-    if len(frames) != len(logs):
-        raise SkinError(f"--frames: must be as many as logs, {len(logs)}; got {len(frames)}")
-    if len(task) not in (1, len(logs)):
-        raise SkinError(f"--task: must be one, or as many as logs, {len(logs)}; got {len(task)}")
+    _check_counts(logs, frames, task)
     check_number("--offset-s", offset_s, -1e10, 1e10)
     options.check_folder("--output", output / "meta" if output.is_dir() else output)
-    loaded: Topology = load(topology)
+    recordings = [log for log in logs if is_recording(log)]
+    if topology is None and not recordings:
+        raise SkinError("--topology: must be given with logs; got none")
+    loaded: Topology = recorded_topology(recordings[0]) if topology is None else load(topology)
     tasks = task if len(task) == len(logs) else task * len(logs)
     asked, wrong = options.chosen(sweeps=sweeps, dtype=dtype), []
-    with Dataset(output, loaded, fps=fps, window=window) as written:
+    with Dataset(output, loaded, fps=fps, window=window, taxels=taxel_image) as written:
         for log, file, text in zip(logs, frames, tasks, strict=True):
-            if _is_recording(log):
-                states = replay_anew(log, loaded, **asked) if asked else replay(log, loaded)
+            if is_recording(log):
+                states = redecode(log, loaded, **asked) if asked else replay(log, loaded)
             else:
                 states = replay(log, loaded, **OF_LOGS | asked)
             written.add_episode(states, read_frames(file, round(1e9 * offset_s)), text)
             wrong += states.faults
     report = written.report() | {"output": str(output.resolve()), "faults": wrong}
     print(json_text.dumps(report) if json else _table(report))
-    for fault in wrong:
-        print(fault, file=sys.stderr)
-    lacking = sum(one["without_sample"] for one in report["alignment"])
-    return int(bool(lacking or wrong))
+    sys.stderr.writelines(f"{fault}\n" for fault in wrong)
+    return int(bool(wrong))
 
 
-def _is_recording(log: Path) -> bool:
-    return log.suffix.lower() == ".mcap"
+def _check_counts(logs: tuple[Path, ...], frames: tuple[Path, ...], task: tuple[str, ...]) -> None:
+    """Refuse frames and tasks that are not one for each log."""
+    from skin.errors import SkinError
+
+    if len(frames) != len(logs):
+        raise SkinError(f"--frames: must be as many as logs, {len(logs)}; got {len(frames)}")
+    if len(task) not in (1, len(logs)):
+        raise SkinError(f"--task: must be one, or as many as logs, {len(logs)}; got {len(task)}")
 
 
 def _table(report: dict[str, Any]) -> str:

@@ -33,7 +33,7 @@ def mount(
     *,
     output: Annotated[
         Path | None,
-        options.quiet("write a copy of the model with a link or site for each unit; beside the "
+        options.quiet("write a copy of the model with a link or site for each unit; next to the "
                       "model", metavar="OUT", aliases=["-o"]),
     ] = None,
     distance_mm: Annotated[
@@ -70,10 +70,10 @@ def mount(
             raise SkinError(f"{file}: robot model: must be {model}; got {own}")
         patches = check_patches(loaded, distance_mm=distance_mm, tilt_deg=tilt_deg)
         print("\n" + _patches(patches))
-    told = [*problems, *(problem for patch in patches for problem in patch.problems)]
-    for text in told:
+    found = [*problems, *(problem for patch in patches for problem in patch.problems)]
+    for text in found:
         print(f"\n{text}")
-    ok = not told
+    ok = not found
     if output is not None and loaded is not None and ok:
         write_mounted(loaded, output)
         print(f"\n{output}: {loaded.n} units written")
@@ -83,7 +83,7 @@ def mount(
         print(json_text.dumps({
             "model": str(model), "links": list(robot.names), "joints": _joints(robot),
             "patches": [msgspec.to_builtins(patch) for patch in patches],
-            "problems": told, "output": str(output) if output is not None and ok else None,
+            "problems": found, "output": str(output) if output is not None and ok else None,
             "ok": ok,
         }))  # fmt: skip
     return 0 if ok else 1

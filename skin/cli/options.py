@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -19,22 +20,26 @@ __all__ = [
     "Calibration",
     "Channel",
     "DType",
+    "Fast",
     "File",
     "FileOrNone",
     "Interface",
     "Json",
     "Listening",
     "Log",
+    "Picture",
     "Scene",
     "Seed",
     "Sweeps",
     "Sync",
     "Until",
+    "Write",
     "check_folder",
     "check_seconds",
     "chosen",
     "given",
     "hints",
+    "named_in_file",
     "never_tared",
     "quiet",
     "refuse_both",
@@ -44,7 +49,7 @@ __all__ = [
 
 
 def quiet(help: str, **options: Any) -> Any:
-    """An argument whose default is nothing that its help could tell."""
+    """An argument whose default needs no word in its help."""
     return tyro.conf.arg(help=help, help_behavior_hint="", **options)
 
 
@@ -56,16 +61,24 @@ FileOrNone = Annotated[str | None, tyro.conf.Positional, quiet(FILE_HELP, metava
 """Of commands that print a schema without any file; see `given`."""
 
 Calibration = Annotated[
-    str | None,
+    Path | None,
     quiet(
         "calibration file to write, or a folder of one for each patch; otherwise those that the "
-        "topology names",
+        "topology names, or PATCH.calibration.toml next to it",
         metavar="FILE|DIR",
         aliases=["-o"],
     ),
 ]
 
+Write = Annotated[bool, quiet("add the lines that name new calibration files to the topology file")]
+"""See `named_in_file`."""
+
 Json = Annotated[bool, quiet("end with one JSON object")]
+
+Fast = Annotated[bool, quiet("as fast as possible instead of in real time")]
+
+Picture = Annotated[Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")]
+"""See `skin.cli.demo_picture.check_picture`."""
 
 Listening = Annotated[float, tyro.conf.arg(metavar="SECONDS", help="how long to listen")]
 
@@ -160,7 +173,7 @@ def check_seconds(
 
 
 def refuse_both(option: str, other: str, value: object) -> None:
-    """Refuse `other`, if it is given, beside an option that leaves it nothing to say."""
+    """Refuse `other`, if it is given, with an option that makes it void."""
     from skin.errors import SkinError
 
     if value is not None:
@@ -182,6 +195,30 @@ def check_folder(option: str, path: Path | None, over: Kind | None = None) -> No
         raise SkinError(f"{option}: must be a file that can be written; got '{path}'")
     if over is not None:
         check_over(path, over)
+
+
+def named_in_file(topology: Topology, files: Mapping[str, Path], write: bool) -> dict[str, str]:
+    """Name calibration files that were written in the topology file, or print the lines to add.
+
+    Returns
+    -------
+    dict of str to str
+        Lines that the topology file lacks, by patch.
+    """
+    from topology.load import is_builtin
+    from topology.naming import calibration_lines, name_calibrations
+
+    path = topology.path
+    if path is None or is_builtin(path):
+        return {}
+    lines = calibration_lines(path, files)
+    added = name_calibrations(path, lines) if write else {}
+    for patch, line in lines.items():
+        if patch in added:
+            print(f"{path}:{added[patch]}: added to patch {patch!r}: {line}")
+        else:
+            print(f"{path}: not used until its patch {patch!r} has the line: {line}")
+    return {patch: line for patch, line in lines.items() if patch not in added}
 
 
 def unreachable(file: str, topology: Topology) -> str | None:

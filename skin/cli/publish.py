@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_text
-import sys
 import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from skin.cli import options
-from skin.cli.run import Simulate, Tare, check_simulated, lasting, note
+from skin.cli.run import AutoTare, Simulate, check_simulated, note, note_scene
 from skin.cli.table import facts
 from skin.cli.tally import Tally
 
 if TYPE_CHECKING:
-    from skin.publish import Publisher
+    from skin.io.publish import Publisher
 
 __all__ = ["publish"]
 
@@ -32,7 +31,7 @@ def publish(
     simulate: Simulate = False,
     scene: options.Scene = None,
     seed: options.Seed = None,
-    tare: Tare = True,
+    auto_tare: AutoTare = True,
     prefix: Annotated[
         str, tyro.conf.arg(metavar="NAME", help="of the topics: NAME/state, NAME/wrench, …")
     ] = "skin",
@@ -59,28 +58,29 @@ def publish(
     """Listen to the buses of a topology, send SYNC, and publish what the skin feels to ROS 2.
 
     ROS 2 need not be installed here. Topics, as `ros2 topic list` shows them: skin/state,
-    skin/layout, skin/wrench, skin/contact/<slot>, /tf_static, /diagnostics (docs/connect.md). With
-    `--simulate` simulated units play a scene. Exits with 1 if no unit ever answered.
+    skin/layout, skin/wrench, skin/contact/<slot>, /tf_static, /diagnostics
+    (docs/guides/connect.md). With `--simulate` simulated units play a scene. Exits with 1 if no
+    unit ever answered.
     """
     import skin
-    from skin.publish import ros
+    from skin.io.publish import ros
     from topology import load
 
     options.check_seconds(seconds)
     check_simulated(simulate, scene, seed, sync, interface, channel)
     loaded = load(file).on(interface=interface, channel=channel)
     if not simulate:
-        note(file, loaded, tare)
+        note(file, loaded, auto_tare)
     with ExitStack() as ended:
         opened = ended.enter_context(
-            skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed, tare=tare)
+            skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed, auto_tare=auto_tare)
         )
-        seconds = seconds or lasting(opened, scene)
         node = ros(
             opened, prefix=prefix, frame=frame, patch_frame=patch_frame, rate_hz=rate or None,
             reliable=not best_effort, domain=domain, network=network,
         )  # fmt: skip
         ended.enter_context(node)
+        note_scene(opened.nodes and opened.nodes.scene)
         report = _loop(opened, node, seconds)
     print(json_text.dumps(report) if json else _table(report))
     return 0 if report["units_heard"] and report["publishing"] else 1
@@ -91,7 +91,6 @@ def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]
     tally, end, published = Tally(opened.topology), None, 0
     try:
         for state in opened:
-            node.publish(state)
             tally.add(state, opened.timing.work_ns)
             if tally.cycles % 256 == 1 and not node.alive:
                 break
@@ -104,11 +103,10 @@ def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]
     alive = node.alive
     if alive:
         published = node.sent()
-    else:
-        print("publish: must go on to the end; got the end of its process", file=sys.stderr)
+    elif node.failure is None:
+        node.fail()
     return tally.report() | {
-        "published": published, "left_out": node.left_out, "publishing": alive,
-        "overruns": opened.timing.overruns,
+        "published": published, "left_out": node.lost, "publishing": alive,
     }  # fmt: skip
 
 

@@ -91,7 +91,9 @@ class _Steps:
         if self._free > 0:
             self._free -= 1
             return True
-        loads = ", ".join(f"{c.id}: {c.load:.2f} N" for c in state.contacts or ())
+        from skin.state import if_wanted
+
+        loads = ", ".join(f"{c.id}: {c.load:.2f} N" for c in if_wanted(state, "contacts") or ())
         print(f"cycle {state.cycle} at {state.time_s:.6f} s: {loads or 'no contact'}", flush=True)
         line = sys.stdin.readline()
         number = line.strip()
@@ -103,7 +105,8 @@ def _table(report: dict[str, Any]) -> str:
     rows = {
         "units heard": "{units_heard} of {units_enabled}",
         "cycles, complete": "{cycles}, {complete_cycles}",
-        "the same as live": "{told}",
+        "left out": "{overruns} periods without a cycle",
+        "the same as live": "{same_text}",
         "valid readings": "{valid_percent:.2f} %",
         "frames": "{frames}",
         "peak force": "{peak_force_n:.2f} N",
@@ -114,6 +117,6 @@ def _table(report: dict[str, Any]) -> str:
     texts = {
         "valid_percent": 100 * report["valid_share"],
         "frames": counted(report["counters"]),
-        "told": "a log does not tell" if same is None else f"{same} of {report['cycles']}",
+        "same_text": "not known of a log" if same is None else f"{same} of {report['cycles']}",
     }
     return facts(rows, report | texts)

@@ -18,14 +18,17 @@ from skin.cli.tally import Tally
 
 if TYPE_CHECKING:
     from skin.calibrate.background import Learning
+    from skin.io.record.recorder import Recorder
     from skin.live import Skin
-    from skin.pipeline import Pipeline
     from topology import Topology
 
-__all__ = ["check_simulated", "lasting", "note", "run"]
+__all__ = ["check_simulated", "note", "note_scene", "run"]
+
+SHOWN = 8
+"""Patches that a line names."""
 
 Wait = Annotated[
-    Literal["event", "drain"],
+    Literal["event", "deadline"],
     tyro.conf.arg(
         help="wake as a cycle becomes complete (least latency), or once a cycle (least work)"
     ),
@@ -33,11 +36,11 @@ Wait = Annotated[
 Simulate = Annotated[
     bool, options.quiet("listen to simulated units, in this process, on no bus of the file")
 ]
-Tare = Annotated[
+AutoTare = Annotated[
     bool,
     options.quiet(
-        "take the zeros of units that were never tared from the first second in which nothing "
-        "touches them"
+        "do not take the zeros of units that were never tared from the first second in which "
+        "nothing touches them"
     ),
 ]
 Zeros = Annotated[
@@ -55,8 +58,8 @@ Learn = Annotated[
 Faults = Annotated[
     Path | None,
     options.quiet(
-        "do to the frames that come what this script says (docs/faults.md), in place of what the "
-        "scene does: a test of what uses the skin",
+        "put the faults of this script into the frames (docs/guides/faults.md), in place of those "
+        "of the scene: a test of what uses the skin",
         metavar="FILE",
     ),
 ]
@@ -79,7 +82,7 @@ def run(
     scene: options.Scene = None,
     seed: options.Seed = None,
     log: options.Log = None,
-    tare: Tare = True,
+    auto_tare: AutoTare = True,
     zeros: Zeros = None,
     learn: Learn = None,
     record: Record = None,
@@ -105,16 +108,16 @@ def run(
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
-        note(file, loaded, tare)
+        note(file, loaded, auto_tare)
     table, tally = LiveTable(loaded), Tally(loaded)
     if faults is not None:
         print(f"note: {faults} puts faults into what the buses carry", file=sys.stderr)
     end = None
     with _opened(
         log, filed, loaded, sync=sync, wait=wait, simulate=scene or simulate, seed=seed,
-        faults=faults, tare=tare, zeros=zeros, learn=learn is not None, record=record,
+        faults=faults, auto_tare=auto_tare, zeros=zeros, learn=learn is not None, record=record,
     ) as opened:  # fmt: skip
-        seconds = seconds or lasting(opened, scene)
+        note_scene(opened.nodes and opened.nodes.scene)
         with suppress(KeyboardInterrupt):
             for state in opened:
                 table.show(state, opened.timing.work_ns)
@@ -124,7 +127,6 @@ def run(
                 if end is not None and time.monotonic() >= end:
                     break
         report = tally.report() | {
-            "overruns": opened.timing.overruns,
             "unsent": opened.timing.unsent,
             "counters": asdict(opened.counters),
             "buses": {
@@ -135,29 +137,32 @@ def run(
             "uncalibrated": [] if simulate else options.uncalibrated(loaded),
             "zeros": opened.zeros,
             "learned": _learned(opened.learning, learn),
-            "recorded": _recorded(opened.pipeline),
+            "recorded": _recorded(opened.recorder),
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     print(json_text.dumps(report) if json else _table(report))
     return 0 if report["units_heard"] else 1
 
 
-def _recorded(pipeline: Pipeline) -> dict[str, Any] | None:
-    """End the recording, where there is one, and tell what is in it."""
-    recorder = getattr(pipeline, "recorder", None)
+def _recorded(recorder: Recorder | None) -> dict[str, Any] | None:
+    """End the recording, where there is one, and return what is in it."""
     if recorder is None:
         return None
-    recorder.close()
+    recorder.stop()
     return recorder.report()
 
 
-def note(file: str, topology: Topology, tare: bool) -> None:
+def note(file: str, topology: Topology, auto_tare: bool) -> None:
     """Say what is worth knowing before the first cycle."""
-    notes = options.hints(file, topology, will_tare=tare)
-    if nobody := options.unreachable(file, topology):
-        notes.insert(0, f"nobody can answer: {nobody}")
-    for text in notes:
+    for text in options.hints(file, topology, will_tare=auto_tare):
         print(f"note: {text}", file=sys.stderr)
+
+
+def note_scene(scene: object) -> None:
+    """Say what a simulated scene touches."""
+    for body, places in getattr(scene, "touches", {}).items():
+        shown = ", then ".join(places[:SHOWN]) + (", …" if len(places) > SHOWN else "")
+        print(f"scene: {body} on {shown}", file=sys.stderr)
 
 
 def check_simulated(
@@ -199,14 +204,6 @@ def _opened(log: Path | None, filed: Topology, loaded: Topology, **how: Any) -> 
         raise
 
 
-def lasting(opened: Skin, scene: str | None) -> float | None:
-    """How many seconds the scene lasts that was asked for."""
-    if scene is None or opened.nodes is None:
-        return None
-    seconds: float | None = getattr(opened.nodes.scene, "seconds", None)
-    return seconds
-
-
 def _table(report: dict[str, Any]) -> str:
     silent = report["silent_units"]
     shown = ", ".join(silent[:8]) + (f" and {len(silent) - 8} more" if len(silent) > 8 else "")
@@ -214,13 +211,14 @@ def _table(report: dict[str, Any]) -> str:
         "units heard": "{units_heard} of {units_enabled}",
         "silent": "{shown}",
         "cycles, complete": "{cycles}, {complete_cycles}",
+        "left out": "{overruns} periods without a cycle",
         "valid readings": "{valid_percent:.2f} %",
         "frames": "{frames}",
         "lost on this host": "{losses}",
         "SYNC not taken": "{unsent}",
         "bus changes": "{changes}",
         "zeros": "{taken}",
-        "recorded": "{recorded_told}",
+        "recorded": "{recorded_text}",
         "peak force": "{peak_force_n:.2f} N",
         "contacts, slipped": "{contacts}, {contacts_slipped}",
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
@@ -237,21 +235,21 @@ def _table(report: dict[str, Any]) -> str:
     if recorded is None:
         del rows["recorded"]
     else:
-        texts["recorded_told"] = _recording(recorded)
+        texts["recorded_text"] = _recording(recorded)
     return facts(rows, report | texts)
 
 
 def _recording(recorded: dict[str, Any]) -> str:
     """What stands in a recording, and what does not."""
-    told = f"{recorded.get('cycles', 0)} cycles, {recorded.get('bytes', 0) / 1e6:.1f} MB"
+    text = f"{recorded.get('cycles', 0)} cycles, {recorded.get('bytes', 0) / 1e6:.1f} MB"
     if recorded["lost_cycles"] or recorded["lost_frames"]:
         lost = f"{recorded['lost_cycles']} cycles and {recorded['lost_frames']} frames left out"
-        told += f", {lost}"
-    return told + (", ended early" if recorded["failure"] else "")
+        text += f", {lost}"
+    return text + (", ended early" if recorded["failure"] else "")
 
 
 def _learned(learning: Learning | None, file: Path | None) -> dict[str, Any] | None:
-    """Save what was learned of the neighbours' fields, and tell how much it is."""
+    """Save what was learned of the neighbours' fields, and return how much it is."""
     from skin.errors import SkinError
 
     if learning is None or file is None:
@@ -264,7 +262,7 @@ def _learned(learning: Learning | None, file: Path | None) -> dict[str, Any] | N
             return learning.report() | {"file": None}
         except SkinError:  # what learns is gone
             nothing = {"pressed": {}, "sigma_ut": None}
-            return nothing | {"left_out": learning.left_out, "file": None}
+            return nothing | {"left_out": learning.lost, "file": None}
     report = learning.report()
     print(f"{file}: stray fields within {report['sigma_ut']:.1f} µT, from the touch of "
           f"{len(report['pressed'])} units", file=sys.stderr)  # fmt: skip
@@ -273,15 +271,15 @@ def _learned(learning: Learning | None, file: Path | None) -> dict[str, Any] | N
 
 def _zeros(zeros: dict[str, Any]) -> str:
     """Whose zeros were taken in this run, and the first that was refused."""
-    told = [
+    parts = [
         f"{len(zeros[key])} {text}"
         for key, text in (("tared", "tared in this run"), ("taken_up", "of the run before"))
         if zeros[key]
     ]
     if zeros["refused"]:
         unit, why = next(iter(zeros["refused"].items()))
-        told.append(f"{len(zeros['refused'])} refused ({unit}: {why})")
-    return ", ".join(told) or "those of the files"
+        parts.append(f"{len(zeros['refused'])} refused ({unit}: {why})")
+    return ", ".join(parts) or "those of the files"
 
 
 def _host_losses(buses: dict[str, dict[str, int]]) -> str:
@@ -291,10 +289,10 @@ def _host_losses(buses: dict[str, dict[str, int]]) -> str:
         "queue_drops": "in the socket",
         "ring_overflows": "in our own ring",
     }
-    told = [
+    parts = [
         f"{counts[key]} {place} of {name}"
         for name, counts in buses.items()
         for key, place in places.items()
         if counts[key]
     ]
-    return ", ".join(told) or "none"
+    return ", ".join(parts) or "none"

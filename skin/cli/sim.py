@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
+from skin.cli.run import note_scene
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
     from bus.logs import Recording
     from bus.transport import Transport
-    from skin.sim.node import Nodes, Served
+    from skin.sim.node import Served, SimulatedUnits
     from skin.sim.scene import Scene
     from skin.sim.scenes.play import ScriptedScene
     from topology import Topology
@@ -52,7 +53,7 @@ def sim(
         bool, options.quiet("print the JSON Schema of scene files, for your editor")
     ] = False,
 ) -> int:
-    """Put simulated units on the buses of a topology; they answer whoever sends SYNC.
+    """Put simulated units on the buses of a topology; they answer the SYNC of any host.
 
     Listen in another process with `skin run FILE` and the same interface and channel. On Linux
     these can be `--interface socketcan --channel vcan0`, after `ip link add vcan0 type vcan` and
@@ -64,7 +65,6 @@ def sim(
     """
     from bus.faults import load_script
     from skin.compiling import announcer
-    from skin.errors import SkinError
     from skin.sim.scenes.script import SceneFile
     from topology import load
     from topology.json_schema import json_schema
@@ -79,21 +79,21 @@ def sim(
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     fast = fast or (scene is not None and _in_process(loaded))
-    if not fast and (why := options.unreachable(file, loaded)):
-        raise SkinError(why)
+    _check_reachable(fast, file, loaded)
     script = None if faults is None else load_script(faults, loaded)
     announcer()
     from skin.sim.attached import own_faults
-    from skin.sim.node import Nodes
+    from skin.sim.node import SimulatedUnits
     from skin.sim.scenes.load import open_scene
 
     with ExitStack() as opened:
         if scene is None:
-            nodes = Nodes(loaded, seed=seed or 0, noise=noise)
+            nodes = SimulatedUnits(loaded, seed=seed or 0, noise=noise)
         else:
             played = open_scene(scene, loaded, seed=seed, noise=noise)
             script = script or own_faults(played)
-            nodes = Nodes(loaded, _recorded(opened, played, truth), history=0)
+            nodes = SimulatedUnits(loaded, _recorded(opened, played, truth), history=0)
+        note_scene(nodes.scene)
         recording = None if log is None else _recording(opened, log, filed)
         if fast:
             lasting = played.seconds if seconds is None else seconds
@@ -110,13 +110,21 @@ def sim(
 
 
 def _of_scene(played: ScriptedScene, served: Served, truth: str | None) -> dict[str, Any]:
-    """What is told of a scene that was played."""
+    """The report of a scene that was played."""
     lasted = served.cycles / played.topology.cycle_rate_hz
     return {
         "scene": played.script.name,
         "truth": truth if served.cycles else None,
         "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
     }
+
+
+def _check_reachable(fast: bool, file: str, topology: Topology) -> None:
+    """Refuse a bus that no other process could be on, unless no bus is used."""
+    from skin.errors import SkinError
+
+    if not fast and (why := options.unreachable(file, topology)):
+        raise SkinError(why)
 
 
 def _check_files(scene: str | None, truth: str | None, log: Path | None) -> None:
@@ -161,7 +169,7 @@ def _recorded(opened: ExitStack, played: ScriptedScene, path: str | None) -> Sce
 
 
 def _play(
-    nodes: Nodes, seconds: float, script: FaultScript | None, recording: Recording | None
+    nodes: SimulatedUnits, seconds: float, script: FaultScript | None, recording: Recording | None
 ) -> tuple[Served, list[dict[str, int]]]:
     """Without any bus, as fast as this machine can."""
     from skin.sim.scenes.fast import play
@@ -172,12 +180,12 @@ def _play(
 
 def _serve(
     opened: ExitStack,
-    nodes: Nodes,
+    nodes: SimulatedUnits,
     seconds: float | None,
     script: FaultScript | None,
     recording: Recording | None,
 ) -> tuple[Served, list[dict[str, int]]]:
-    """On real buses, for whoever asks."""
+    """On real buses, for any host."""
     from bus.faults import FaultyTransport
     from bus.logs import LoggedTransport
     from bus.open import open_transport

@@ -1,4 +1,4 @@
-"""What is worth telling at the end of a run, and of its replay."""
+"""The report at the end of a run, and of its replay."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["Tally"]
 
 KEPT = 100_000
-"""Cycle times of which percentiles are told."""
+"""Cycle times of which percentiles are taken."""
 
 
 class Tally:
@@ -27,6 +27,7 @@ class Tally:
         self.topology = topology
         self.cycles = 0
         self.complete = 0
+        self.overruns = 0
         self.valid = np.zeros(topology.n, np.int64)
         self.heard = np.zeros(topology.n, bool)
         self.load = 0.0
@@ -36,14 +37,16 @@ class Tally:
 
     def add(self, state: State, work_ns: int) -> None:
         from skin.contact.record import SlipState
-        from skin.state import Status
+        from skin.state import Status, if_wanted
 
         self.cycles += 1
         self.complete += state.closed_by == "complete"
+        self.overruns = state.overruns
         self.valid += state.units.valid
         self.heard |= (state.units.status & int(Status.NEVER | Status.DISABLED)) == 0
-        self.load = max(self.load, float(np.linalg.norm(state.wrench[:3])))
-        for contact in state.contacts:
+        if (wrench := if_wanted(state, "wrench")) is not None:
+            self.load = max(self.load, float(np.linalg.norm(wrench[:3])))
+        for contact in if_wanted(state, "contacts") or ():
             self.contacts.add(contact.id)
             if contact.slip >= SlipState.INCIPIENT:
                 self.slipped.add(contact.id)
@@ -61,6 +64,7 @@ class Tally:
             "silent_units": [self.topology.unit_names[i] for i in silent],
             "cycles": self.cycles,
             "complete_cycles": int(self.complete),
+            "overruns": self.overruns,
             "valid_share": float(self.valid.sum() / max(1, self.cycles * int(enabled.sum()))),
             "peak_force_n": self.load,
             "contacts": len(self.contacts),

@@ -28,6 +28,7 @@ def tare(
     *,
     seconds: options.Listening = 2.0,
     output: options.Calibration = None,
+    write: options.Write = False,
     leave_out: Annotated[
         tuple[str, ...], options.quiet("units that keep the zeros they have", metavar="[UNIT …]")
     ] = (),
@@ -41,8 +42,10 @@ def tare(
 ) -> int:
     """Take the frequency and the lateral field of every unit as its zero, and save them.
 
-    Nothing may touch the skin meanwhile. Every other value of the calibration files is kept. If a
-    unit is loaded, moving, noisy or invalid, nothing is written and the exit status is 1.
+    Nothing may touch the skin meanwhile. Every other value of the calibration files is kept. A file
+    that the topology does not name yet is used once it has the line that is printed, or with
+    --write added. If a unit is loaded, moving, noisy or invalid, nothing is written and the exit
+    status is 1.
     """
     from skin.calibrate.tare import calibration_files, chosen
     from skin.calibrate.tare import tare as take
@@ -53,7 +56,7 @@ def tare(
 
     options.check_seconds(seconds)
     announcer()
-    loaded = load(file).on(interface=interface, channel=channel)
+    loaded = load(file, allow_no_calibration=True).on(interface=interface, channel=channel)
     for unit in leave_out:
         loaded.unit_index(unit)
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
@@ -65,24 +68,26 @@ def tare(
     except ScanError as error:
         return refused(str(error), loaded, json)
     changes = found.changes()
-    files = {patch: str(path.resolve()) for patch, path in found.write(output).items()}
+    files = {patch: path.resolve() for patch, path in found.write(output).items()}
     print(_table(changes))
     for patch, path in files.items():
         print(f"{patch}: written to {path}")
+    lines = options.named_in_file(loaded, files, write)
     if json:
-        told = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
+        report = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
                 "cycles": len(counts), "refused": [], "changes": changes,
-                "files": files}  # fmt: skip
-        print(json_text.dumps(told))
+                "files": {patch: str(path) for patch, path in files.items()},
+                "lines": lines}  # fmt: skip
+        print(json_text.dumps(report))
     return 0
 
 
 def refused(message: str, topology: Topology, json: bool) -> int:
-    """Tell why nothing was written; the exit status."""
+    """Print why nothing was written; the exit status."""
     print(message, file=sys.stderr)
     if json:
-        told = {"topology": topology.name, "refused": message.splitlines(), "files": {}}
-        print(json_text.dumps(told))
+        report = {"topology": topology.name, "refused": message.splitlines(), "files": {}}
+        print(json_text.dumps(report))
     return 1
 
 
@@ -132,7 +137,9 @@ def _listen(
     clock = Ticks(topology.cycle_rate_hz) if simulate and synced else time.monotonic_ns
     recording = Heard(topology, clock)
     scene = _Untouched(topology.n) if simulate else None
-    with skin.open(topology, want="temperature", tare=False, sync=sync, simulate=scene) as opened:
+    with skin.open(
+        topology, want="temperature", auto_tare=False, sync=sync, simulate=scene
+    ) as opened:
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
         listen(recording, opened.transports, seconds, sync=sync, clock=clock)
     if unsent := int(recording.unsent.sum()):

@@ -15,8 +15,9 @@ import numpy as np
 import tyro
 
 from skin.cli import options
-from skin.cli.run import check_simulated
+from skin.cli.run import check_simulated, note_scene
 from skin.cli.table import facts
+from skin.io.record import is_recording
 
 if TYPE_CHECKING:
     from skin.state import State
@@ -24,13 +25,12 @@ if TYPE_CHECKING:
 
 __all__ = ["view"]
 
-RECORDING = ".mcap"
 LOOK_S = 0.1
 """Between two looks at the process of the view, and at the time, while nothing happens."""
 LONGEST_GAP_S = 2.0
 """That a log without cycles is waited for: its time goes on behind a longer gap [assumed]."""
 KEPT = 100_000
-"""Cycle times of which percentiles are told."""
+"""Cycle times of which percentiles are taken."""
 
 LookAt = Annotated[
     str,
@@ -86,7 +86,7 @@ def view(
     options.check_seconds(seconds)
     options.check_folder("--export", export, PAGE)
     check_simulated(simulate, scene, seed, sync, interface, channel)
-    is_recorded = topology is not None or file.endswith(RECORDING)
+    is_recorded = topology is not None or is_recording(file)
     if is_recorded and simulate:
         raise SkinError("--simulate: must be without --topology, and without a recording; got both")
     if is_recorded:
@@ -101,6 +101,7 @@ def view(
             source = ended.enter_context(
                 skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed)
             )
+            note_scene(source.nodes and source.nodes.scene)
         shown = ended.enter_context(show(source, host=host, port=port))
         print(f"{source.topology.name}: open {shown.address} in a browser; Ctrl-C ends",
               file=sys.stderr, flush=True)  # fmt: skip
@@ -111,12 +112,13 @@ def view(
                 faults = _faults(file, source, tally)
                 for fault in faults:
                     print(fault, file=sys.stderr)
-                _wait(tally, seconds, shown)
+            _wait(tally, seconds, shown)
         except KeyboardInterrupt:
             pass
         if not shown.alive:
-            faults.append("view: must go on to the end; got the end of its process")
-            print(faults[-1], file=sys.stderr)
+            if shown.failure is None:
+                shown.fail()
+            faults.append(str(shown.failure))
         elif export is not None:
             shown.export(export)
         report = tally.report() | {
@@ -135,7 +137,7 @@ def replayed(topology: str | None, file: str) -> Any:
     """What yields the states of a recording or log: has `topology`, `pipeline`, and `faults`."""
     import skin
 
-    if topology is None or file.endswith(RECORDING):
+    if topology is None or is_recording(file):
         return skin.replay(file, topology, speed=None)
     return skin.decode_log(topology, file)
 
@@ -161,7 +163,7 @@ def _go_on(
 
 
 def _wait(tally: _Tally, seconds: float | None, shown: View) -> None:
-    """Keep serving what was played."""
+    """Keep serving what was played, or the end of a scene."""
     while not tally.is_over(seconds) and shown.alive:
         time.sleep(LOOK_S)
 
@@ -185,7 +187,7 @@ def _as_recorded(source: Any, shown: View, tally: _Tally, seconds: float | None)
 
 
 class _Tally:
-    """What is worth telling at the end."""
+    """What is reported at the end."""
 
     def __init__(self) -> None:
         self._work_us: deque[float] = deque(maxlen=KEPT)

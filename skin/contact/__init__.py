@@ -1,1 +1,1 @@
-"""Forces of many units to what touches the skin."""
+"""Contacts from the forces of many units."""

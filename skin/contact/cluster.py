@@ -1,6 +1,6 @@
-"""Which units touch something, and which of them touch the same thing.
+"""Clusters: units that are in contact, joined along the neighbour graph.
 
-Units above the gate are joined along the neighbour graph to clusters.
+Units above the gate are joined to connected sets of units.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from skin.contact.record import BRIDGE, OPEN, OUT, SILENT
 __all__ = ["contact_clusters", "join", "join_python"]
 
 TINY = 1e-200
-"""Least sigma, newton: numbers without noise."""
+"""Lower bound of sigma, newton, for numbers without noise."""
 
 
 @jitable
 def _gate(load, sigma, valid, keep_sigma, touching, kind):
-    """Sort units into kinds by their normal load, return how many are open."""
+    """Classify units by their normal load; returns how many are open."""
     above = 0
     for i in range(load.size):
-        told = valid[i] & np.isfinite(load[i]) & (sigma[i] >= 0.0)
+        reported = valid[i] & np.isfinite(load[i]) & (sigma[i] >= 0.0)
         unheard = BRIDGE if touching[i] else SILENT
         loaded = OPEN if load[i] > keep_sigma * sigma[i] else OUT
-        kind[i] = loaded if told else unheard
-        above += told & (loaded == OPEN)
+        kind[i] = loaded if reported else unheard
+        above += reported & (loaded == OPEN)
     return above
 
 
 @jitable
 def _all_finite(values, i):
-    told = True
+    reported = True
     for row in range(values.shape[0]):
-        told &= np.isfinite(values[row, i])
-    return told
+        reported &= np.isfinite(values[row, i])
+    return reported
 
 
 @jitable
 def _list_loaded(reading, needs_displacement, units):
-    """List the open units; returns how many. Any other number that is none makes one silent.
+    """List the open units; returns how many. A unit with a non-finite number becomes silent.
 
-    Of units that are not loaded nobody asks for the shear.
+    The shear of unloaded units is not checked.
     """
     kind, loaded = units.kind, units.loaded
     count = 0
@@ -63,11 +63,11 @@ def _list_loaded(reading, needs_displacement, units):
     listed, count = count, 0
     for at in range(listed):
         i = loaded[at]
-        told = _all_finite(reading.force, i) & _all_finite(reading.force_sigma, i)
+        reported = _all_finite(reading.force, i) & _all_finite(reading.force_sigma, i)
         if needs_displacement:
-            told &= _all_finite(reading.displacement, i)
-            told &= _all_finite(reading.displacement_sigma, i)
-        if told:
+            reported &= _all_finite(reading.displacement, i)
+            reported &= _all_finite(reading.displacement_sigma, i)
+        if reported:
             loaded[count] = i
             count += 1
         else:
@@ -77,8 +77,8 @@ def _list_loaded(reading, needs_displacement, units):
 
 @jitable
 def _spread(first, part, stored, graph, units):
-    """Take all that is connected with a unit into a cluster, its open units into `members` from
-    `stored` on; returns the end of `queue`, which lists all of them, and that of `members`."""
+    """Flood-fill a cluster from a unit: its open units go into `members` from `stored` on; returns
+    the end of `queue`, which lists all of its units, and of `members`."""
     kind, label, queue = units.kind, units.label, units.queue
     label[first] = part
     queue[0] = first
@@ -100,7 +100,7 @@ def _spread(first, part, stored, graph, units):
 
 @jitable
 def _weigh(load, sigma, loaded, cycle, evidence):
-    """Loads in sigmas of the units above the gate, now and a cycle ago."""
+    """Loads of the units above the gate in sigmas, in this cycle and the one before."""
     for i in loaded:
         again = evidence.cycle[i] == cycle - 1
         evidence.before[i] = evidence.level[i] if again else -np.inf
@@ -110,7 +110,7 @@ def _weigh(load, sigma, loaded, cycle, evidence):
 
 @jitable
 def _starts(members, graph, gate, touching, evidence):
-    """Whether one of the units of a cluster starts a contact, alone, by the cycle before or with a
+    """Whether a unit of a cluster starts a contact, alone, with the cycle before or with a
     neighbour; or was in one."""
     twice, both = np.sqrt(2.0) * gate.repeat_sigma, np.sqrt(2.0) * gate.pair_sigma
     for i in members:
@@ -128,19 +128,19 @@ def _starts(members, graph, gate, touching, evidence):
 def join_python(model, data):
     """Join the units above the gate to clusters.
 
-    Silent units join their neighbours and belong to nothing.
+    Silent units connect their neighbours and belong to no cluster.
 
     Parameters
     ----------
     model : ContactModel
     data : ContactData
-        `units` is written but for `owner` and `slip`; `touching` is read.
+        `units` is written except `owner` and `slip`; `touching` is read.
 
     Returns
     -------
     int
-        Number of clusters that have a unit that starts a contact or was in one. Units of cluster k
-        are ``members[begin[k]:begin[k + 1]]``; `label` is the cluster of each unit, -1.
+        Number of clusters with a unit that starts a contact or was in one. Units of cluster k are
+        ``members[begin[k]:begin[k + 1]]``; `label` is the cluster of each unit, -1.
     """
     reading, units = data.reading, data.units
     kind, label, begin, touching = units.kind, units.label, units.begin, units.touching
@@ -186,13 +186,13 @@ def contact_clusters(
     start_sigma: float = START_SIGMA,
     keep_sigma: float = KEEP_SIGMA,
 ) -> np.ndarray:
-    """Join the units that are in contact to clusters, on any neighbour graph.
+    """Join the units in contact to clusters, on any neighbour graph.
 
     A cluster is a connected set of units with more than `keep_sigma` of normal load, at least one
-    of which has more than `start_sigma` or was touching before. Shear never makes a contact: stray
-    fields read as shear on untouched units. A silent unit belongs to no cluster, but joins its
-    neighbours if it was touching when it was last heard, so that one lost frame does not cut a
-    contact in two.
+    of which has more than `start_sigma` or was touching before. Shear alone makes no contact: stray
+    fields read as shear on untouched units. A silent unit belongs to no cluster, but connects its
+    neighbours if it was touching when last heard, so that one lost frame does not cut a contact in
+    two.
 
     Parameters
     ----------
@@ -203,11 +203,11 @@ def contact_clusters(
     neighbour_start, neighbour_index : ndarray, shape (n + 1,) and (m,)
         Neighbour graph in compressed rows, symmetric, as in `Topology`.
     valid : ndarray, shape (n,), bool, optional
-        Units to be trusted; all if not given.
+        Valid units; all if not given.
     touching : ndarray, shape (n,), bool, optional
-        Units that were in contact a cycle ago.
+        Units that were in contact in the cycle before.
     start_sigma, keep_sigma : float
-        Gate, with its hysteresis; a start is told from one look at each unit alone.
+        Gate, with its hysteresis; a start is detected from one reading of each unit alone.
 
     Returns
     -------

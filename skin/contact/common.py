@@ -1,18 +1,18 @@
-"""What units are wrong by together: the one ambient field that is not known.
+"""Common errors of units: the unknown ambient field.
 
-The tangential displacement follows the field at the chip. What is not known of the ambient field is
-one vector for all units of a body, so that its part of their forces adds up as it is, not as its
-square: with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0) + (Σ J_i) C (Σ J_i)'. So does
-the field in which Bz at rest was learnt: it is one vector, too, with the variance of knowing
-nothing, of which a unit feels what lies along its axis. The decoder has the variance of both in the
+The tangential displacement follows the field at the chip. The error of the ambient field is one
+vector for all units of a body, so that its parts in their forces add up linearly, not as squares:
+with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0) + (Σ J_i) C (Σ J_i)'. The same holds
+for the field in which Bz at rest was learnt: it is one vector as well, with the prior variance, of
+which a unit feels the component along its axis. The decoder includes the variance of both in the
 sigma of each unit, as that of a lateral axis of its field (`Ambient.residue_ut2`); `add_wrenches`
-takes it out of it. For J_i, the field B of a film turns by k R from the chip's axis as the film
-is displaced by R; hence, along the lateral field and across it, with c = cos(k R) and s = sin(k R)
-as B has them,
+subtracts it. For J_i, the field B of a film turns by k R from the chip's axis as the film is
+displaced by R; hence, along the lateral field and across it, with c = cos(k R) and s = sin(k R)
+from B,
 
     dR = R / S sinc(k R) (c dS - s dBz),  R / S times the lateral field across
 
-and sinc(k R) is (2 + c) / 3 but for 3 % up to a right angle [derived: both are 1 - (k R)² / 6 +
+and sinc(k R) is (2 + c) / 3 to within 3 % up to a right angle [derived: both are 1 - (k R)² / 6 +
 O((k R)⁴)]. By the strength alone, R = asin(S / M0) / k, dR = R / S sinc(k R) dS / c.
 """
 
@@ -24,23 +24,22 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.physics.force_law import secant
+from skin.physics.force_law import TERMS, scaled, secant, shear_law, stacked
+from skin.physics.force_law import at as law_at
 from skin.physics.halbach import CHIP_AXES
 from topology import Topology
 
 __all__ = ["LAW", "Common", "add_common", "common_field", "no_common", "spread_common"]
 
 CREST = 0.1
-"""Least cosine at which the strength of a field says how far a film is displaced [assumed]."""
+"""Smallest cosine at which the strength of a field determines the displacement [assumed]."""
 
 LAW = np.dtype(
     [
         ("body", np.int64),  # whose ambient field it is
         ("axes", np.float64, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
         ("film", np.float64, (2,)),  # mm, middle of the film off the chip's axis
-        ("soft", np.float64),  # N/mm of the shear law
-        ("knee", np.float64),  # mm
-        ("stiffer", np.float64),  # N/mm added beyond
+        ("shear", np.float64, (len(TERMS), 1)),  # law of the tangential force
         ("gain", np.float64),  # 1/mm, by depth
         ("gain_offset", np.float64),
         ("wavenumber", np.float64),  # rad/mm where R is found by the field's strength, else 0
@@ -51,11 +50,11 @@ LAW = np.dtype(
 
 
 class Common(NamedTuple):
-    """Errors that units share, of g bodies; without bodies nothing is shared."""
+    """Errors common to the units of g bodies; without bodies there are none."""
 
     law: np.ndarray  # (n,), LAW
-    field_ut: np.ndarray  # (3, n), as of a `Reading`
-    displacement_mm: np.ndarray  # (3, n), likewise
+    field_ut: np.ndarray  # (3, n), see `Reading`
+    displacement_mm: np.ndarray  # (3, n), see `Reading`
     covariance_ut2: np.ndarray  # (g, 3, 3), float64: of the ambient field of each body
     residue_ut2: np.ndarray  # (n,): variance of a lateral axis by both, as in the sigma of a unit
     rest_ut2: np.ndarray  # (1,), float64: of an axis of the field that Bz at rest was learnt in
@@ -66,7 +65,7 @@ class Common(NamedTuple):
 
 
 def no_common(dtype: np.dtype | type) -> Common:
-    """Nothing that units share."""
+    """No common errors."""
     return Common(
         np.zeros(0, LAW), np.zeros((3, 0), dtype), np.zeros((3, 0), dtype), np.zeros((0, 3, 3)),
         np.zeros(0, dtype), np.zeros(1), np.zeros((2, 0)), np.zeros((0, 0, 6, 3)),
@@ -77,31 +76,31 @@ def common_field(
     topology: Topology, body: np.ndarray, covariance_ut2: np.ndarray, residue_ut2: np.ndarray,
     field_ut: np.ndarray, displacement_mm: np.ndarray, *, rest_ut2: float, by_strength: bool,
 ) -> Common:  # fmt: skip
-    """What units share that see one ambient field.
+    """Common errors of units in one ambient field.
 
     Parameters
     ----------
     topology : Topology
     body : ndarray, shape (n,), int
-        Whose field each unit sees.
+        Body of each unit.
     covariance_ut2 : ndarray, shape (g, 3, 3), float64
-        Of the field of each body, in the skin frame, the body being where the topology has it;
-        read in each cycle.
+        Of the field of each body, in the skin frame, with the body where the topology has it; read
+        in each cycle.
     residue_ut2 : ndarray, shape (n,)
-        Variance of a lateral axis of the field by what is not known of the ambient field; likewise.
+        Variance of a lateral axis of the field by the unknown ambient field; read in each cycle.
     field_ut, displacement_mm : ndarray, shape (3, n)
-        As of a `Reading`; likewise.
+        See `Reading`; read in each cycle.
     rest_ut2 : float
         Variance of an axis of the field in which Bz at rest was learnt, µT².
     by_strength : bool
-        Whether displacements are found by the strength of the field alone.
+        Whether displacements are decoded from the strength of the field alone.
     """
     p, law = topology.parameters, np.zeros(topology.n, LAW)
     law["body"] = body
     law["axes"] = np.moveaxis(topology.rotation * CHIP_AXES[:, np.newaxis], 2, 0)
     law["film"] = np.stack([p["film_x_mm"], p["film_y_mm"]], axis=1)
-    law["soft"], law["knee"] = p["shear_soft_n_per_mm"], p["shear_break_mm"]
-    law["stiffer"], law["gain"] = p["shear_stiff_n_per_mm"], p["shear_gain_per_mm"]
+    law["shear"][..., 0] = stacked(shear_law(p)).T
+    law["gain"] = p["shear_gain_per_mm"]
     law["gain_offset"] = 1.0 - p["shear_gain_per_mm"] * p["field_reference_mm"]
     law["wavenumber"] = p["field_wavenumber_rad_per_mm"] if by_strength else 0.0
     return Common(
@@ -136,9 +135,7 @@ def _per_field(i, common):
         along, upright = narrow * c, -narrow * strength * inverse
     stiffening = law["gain"] * depth + law["gain_offset"]
     square = x * x + y * y
-    across, steeper = secant(
-        square, stiffening * law["soft"], law["knee"], stiffening * law["stiffer"]
-    )
+    across, steeper = secant(square, scaled(law_at(law["shear"], 0), stiffening))
     fxx = fxy = fyy = 0.0
     if steeper != 0.0:
         steeper /= square
@@ -167,7 +164,7 @@ def _add_wrench(gain, b, p, x, y, z):
 
 @jitable
 def add_common(k, units, common, poses):
-    """Add to the gain of row k what the units add, and note their part of their own variances."""
+    """Add the units to the gain of row k, and store their common part of their own variances."""
     bodies = common.covariance_ut2.shape[0]
     for at in range(units.size):
         i = units[at]
@@ -194,7 +191,7 @@ def add_common(k, units, common, poses):
 
 @jitable
 def _spread(k, data):
-    """Add what the units of row k share to the covariance of its wrench: Σ G C G'."""
+    """Add the common errors of the units of row k to the covariance of its wrench: Σ G C G'."""
     common, triangle = data.common, data.sums.rows[k]["wrench_covariance"]
     bodies, rest_ut2 = common.covariance_ut2.shape[0], common.rest_ut2[0]
     for g in range(bodies):
@@ -219,8 +216,8 @@ def _spread(k, data):
 
 @jitable
 def spread_common(count, data):
-    """Add what units share: to the covariances of the first `count` rows, and to that of all, which
-    is the row after the next; with errors that contacts share."""
+    """Add common errors to the covariances of the first `count` rows, and to that of the total, the
+    row after the next, with errors common to contacts."""
     gain = data.common.gain
     for g in range(gain.shape[1]):
         for k in range(count + 1):

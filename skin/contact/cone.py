@@ -1,4 +1,4 @@
-"""The friction cone, with torsion: how much of it is in use, and the grip that leaves a margin."""
+"""The friction cone, with torsion: its use, and the grip that leaves a margin."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["cone_in_use", "grip_force", "grip_margin", "tangential_demand"]
 
 @jitable
 def tangential_demand(shear, torsion, arm):
-    """Friction force that holds shear and torsion together, newton; kernels call it, too.
+    """Friction force that holds shear and torsion together, newton; also called by kernels.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def tangential_demand(shear, torsion, arm):
         N·m about its normal.
     arm : float
         Metre; load-weighted mean distance from the centre of pressure. 0 for a point, which bears
-        no torsion that anybody sees.
+        no measurable torsion.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def tangential_demand(shear, torsion, arm):
 
 
 def cone_in_use(load: float, shear: float, torsion: float, arm: float, friction: float) -> float:
-    """Share of the friction cone that is in use; at 1 the contact slides.
+    """Used fraction of the friction cone; at 1 the contact slides.
 
     The limit surface is an ellipsoid: ``(shear / friction load)² + (torsion / friction load arm)²
     = 1`` (Howe and Cutkosky 1996).
@@ -47,7 +47,7 @@ def cone_in_use(load: float, shear: float, torsion: float, arm: float, friction:
     torsion : float
         N·m about its normal.
     arm : float
-        Metre, as of `tangential_demand`.
+        Metre, as in `tangential_demand`.
     friction : float
         Coefficient of friction.
 
@@ -60,7 +60,7 @@ def cone_in_use(load: float, shear: float, torsion: float, arm: float, friction:
 
 
 def grip_margin(load: float, shear: float, torsion: float, arm: float, friction: float) -> float:
-    """Share of the friction cone that is left: 1 unloaded, 0 at the brink; see `cone_in_use`."""
+    """Free fraction of the friction cone: 1 unloaded, 0 at the limit; see `cone_in_use`."""
     return 1.0 - cone_in_use(load, shear, torsion, arm, friction)
 
 
@@ -74,7 +74,7 @@ def grip_force(
     shear, torsion, arm, friction : float
         As in `cone_in_use`.
     safety : float
-        Force over the least one that holds.
+        Force over the smallest one that holds.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""What a contact is: load, wrench, centre, shape, temperature, path.
+"""Description of a contact: load, wrench, centre, shape, temperature, path.
 
-One pass over the units of the contacts adds up moments; everything else follows from the sums, and
-the sums of the skin are those of its contacts.
+One pass over the units of the contacts sums moments; everything else follows from the sums, and the
+sums of the skin are those of its contacts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from skin.contact.wrench import add_missed, centre, total_wrench
 __all__ = ["describe", "describe_python"]
 
 REORDERED = {"contract", "reassoc", "arcp"}
-"""Sums over the units of a contact bear another order."""
+"""Sums over the units of a contact are re-ordered by fast-math."""
 
 
 @jitable
@@ -67,7 +67,8 @@ def _temperatures(s, record, m):
 
 @jitable
 def _conclude(s, faces, record, members, load_n, geometry, scratch):
-    """Everything that follows from the sums of one contact; `faces` are those of `members`."""
+    """Compute everything that follows from the sums of one contact; `faces` are those of
+    `members`."""
     poses, origin = geometry
     load, area = s["load"], s["area"]
     record["flags"] = UNSEEN if s["hidden"] > 0.0 else 0
@@ -87,7 +88,7 @@ def _conclude(s, faces, record, members, load_n, geometry, scratch):
 
 @jitable
 def _forget(record):
-    """A record may have been another contact's: of a new one, nothing is known of slip."""
+    """Reset a record that may have been another contact's: slip of a new one is unknown."""
     record["slip"] = 0
     record["slip_units"] = 0
     record["body_units"] = 0
@@ -110,7 +111,7 @@ def _forget(record):
 
 @jitable
 def _add(k, total, members, model, data):
-    """Add units to the sums of row k, and the light loads of those around them."""
+    """Add units to the sums of row k, and the loads below the gate of their neighbours."""
     poses, common = model.geometry.pose, data.common
     if common.law.size > 0:
         add_common(k, members, common, poses)
@@ -128,9 +129,9 @@ def describe_python(count, each, silent, model, data):
     count : int
         Contacts.
     each : bool
-        Whether they are described, too; if not, they count in the total all the same.
+        Whether they are described; otherwise they only count in the total.
     silent : int
-        Units that are not heard, and should be.
+        Units that are silent, and should be heard.
     model : ContactModel
     data : ContactData
         `contacts` and `paths` are written.

@@ -1,26 +1,26 @@
-"""Where in the faces of its units a contact bears its load: what the loads do not say.
+"""Uncertainty of the centre of pressure due to the unknown place of load on the faces of units.
 
-A unit says how much it bears, not where in its face, so that the centre of the pressure is off that
-of the loads, taken in the middles of the units. Seen along an axis, with faces s wide, middles that
-span L and loads of variance V about their mean:
+A unit measures its load, not the place of the load on its face, so that the true centre of pressure
+differs from that of the loads at the middles of the units. Along an axis, with faces s wide,
+middles that span L and loads of variance V about their mean:
 
-- One unit alone is touched by a body of a width w below s, anywhere: the centre is even over
-  ±(s - w) / 2. A body as wide along both axes is seen to touch one unit in (1 - w / s)² of its
-  places, w being even: the variance is s² / 20.
-- Across a row of units, a body that is wide enough to touch two is found with 6 w (s - w) / s²:
-  s² / 40. So it is along the axis, too, times (1 - 2 f)² of two that bear f and 1 - f, which is
-  1 - 4 V / L², as the centre is known where both bear the same. Of units that span more than s, the
+- A single unit is touched by a body of a width w below s, anywhere: the centre is uniform over
+  ±(s - w) / 2. A body as wide along both axes touches one unit only in (1 - w / s)² of its places,
+  with a uniform w: the variance is s² / 20.
+- Across a row of units, a body that can touch two has probability 6 w (s - w) / s²: s² / 40. The
+  same holds along the axis, times (1 - 2 f)² for two units that bear f and 1 - f, which is 1 - 4 V
+  / L², since the centre is known where both bear the same. Among units that span more than s, the
   body fills L - s between the outer ones, which leaves ((2 s - L) / s)² of it, and nothing from 2 s
   on.
-- Beyond, the outer units of each row are filled in part, f of each even in 0 to 1: the first moment
-  is off by s² / 2 (f (1 - f) - f' (1 - f')), of variance s⁴ / 360, over the width L; and the ends
-  of rows are independent, n / (1 + L / s) of them [derived].
+- Beyond, the outer units of each row are filled in part, f of each uniform in 0 to 1: the first
+  moment is off by s² / 2 (f (1 - f) - f' (1 - f')), of variance s⁴ / 360, over the width L; and the
+  ends of rows are independent, n / (1 + L / s) of them [derived].
 - Faces that are tilted against each other move the centre along the normal, too: by Cauchy and
   Schwarz at most by the root of s² / 20 times the mean square of the tilt.
 
-Of bodies of any widths up to 4 s, flat or round, the mean square of the error is that variance:
-1.0, 1.2, 1.0 of one, two and three units, 0.5 of four and five, 0.6 of more, where the ends are
-known better than that (`tests/skin/contact/test_face.py`).
+For bodies of all widths up to 4 s, flat or round, the mean square of the error over that variance
+is: 1.0, 1.2, 1.0 for one, two and three units, 0.5 for four and five, 0.6 for more, whose ends are
+known better (`tests/skin/contact/test_face.py`).
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from bus.compiled.jit import jitable
 __all__ = ["add_faces"]
 
 NO_SPAN = 1e-6
-"""Span of middles, in widths of a face, that is rounding [derived]."""
+"""Span of middles, in widths of a face, that is a rounding error [derived]."""
 
 
 @jitable
 def _variance(square, units, span, extent2):
-    """Along an axis, m², of more than one unit."""
+    """Along an axis, m², for more than one unit."""
     side = np.sqrt(square)
     wide = span / side
     free, left = 1.0, min(max(2.0 - wide, 0.0), 1.0)
@@ -50,7 +50,7 @@ def _variance(square, units, span, extent2):
 
 @jitable
 def add_faces(s, record, members, load, poses, face):
-    """Add the covariance of where in their faces units bear their loads, times the square of the
+    """Add the covariance due to the places of load on the faces of units, times the square of the
     load.
 
     Parameters

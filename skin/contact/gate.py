@@ -1,10 +1,10 @@
-"""The gate: normal loads that start a contact, and that keep a unit in one.
+"""The gate: normal loads that start a contact, and that keep a unit in it.
 
-What starts a contact follows from the false contacts that one is willing to bear. A unit may start
-one alone, by the mean of two successive cycles, or together with a neighbour; all three are normal
-deviates where there is noise alone, and share the false contacts evenly [derived]. Lone units that
-are pressed within a cycle must rise higher for that than by a fixed five sigmas; slow and wide
-contacts are seen as early.
+The threshold of a start follows from the allowed rate of false contacts. A unit may start a contact
+alone, by the mean of two successive cycles, or together with a neighbour; under noise alone all
+three are normal deviates, and share the false contacts equally [derived]. A single unit that is
+pressed within one cycle must exceed a threshold above five sigmas; slow and wide contacts are
+detected as early as with that.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ __all__ = [
 ]  # fmt: skip
 
 START_SIGMA = 5.0
-"""Normal load of one look at an array that is a contact, in sigmas [assumed]."""
+"""Normal load of a contact in a single reading of an array, in sigmas [assumed]."""
 KEEP_SIGMA = 3.0
 """Normal load that a unit must exceed to belong to a contact, in sigmas [assumed]."""
 FALSE_CONTACTS_PER_DAY = Options.false_contacts_per_day
-"""Contacts that noise may start on the whole skin, a day [assumed]."""
+"""Allowed contacts due to noise on the whole skin, per day [assumed]."""
 
 
 def start_sigmas(
     graph: NeighbourGraph, rate_hz: float, false_contacts_per_day: float
 ) -> tuple[float, float, float]:
-    """Loads that start a contact: of a unit, of two cycles of it, of two neighbours; see `Gate`.
+    """Thresholds of a unit, of two cycles of it, and of two neighbours; see `Gate`.
 
     Parameters
     ----------
@@ -48,15 +48,16 @@ def start_sigmas(
 
 
 def start_sigma_for(false_alarms_per_hour: float, n: int, rate_hz: float) -> float:
-    """Gate at which noise alone starts no more than so many contacts.
+    """Threshold at which noise alone starts at most this rate of contacts.
 
-    For white Gaussian noise. At `START_SIGMA` 64 units at 250 Hz start one contact in 3.6 minutes.
+    For white Gaussian noise. At `START_SIGMA`, noise of 64 units at 250 Hz starts a contact every
+    3.6 minutes.
 
     Parameters
     ----------
     false_alarms_per_hour : float
     n : int
-        Number of units, or of what else is looked at in a cycle.
+        Number of units, or of other tests per cycle.
     rate_hz : float
         Cycles a second.
 

@@ -1,4 +1,4 @@
-"""Neighbour graphs: which units lie side by side."""
+"""Neighbour graphs of units."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["checked_graph", "neighbour_graph"]
 def checked_graph(
     n: int, neighbour_start: np.ndarray, neighbour_index: np.ndarray
 ) -> NeighbourGraph:
-    """A neighbour graph as the kernels take it.
+    """A neighbour graph in the form for kernels.
 
     Raises
     ------
     SkinError
-        It is no graph of n units: the kernels do not check their indices.
+        It is not a graph of n units; kernels do not check indices.
     """
     start = np.array(neighbour_start, np.int32)
     index = np.array(neighbour_index, np.int32)
@@ -42,14 +42,14 @@ def checked_graph(
 
 
 def neighbour_graph(position: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Neighbour graph of units that lie no further apart than `reach_m`.
+    """Neighbour graph of units within `reach_m` of each other.
 
     Parameters
     ----------
     position : ndarray, shape (3, n)
         Metre.
     reach_m : float
-        Metre, distance of the middles of two units.
+        Metre, largest distance between the middles of two units.
 
     Returns
     -------

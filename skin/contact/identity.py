@@ -1,8 +1,8 @@
 """Identities of contacts: clusters are matched with the records of the cycle before.
 
-The load on the units that both have decides. Each unit remembers the record that last owned it.
-When two contacts grow together, the heavier one speaks for both and the units keep their owners, so
-that the parts find their identities again when they separate.
+Matching is by the load on common units. Each unit stores the record that last owned it. When two
+contacts merge, the heavier one represents both and the units keep their owners, so that the parts
+get their identities back when they separate.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from skin.contact.record import (
 __all__ = ["identify", "keep_heaviest"]
 
 QUIET = 0.25
-"""An absorbed contact speaks for itself again when its load outweighs the other's fourfold, or when
-they part: who speaks does not change with every squeeze [assumed]."""
+"""An absorbed contact represents itself again when its load exceeds the other's fourfold, or when
+they part: the representative does not change with every squeeze [assumed]."""
 NEARBY = 1e-3
-"""What the load of a unit counts beside one that a contact once owned [assumed]."""
+"""Weight of a unit that a contact owns, relative to one that it once owned [assumed]."""
 
 
 @jitable
 def keep_heaviest(load, units, parts, room, weight):
     """Keep the `room` heaviest clusters; the units of the others get label -1 and come last."""
     label, members, begin = units.label, units.members, units.begin
-    old_members, old_end = units.queue, units.loaded  # scratch by now
+    old_members, old_end = units.queue, units.loaded  # free by now, used as scratch
     for part in range(parts):
         total = 0.0
         for at in range(begin[part], begin[part + 1]):
@@ -63,9 +63,9 @@ def keep_heaviest(load, units, parts, room, weight):
 
 @jitable
 def _assign(shared, parts, contacts, track, other, other_worth, slots):
-    """Give records in two states to clusters, one to one, the largest shared load first.
+    """Assign records in two states to clusters, one to one, by the largest common load.
 
-    The load on the units of a record in the second state counts `other_worth` times.
+    The load on units of a record in the second state is weighted by `other_worth`.
     """
     slot_of, part_of = slots.slot_of, slots.part_of
     while True:
@@ -86,7 +86,7 @@ def _assign(shared, parts, contacts, track, other, other_worth, slots):
 
 @jitable
 def _share_nearby(load, graph, units, parts, slot_of, shared):
-    """Shared load with units that a record owned once, and with neighbours of such units."""
+    """Common load including units that a record owned once, and neighbours of such units."""
     owner = units.owner
     for part in range(parts):
         if slot_of[part] >= 0:
@@ -111,7 +111,7 @@ def _free(slot, contacts, owner):
 
 @jitable
 def _vacancy(contacts, owner, part_of):
-    """A record for a new contact: a free one, else the one that has been away longest."""
+    """A record for a new contact: a free one, else the one that was lost first."""
     oldest = -1
     for slot in range(contacts.size):
         track = contacts[slot]["track"]
@@ -126,7 +126,7 @@ def _vacancy(contacts, owner, part_of):
 
 @jitable
 def _end(settle_ns, now_ns, parts, contacts, data):
-    """Records that were present or absorbed and have no cluster of their own; how many ended."""
+    """End records that were present or absorbed and have no cluster; returns how many ended."""
     shared, slots = data.shared, data.slots
     count = 0
     for slot in range(contacts.size):
@@ -161,7 +161,8 @@ def _absorbed_into(contacts, other, slot):
 
 @jitable
 def _own(load, graph, units, slot, contacts):
-    """Units of a contact take an owner: those of absorbed records keep it, new ones ask around."""
+    """Set the owner of a contact's units: those of absorbed records keep it, new ones take a
+    neighbour's."""
     label, owner, members = units.label, units.owner, units.members
     first, last = contacts[slot]["begin"], contacts[slot]["end"]
     absorbed = False
@@ -189,7 +190,7 @@ def _own(load, graph, units, slot, contacts):
 
 @jitable
 def _claim(load, graph, now_ns, parts, contacts, data):
-    """Clusters without a record: split from a contact, back from the lost, moved on, or new."""
+    """Assign clusters without a record: split from a contact, back from the lost, moved, or new."""
     shared, nearby, slots, owner = data.shared, data.nearby, data.slots, data.units.owner
     slot_of, part_of, parent = slots.slot_of, slots.part_of, slots.parent
     for part in range(parts):
@@ -224,7 +225,7 @@ def _claim(load, graph, now_ns, parts, contacts, data):
 
 @jitable(inline=True)
 def _match(load, model, now_ns, parts, contacts, data):
-    """Give each cluster a record; returns how many records are in use."""
+    """Assign a record to each cluster; returns how many records are in use."""
     units, slots, shared = data.units, data.slots, data.shared
     slots.part_of[:] = -1
     slots.slot_of[:parts] = -1
@@ -255,14 +256,14 @@ def _match(load, model, now_ns, parts, contacts, data):
 
 @jitable(inline=True)
 def identify(load, model, parts, data):
-    """Match clusters with records; begin, carry on and end contacts.
+    """Match clusters with records; begin, continue and end contacts.
 
     Parameters
     ----------
     load : ndarray, shape (n,)
         Newton.
     model, parts, data
-        As of `join`, and what it returned.
+        See `join`, and its results.
     """
     units, slots = data.units, data.slots
     now_ns, everyone = data.clock[0]["now_ns"], data.contacts[:-1]

@@ -1,7 +1,7 @@
-"""Model and data of the contact stages: what stays from cycle to cycle, and what does not.
+"""Model and data of the contact stages: constants, and data of a cycle.
 
-Units are picked here and there, so that what belongs to one lies together in `POSE`. Letters: n
-units, m edges of the graph, s records, two for each contact of the capacity.
+Units are accessed in random order, so the constants of one are stored together in `POSE`. Letters:
+n units, m edges of the graph, s records, two for each contact of the capacity.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ __all__ = [
 ]  # fmt: skip
 
 WAYPOINTS = 128
-"""Centres of a contact that are remembered [assumed]."""
+"""Waypoints stored per contact [assumed]."""
 
 POSE = np.dtype(
     [
         ("position", np.float64, (3,)),  # m, about the middle of the array
         ("rotation", np.float64, (3, 3)),  # columns: axes of the unit in the skin frame
         ("area", np.float64),  # m²
-        ("feels", np.float64),  # 0 for a unit that is never to be heard
+        ("feels", np.float64),  # 0 for a unit that is never heard
         ("most", np.float64),  # N that it can bear
-        ("unused", np.float64),  # to whole cache lines
+        ("unused", np.float64),  # pads to a cache line
     ]
 )
-"""Where a unit sits."""
+"""Pose and constants of a unit."""
 
 GIVEN = np.dtype([("depth", np.bool_), ("temperature", np.bool_)])
-"""What a cycle brings beside forces."""
+"""Inputs of a cycle other than the readings."""
 
 COUNTERS = np.dtype(
     [
@@ -60,7 +60,7 @@ CLOCK = np.dtype(
         ("last_ns", np.int64),  # of the cycle before
         ("begun", np.bool_),  # whether there was one
         ("present", np.int64),  # contacts that it had
-        ("silent", np.int64),  # units that it should have heard, and did not
+        ("silent", np.int64),  # units that were silent and should have been heard
     ]
 )
 
@@ -85,29 +85,29 @@ _ADDED = [
     ("warm_position", np.float64, (3,)),
     ("warm_temperature_position", np.float64, (3,)),
     ("warm_position_square", np.float64, (6,)),
-    ("light", np.float64),  # N, loads below the gate, of neighbours that are heard
+    ("light", np.float64),  # N, loads below the gate, of heard neighbours
     ("light_position", np.float64, (3,)),
     ("light_variance", np.float64),
     ("light_variance_position", np.float64, (3,)),
     ("light_variance_square", np.float64, (6,)),
-    ("missed", np.float64),  # N², of what they bear, which is in no wrench
+    ("missed", np.float64),  # N², of the light loads, which are in no wrench
 ]
 _NOT_ADDED = [
     ("peak", np.float64),  # Pa
     ("peak_unit", np.float64),
     ("hot", np.float64),  # degree Celsius
     ("hot_unit", np.float64),
-    ("unseen", np.float64),  # N², of what silent units may bear
+    ("unseen", np.float64),  # N², of the possible load of silent units
     ("unseen_position", np.float64, (3,)),
     ("unseen_square", np.float64, (6,)),
-    ("face", np.float64, (6,)),  # N² m², of where in their faces units bear their loads
+    ("face", np.float64, (6,)),  # N² m², of the places of load on the faces
     ("step_variance", np.float64),  # m², of a step of the centre from one cycle to the next
-    ("hidden", np.float64),  # 1 where such a unit makes the contact not whole
+    ("hidden", np.float64),  # 1 where a silent unit makes the contact not whole
 ]
 SUMS = np.dtype(_ADDED + _NOT_ADDED)
 """Sums over the units of a contact, float64."""
 ADDED = np.dtype(_ADDED).itemsize // 8
-"""How many numbers of `SUMS`, its first, add up over contacts."""
+"""Number of leading fields of `SUMS` that add up over contacts."""
 
 
 class NeighbourGraph(NamedTuple):
@@ -118,7 +118,7 @@ class NeighbourGraph(NamedTuple):
 
 
 class Gate(NamedTuple):
-    """When units are in contact, and how long identities are remembered."""
+    """Thresholds of contact, and lifetimes of identities."""
 
     start_sigma: float  # normal load of one unit in one cycle that starts a contact, in sigmas
     repeat_sigma: float  # mean of two successive cycles of a unit that does, in sigmas of the mean
@@ -130,15 +130,15 @@ class Gate(NamedTuple):
 
 
 class Geometry(NamedTuple):
-    """Where the units sit. Moments are summed about the middle of the array, so that a skin far
-    from the origin of its frame loses no digits."""
+    """Poses of the units. Moments are summed about the middle of the array, so that a skin far from
+    the origin of its frame loses no digits."""
 
     pose: np.ndarray  # (n,), POSE
     origin: np.ndarray  # (3,), metre: middle of the array in the skin frame
 
 
 class Wants(NamedTuple):
-    """What is to be done beyond identities; each needs the one before."""
+    """Wanted results beyond identities; each needs the one before."""
 
     total: bool
     each: bool
@@ -146,7 +146,7 @@ class Wants(NamedTuple):
 
 
 class ContactModel(NamedTuple):
-    """What does not change between cycles."""
+    """Constants of a stream."""
 
     graph: NeighbourGraph
     gate: Gate
@@ -156,7 +156,7 @@ class ContactModel(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What a cycle brings, float32 or float64; in the units' frames, z into the skin."""
+    """Readings of a cycle, float32 or float64; in the units' frames, z into the skin."""
 
     force: np.ndarray  # (3, n), newton; the last row is the normal load, positive when pressed
     force_sigma: np.ndarray  # (3, n)
@@ -168,7 +168,7 @@ class Readings(NamedTuple):
 
 
 class UnitData(NamedTuple):
-    """What is known of each unit; (n,), int32. Touching, owner and slip are kept."""
+    """State of each unit; (n,), int32. Touching, owner and slip persist."""
 
     kind: np.ndarray  # `UnitKind` in this cycle
     label: np.ndarray  # contact of the unit, counted along `SlotData.present`; -1 for none
@@ -183,16 +183,17 @@ class UnitData(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """How loaded units are that may start a contact; (n,), valid where `cycle` is the present."""
+    """Evidence of loaded units that may start a contact; (n,), valid where `cycle` is the
+    present."""
 
     level: np.ndarray  # normal load in sigmas, float64
     before: np.ndarray  # the same in the cycle before, -inf where it was not above the gate
     weight: np.ndarray  # loads of clusters, newton, float64; scratch
-    cycle: np.ndarray  # when, int64
+    cycle: np.ndarray  # cycle of this evidence, int64
 
 
 class SlotData(NamedTuple):
-    """Which record is whose; int32, (s,) unless said."""
+    """Records of clusters and contacts; int32, (s,) unless stated."""
 
     present: np.ndarray  # records of the contacts, oldest first
     slot_of: np.ndarray  # record of each cluster, -1
@@ -203,10 +204,10 @@ class SlotData(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Scratch: a row for each contact, one for units of none, and the total's."""
+    """Scratch: a row for each contact, one for units of no contact, and that of the total."""
 
     rows: np.ndarray  # (s // 2 + 2,), SUMS
-    columns: np.ndarray  # (s // 2 + 2, c), float64: the same memory as plain numbers
+    columns: np.ndarray  # (s // 2 + 2, c), float64: the same memory as a matrix
 
 
 class Scratch(NamedTuple):
@@ -220,21 +221,23 @@ class Scratch(NamedTuple):
 
 
 class ContactData(NamedTuple):
-    """What changes from cycle to cycle."""
+    """Data of a cycle, and persistent state."""
 
     reading: Readings
     units: UnitData
     slots: SlotData
     counters: np.ndarray  # (1,), COUNTERS
     clock: np.ndarray  # (1,), CLOCK
-    shared: np.ndarray  # (s // 2, s), float64: load that a cluster shares with a record; scratch
-    nearby: np.ndarray  # (s // 2, s), float64: and with a record and its neighbours; scratch
+    shared: np.ndarray  # (s // 2, s), float64: common load of a cluster and a record; scratch
+    nearby: np.ndarray  # (s // 2, s), float64: the same with the record's neighbours; scratch
     contacts: np.ndarray  # (s + 1,), CONTACT: the records, kept; the last is the total
     paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
     sums: Sums
     scratch: Scratch
     evidence: Evidence
-    borne: np.ndarray  # (n,), float64: N that each unit bore at most when last heard; NaN: never
+    borne: (
+        np.ndarray
+    )  # (n,), float64: upper bound of each unit's load when last heard, N; NaN: never
     untouched: np.ndarray  # (1,), CONTACT: the total where nothing touches
     common: Common
     slip: SlipData
@@ -261,12 +264,12 @@ def set_poses(geometry: Geometry, position: np.ndarray, rotation: np.ndarray) ->
 
 
 def check_poses(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
-    """Refuse what is not the poses of n units.
+    """Require poses of n units.
 
     Raises
     ------
     SkinError
-        Not as many poses as units, a position that is not finite, or no rotation.
+        Not as many poses as units, a position that is not finite, or a matrix that is no rotation.
     """
     _check_shapes(n, position, rotation)
     if (fault := pose_fault(position, rotation)) is not None:
@@ -291,8 +294,8 @@ def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     )
 
 
-def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> ContactData:
-    """Arrays for so many contacts that can be told apart, with those of slip if it `judges`."""
+def contact_data(reading: Readings, capacity: int, *, detects_slip: bool = False) -> ContactData:
+    """Arrays for so many contacts, with those of slip if it `detects_slip`."""
     n, slots = reading.valid.size, 2 * capacity
     rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
     units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
@@ -322,5 +325,5 @@ def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> C
         np.full(n, np.nan),
         UNTOUCHED.copy(),
         no_common(reading.force.dtype),
-        SlipData.zeros(n if judges else 0),
+        SlipData.zeros(n if detects_slip else 0),
     )

@@ -1,4 +1,4 @@
-"""The way of a contact: centres that have really moved."""
+"""Path of a contact: waypoints of its centre."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ __all__ = ["walk"]
 
 STEP_SIGMAS = 3.0
 STEP_M = 2e-4
-"""A centre that moved this far, in its sigmas and at least, has really moved [assumed]."""
+"""Smallest movement of the centre between waypoints, in its sigmas, and in metres [assumed]."""
 
 
 @jitable
 def walk(record, step_variance, path):
-    """Take the centre as a waypoint if it has really moved.
+    """Store the centre as a waypoint if it has moved.
 
-    `step_variance` is that of noise alone, m², over all axes: where in the faces of the units the
-    load acts is unknown alike before and after a step.
+    `step_variance` is that of noise alone, m², over all axes: the unknown place of load on the
+    faces is the same before and after a step.
     """
     centre, waypoint = record["centroid"], record["waypoint"]
     if record["event"] & BORN:

@@ -1,4 +1,7 @@
-"""What is known of a contact, as one record: computed by the kernels, read by everybody."""
+"""The record of a contact: written by the kernels, read by everybody else.
+
+A field is declared once, in `Fields`.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,18 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
-__all__ = ["CONTACT", "UNTOUCHED", "Event", "Flag", "SlipState", "TrackState", "UnitKind",
-           "UnitSlip"]  # fmt: skip
+from skin.contact.field import Hidden, Number, Quantity, Vector, declared, derived
+
+__all__ = ["AXES", "CONTACT", "LOADS", "LOAD_UNITS", "QUANTITIES", "UNTOUCHED", "Event", "Fields",
+           "Flag", "SlipState", "TrackState", "UnitKind", "UnitSlip"]  # fmt: skip
+
+AXES = ("x", "y", "z")
+LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
+LOAD_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
 
 class UnitKind(IntEnum):
-    """What a unit is in this cycle."""
+    """State of a unit in this cycle."""
 
     OUT = 0
     """No contact."""
@@ -23,72 +32,72 @@ class UnitKind(IntEnum):
 
 
 class TrackState(IntEnum):
-    """What became of an identity."""
+    """State of an identity."""
 
     FREE = 0
     """The record is not in use."""
     PRESENT = 1
     """In contact in this cycle."""
     ABSORBED = 2
-    """Grown together with another contact, whose record speaks for both until they part."""
+    """Merged with another contact, whose record represents both until they part."""
     LOST = 3
-    """Ended a moment ago; whatever touches the same place soon gets the identity back."""
+    """Ended recently; the next contact at the same place gets the identity back."""
 
 
 class Event(IntFlag):
-    """What happened to a contact in this cycle."""
+    """Events of a contact in this cycle."""
 
     NONE = 0
     BORN = 1 << 0
-    """First cycle; `parent` names the contact that it split from, if it did."""
+    """First cycle; `parent` is the contact that it split from, if any."""
     RESUMED = 1 << 1
-    """Back after it was lost, or parted again after it had been absorbed."""
+    """Back after it was lost, or separate again after it was absorbed."""
     MERGED = 1 << 2
     """Another contact was absorbed by this one."""
     SPLIT = 1 << 3
-    """A part of this contact went on as a contact of its own."""
+    """A part of this contact became a contact of its own."""
 
 
 class Flag(IntFlag):
-    """What a number of a contact does not know."""
+    """Limitations of the numbers of a contact."""
 
     NONE = 0
     WEAK = 1 << 0
-    """Load below 5 σ √n: no centre of pressure (NaN), nor anything about it."""
+    """Load below 5 σ √n: the centre of pressure and what depends on it is NaN."""
     NORMAL_ASSUMED = 1 << 1
     """Too few units, or all in a row: the normal is the mean of the units' own."""
     TORSION_BLIND = 1 << 2
-    """One unit: nothing can be said of a moment about its normal."""
+    """One unit: no torque about its normal can be measured."""
     FEW_UNITS = 1 << 3
-    """Fewer than three units: slip is judged by the friction cone alone."""
+    """Fewer than three units: slip is detected by the friction cone alone."""
     NO_FRICTION = 1 << 4
-    """No friction estimate yet: margin and grip force are NaN."""
+    """No friction estimate yet: friction and margin are lower bounds, grip force an upper one."""
     NOISY = 1 << 5
-    """The noise of a unit, seen while the contact held, is greater than its sigma says: sigmas are
-    too small, for calibration or surroundings have changed. `Contact.noisy_units` are which."""
+    """The measured noise of a unit is greater than its sigma: sigmas are too small, since
+    calibration or surroundings have changed. See `Contact.noisy_units`."""
     UNSEEN = 1 << 6
-    """Not whole: a unit that is not heard lies in or beside it, or touched something when it was
-    last heard, or has no neighbour that would show a touch. What it may bear is in the sigmas."""
+    """Not whole: a silent unit lies in or next to it, or was in contact when last heard, or has no
+    neighbour that would show a contact. Its possible load is in the sigmas."""
 
 
 class UnitSlip(IntEnum):
-    """What a unit does under what it touches."""
+    """State of a unit in a contact."""
 
     NO_CONTACT = 0
     STICK = 1
     SLIPPING = 2
     RE_STICK = 3
-    """Held again, after it had slipped in this contact."""
+    """Sticks again, after it had slipped in this contact."""
 
 
 class SlipState(IntEnum):
-    """What a contact does as a whole."""
+    """State of a contact as a whole."""
 
-    NONE = 0
-    """Too little is known yet."""
+    UNKNOWN = 0
+    """Not enough data yet."""
     STICK = 1
     INCIPIENT = 2
-    """Some of the load slips: the last moment to grip harder."""
+    """Some of the load slips: the last chance to grip harder."""
     GROSS = 3
     """The object slides."""
 
@@ -100,84 +109,176 @@ BORN, RESUMED, MERGED, SPLIT = map(int, Event)
 WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION, NOISY, UNSEEN = map(int, Flag)
 
 
-CONTACT = np.dtype(
-    [
-        # -- identity: written by track
-        ("id", np.int64),
-        ("parent", np.int64),
-        ("track", np.int32),  # TrackState
-        ("event", np.int32),  # Event
-        ("into", np.int32),  # record that absorbed this one, -1
-        ("begin", np.int32),  # units: members[begin:end]
-        ("end", np.int32),
-        ("cycles", np.int64),
-        ("born_ns", np.int64),
-        ("seen_ns", np.int64),
-        # -- load: written by describe
-        ("flags", np.int32),  # Flag
-        ("peak_unit", np.int32),
-        ("hot_unit", np.int32),
-        ("load", np.float64),  # N, sum of normal loads
-        ("load_sigma", np.float64),
-        ("wrench", np.float64, (6,)),  # N, N·m about the origin of the skin frame
-        ("wrench_covariance", np.float64, (6, 6)),
-        ("wrench_sigma", np.float64, (6,)),
-        ("centroid", np.float64, (3,)),  # m, skin frame
-        ("middle", np.float64, (3,)),  # m, centre of the loads of its own units alone
-        ("centroid_covariance", np.float64, (3, 3)),
-        ("moment", np.float64, (3,)),  # N·m about the centre
-        ("moment_covariance", np.float64, (3, 3)),
-        ("area", np.float64),  # m²
-        ("mean_pressure", np.float64),  # Pa
-        ("peak_pressure", np.float64),
-        ("axes", np.float64, (3, 3)),  # columns: major, minor, normal
-        ("extent", np.float64, (2,)),  # m, root-mean-square half lengths
-        ("normal", np.float64, (3,)),  # outward, away from the skin
-        ("normal_condition", np.float64),  # 1 round, 0 a line
-        ("shear", np.float64),  # N, force across the normal
-        ("torsion", np.float64),  # N·m about the normal
-        ("torsion_sigma", np.float64),
-        ("arm", np.float64),  # m, load-weighted mean distance from the centre
-        ("temperature", np.float64),
-        ("temperature_gradient", np.float64, (3,)),  # K/m
-        ("hot_temperature", np.float64),
-        ("coverage", np.float64),
-        # -- path: written by path
-        ("origin", np.float64, (3,)),  # first known centre
-        ("waypoint", np.float64, (3,)),  # last centre that counted as a step
-        ("travel", np.float64),  # m
-        ("waypoints", np.int64),
-        # -- slip: written by slip
-        ("slip", np.int32),  # SlipState
-        ("slip_units", np.int32),  # units that judge
-        ("body_units", np.int32),
-        ("stick_ratio", np.float64),
-        ("pattern", np.float64),  # of slip: root of twice the logarithm of its odds
-        ("slip_probability", np.float64),
-        ("slip_direction", np.float64, (3,)),  # of the body over the skin; 1 long if all go alike
-        ("onset_ns", np.int64),  # of the present slip, 0
-        ("motion", np.float64, (3,)),  # mm, of the body since contact, skin frame
-        ("rotation", np.float64, (3,)),  # rad
-        ("gross_ns", np.int64),  # when it began to slide as a whole
-        ("gross_ratio", np.float64),  # friction in use since then
-        # -- friction: written by slip
-        ("friction", np.float64),
-        ("friction_sigma", np.float64),
-        ("friction_lower", np.float64),
-        ("friction_information", np.float64),
-        ("friction_mean", np.float64),
-        ("friction_spread", np.float64),  # one-sigma over the faces
-        ("margin", np.float64),
-        ("grip_force", np.float64),  # N
-        ("grip_force_sigma", np.float64),
-    ],
-    align=True,
-)
-"""One contact. Metre, newton, newton metre, pascal, second; skin frame unless it says otherwise."""
+def _happened(event: Event, doc: str) -> Quantity:
+    """Whether an event is one of those of a cycle."""
+    name = str(event.name).lower()
+    return derived(name, doc, "bool", lambda found: found["event"] & int(event) != 0)
+
+
+class Fields:
+    """Fields of the record of a contact, in order.
+
+    Metre, newton, newton metre, pascal, second; skin frame unless stated. A field that is added
+    here is an attribute of `skin.contact.contact.Contact`, and a column, an array and a field of
+    messages in every output: ``python -m tests.house draw`` renews their list in
+    docs/reference/columns.md. A ``since`` that is one above the current version increments
+    `STATE_VERSION`.
+    """
+
+    __slots__ = ()
+    record: np.void
+    """All of its numbers, of `CONTACT`."""
+
+    # -- identity: written by track
+    id = Number(int, "Identity, constant while the contact lasts; never used again.",
+                dtype=np.int64)  # fmt: skip
+    parent = Number(int, "Identity of the contact that it split from, 0.", dtype=np.int64)
+    track = Hidden(np.int32)  # TrackState
+    event = Number(
+        Event, "Events in this cycle.", leaves=False,
+        yields=(
+            _happened(Event.BORN, "Whether this is its first cycle."),
+            _happened(Event.RESUMED, "Whether it is back after it was lost or absorbed."),
+            _happened(Event.MERGED, "Whether another contact was absorbed by it."),
+            _happened(Event.SPLIT, "Whether a part of it went on as a contact of its own."),
+        ),
+    )  # fmt: skip
+    into = Hidden(np.int32)  # record that absorbed this one, -1
+    begin = Hidden(np.int32)  # units: members[begin:end]
+    end = Hidden(
+        np.int32,
+        yields=(derived("units", "How many units it has.", "int32",
+                       lambda found: found["end"] - found["begin"], message="uint16"),),
+    )  # fmt: skip
+    cycles = Hidden(np.int64)
+    born_ns = Hidden(np.int64)
+    seen_ns = Hidden(np.int64)
+    # -- load: written by describe
+    flags = Number(
+        Flag, "Limitations of its numbers.", leaves=False,
+        yields=(
+            derived("whole", "Whether all units in or next to it are heard.", "bool",
+                    lambda found: found["flags"] & int(Flag.UNSEEN) == 0),
+            derived("friction_known", "Whether friction is one that slip has shown, or was given. "
+                    "Where not, friction and margin are lower bounds, grip_force an upper one.",
+                    "bool", lambda found: np.isfinite(found["friction"])
+                    & (found["flags"] & int(Flag.NO_FRICTION) == 0), since=5),
+        ),
+    )  # fmt: skip
+    peak_unit = Number(int, "Its most loaded unit.", leaves=False)
+    hot_unit = Number(int, "Its warmest unit.", leaves=False)
+    load = Number(float, "Sum of the normal loads.", "N", decimals=4)
+    load_sigma = Number(float, "One-sigma of `load`.", leaves=False)
+    wrench = Vector(
+        "Force and torque about the origin, exerted by the world; shape (6,).", (6,), LOAD_UNITS,
+        columns=LOADS, message="geometry_msgs/Wrench",
+    )  # fmt: skip
+    wrench_covariance = Vector("Shape (6, 6).", (6, 6))
+    wrench_sigma = Vector(
+        "One-sigma of `wrench`, shape (6,): the ambient field is a common error of all units, "
+        "with the possible loads of silent units and of neighbours below the gate.",
+        (6,), LOAD_UNITS, columns=(f"{load}_sigma" for load in LOADS),
+    )  # fmt: skip
+    centroid = Vector(
+        "Centre of pressure, from the normal loads at the middles of its units and of neighbours "
+        "below the gate; NaN where WEAK; shape (3,).",
+        (3,), "m", columns=AXES, message="geometry_msgs/Point",
+    )  # fmt: skip
+    middle = Hidden(np.float64, (3,))  # m, centre of the loads of its own units alone
+    centroid_covariance = Vector(
+        "Shape (3, 3), of the true centre of pressure: due to the places of load on the faces, the "
+        "noise of its units and neighbours, and the possible loads of silent units.",
+        (3, 3),
+    )
+    moment = Vector("Torque about the centre of its units' loads, shape (3,).", (3,))
+    moment_covariance = Vector("Shape (3, 3).", (3, 3))
+    normal = Vector(
+        "Outward, away from the skin; shape (3,).", (3,),
+        columns=(f"n{axis}" for axis in AXES), message="geometry_msgs/Vector3",
+    )  # fmt: skip
+    normal_condition = Number(
+        float, "Roundness of the spread of its units: 1 round, 0 a line.", leaves=False
+    )
+    area = Number(float, "Sensing area of its units.", "m2", decimals=9)
+    mean_pressure = Number(float, "Load over area.", leaves=False)
+    peak_pressure = Number(float, "Of its most loaded unit.", leaves=False)
+    axes = Vector("Columns: major axis, minor axis, normal; shape (3, 3).", (3, 3))
+    extent = Vector("Root-mean-square half lengths along the first two axes, shape (2,).", (2,))
+    shear = Number(float, "Force across the normal.", "N")
+    torsion = Number(float, "Torque about the normal.", "N m")
+    torsion_sigma = Number(float, "One-sigma of `torsion`.", leaves=False)
+    arm = Number(float, "Load-weighted mean distance of its units from the centroid.", leaves=False)
+    # -- path: written by path
+    origin = Hidden(np.float64, (3,))  # first known centre
+    waypoint = Hidden(np.float64, (3,))  # last centre that counted as a step
+    travel = Number(float, "Distance that its centroid has travelled so far.", "m")
+    waypoints = Hidden(np.int64)
+    # -- warmth: written by describe
+    temperature = Number(float, "Mean over its area, degree Celsius.", "degC", decimals=3)
+    temperature_gradient = Vector("K/m along the skin, shape (3,).", (3,))
+    hot_temperature = Number(float, "Of its warmest unit.", "degC", decimals=3)
+    coverage = Number(
+        float, "Heard fraction of its area and that of silent neighbours.", leaves=False
+    )
+    # -- slip: written by slip
+    slip = Number(SlipState, "State of the contact as a whole.", message="uint8")
+    slip_units = Number(int, "Units that slip.", leaves=False)
+    body_units = Hidden(np.int32)
+    onset_ns = Hidden(
+        np.int64,  # of the present slip, 0
+        yields=(derived("slip_began", "Whether it began to slip in this cycle.", "bool",
+                       lambda found: (found["onset_ns"] != 0)
+                       & (found["onset_ns"] == found["seen_ns"])),),
+    )  # fmt: skip
+    stick_ratio = Number(float, "Fraction of the load on units that stick.")
+    pattern = Number(
+        float, "Odds of slip by the lags, as sigmas: root of twice their logarithm.", leaves=False
+    )
+    slip_probability = Number(
+        float, "Probability that some of the load slips; NaN without enough data."
+    )
+    slip_direction = Vector(
+        "Direction of slip over the skin: mean of unit vectors, shorter than 1 for a rotation; "
+        "NaN without slip; shape (3,).",
+        (3,),
+    )
+    motion = Vector("Displacement of the skin by the body since contact, millimetre; shape (3,).",
+                    (3,))  # fmt: skip
+    rotation = Vector("Rotation of the skin by the body, radian; shape (3,).", (3,))
+    gross_ns = Hidden(np.int64)  # when it began to slide as a whole
+    gross_ratio = Hidden(np.float64)  # used friction since then
+    # -- friction: written by slip
+    friction = Number(
+        float, "Coefficient of friction that slip has shown; before, what units that stick have "
+        "borne, and 0 at least: it is not less."
+    )  # fmt: skip
+    friction_sigma = Number(float, "One-sigma of `friction`.")
+    friction_lower = Number(
+        float, "Lower bound of friction, by the loads of units that stick.", leaves=False
+    )
+    friction_information = Hidden(np.float64)
+    friction_mean = Hidden(np.float64)
+    friction_spread = Number(
+        float, "One-sigma of friction over the faces of the contact.", leaves=False
+    )
+    margin = Number(
+        float, "Free fraction of the friction cone; where friction is not known, at least this."
+    )
+    grip_force = Number(
+        float, "Normal force that holds with the wanted safety; where friction is not known, at "
+        "most this: what holds now does.", "N"
+    )  # fmt: skip
+    grip_force_sigma = Number(
+        float, "One-sigma of `grip_force`, by friction and tangential load.", "N"
+    )
+
+
+CONTACT, QUANTITIES = declared(Fields)
+"""The record of a contact, and its output quantities, in order."""
 
 
 def _untouched() -> np.ndarray:
-    """The total where nothing touches: zero force, no centre, nothing known of anything else."""
+    """The total without contacts: zero force, no centre, all else unknown."""
     record = np.zeros(1, CONTACT)
     zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area", "shear")
     for name in CONTACT.names or ():

@@ -1,4 +1,4 @@
-"""What contacts are views of: the stream's own arrays, or a copy of a cycle's."""
+"""Storage of contacts: the stream's own arrays, or a copy of a cycle."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Rows(Lazy):
 
     @classmethod
     def of(cls, **arrays: np.ndarray | None) -> Rows:
-        """Of arrays that are there."""
+        """Of given arrays."""
         rows = cls()
         for name in cls.__slots__:
             setattr(rows, name, arrays[name])
@@ -60,21 +60,21 @@ class Rows(Lazy):
 
     @classmethod
     def of_stream(cls, data: ContactData, shocks: Shocks | None) -> Rows:
-        """Of the arrays of a stream."""
-        slip, judges = data.slip, data.slip.history.shape[-1] >= data.units.kind.size
-        told = (None, None, None) if shocks is None else shocks.told
+        """The arrays of a stream."""
+        slip, detects_slip = data.slip, data.slip.history.shape[-1] >= data.units.kind.size
+        values = (None, None, None) if shocks is None else shocks.values
         return cls.of(
             records=data.contacts,
             paths=data.paths,
             members=data.units.members,
-            began=slip.history[BEGAN] if judges else None,
-            noise_ratio=slip.kept[NOISE_RATIO] if judges else None,
-            noisy=slip.history[NOISY_UNIT] if judges else None,
-            **dict(zip(("impact", "vibration", "weight"), told, strict=True)),
+            began=slip.history[BEGAN] if detects_slip else None,
+            noise_ratio=slip.kept[NOISE_RATIO] if detects_slip else None,
+            noisy=slip.history[NOISY_UNIT] if detects_slip else None,
+            **dict(zip(("impact", "vibration", "weight"), values, strict=True)),
         )
 
     def only(self, at: int, slot: int) -> Rows:
-        """A copy for one contact, the first one there, and the first slot."""
+        """A copy of one contact, the first one here, with its slot."""
         one, place = slice(at, at + 1), slice(slot, slot + 1)
         own = {name: getattr(self, name) for name in self.__slots__}
         for name, array in own.items():
@@ -86,16 +86,16 @@ class Rows(Lazy):
 
 
 class Layouts:
-    """Copies of what a cycle shows of the array, and of the contacts that are there.
+    """Copies of the array quantities and contacts of a cycle.
 
     Parameters
     ----------
     shown : dict of str to ndarray or None
-        What states show of the array, by their names for it.
+        Array quantities of states, by their names there.
     rows : Rows
         Of the stream.
     shocks, names
-        As of `Contact`.
+        See `Contact`.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Layouts:
         shocks: Shocks | None,
         names: Sequence[str] | None,
     ) -> None:
-        wholes = [rows.records[-1:]]  # that of all contacts together
+        wholes = [rows.records[-1:]]  # the total of all contacts
         of_units = {
             name: getattr(rows, name) for name in rows.__slots__ if name not in ("records", "paths")
         }
@@ -114,7 +114,7 @@ class Layouts:
         self.shocks, self.names = shocks, names
 
     def of(self, slots: list[int]) -> CycleLayout:
-        """The copy of a cycle with contacts in these slots, as long as they are there."""
+        """The copy of a cycle with contacts in these slots, unchanged while they last."""
         base, count = self._touched if slots else self._bare, len(slots)
         parts = base.parts + [pieces[slot] for pieces in self._pieces for slot in slots]
         places = base.places | {
@@ -127,7 +127,7 @@ class Layouts:
 
 
 class CycleLayout(Layout):
-    """Where arrays lie in the copy of a cycle."""
+    """Layout of the copy of a cycle."""
 
     def __init__(
         self, parts: list[memoryview], places: dict[str, Any], of: Layouts, slots: list[int]
@@ -135,8 +135,10 @@ class CycleLayout(Layout):
         self.parts, self.places, self._of, self._slots = parts, places, of, slots
 
     def view(self, block: bytearray, name: str) -> Any:
-        """As of `Layout.view`; ``contacts`` are those of the copy."""
-        return self.contacts(block) if name == "contacts" else super().view(block, name)
+        """As of `Layout.view`; ``contacts`` are those of the copy, unless shown as None."""
+        if name == "contacts" and name not in self.places:
+            return self.contacts(block)
+        return super().view(block, name)
 
     def contacts(self, block: bytearray) -> list[Contact]:
         """The contacts of a copy, oldest first."""

@@ -10,15 +10,15 @@ from skin.contact.record import NORMAL_ASSUMED
 __all__ = ["ROUND", "arm", "cross", "orient"]
 
 ROUND = 0.05
-"""Second over first extent of the touched points, above which they span a plane [assumed]."""
+"""Second over first extent of the touched points above which they span a plane [assumed]."""
 ONE_POINT = 1e-13
-"""Spread of points over their square distance from the middle of the array that is rounding
+"""Spread of points over their square distance from the middle of the array that is a rounding error
 [derived: some hundred roundings of float64]."""
 
 
 @jitable
 def _start(m, v):
-    """Turn m into the axes v; or v into the plain axes, where it holds none."""
+    """Rotate m into the axes v; set v to the identity where it has none."""
     square = 0.0
     for a in range(3):
         for b in range(3):
@@ -42,8 +42,8 @@ def _start(m, v):
 def _eigen(m, v):
     """Eigenvectors of the symmetric m into the columns of v, by Jacobi rotations; m is destroyed.
 
-    The eigenvalues are left on the diagonal of m. Where v holds axes, those of the cycle before for
-    instance, they are where the rotations begin.
+    The eigenvalues are left on the diagonal of m. The iteration starts from v if it has axes, such
+    as those of the cycle before.
     """
     _start(m, v)
     scale = m[0, 0] + m[1, 1] + m[2, 2]
@@ -97,7 +97,7 @@ def _second_moments(s, m):
 
 @jitable
 def _sorted_axes(m):
-    """Which columns of the eigenvectors are the largest, the middle and the smallest."""
+    """Columns of the largest, middle and smallest eigenvector."""
     large, small = 0, 0
     for a in range(1, 3):
         if m[a, a] > m[large, large]:
@@ -117,8 +117,8 @@ def orient(s, record, scratch):
     ----------
     s : SUMS
     record : CONTACT
-        `axes`, `normal`, `extent`, `normal_condition` and flags are written; the axes of the cycle
-        before are where the search begins, and give the major axis its sense.
+        `axes`, `normal`, `extent`, `normal_condition` and flags are written; the iteration starts
+        from the axes of the cycle before, which also give the major axis its sign.
     scratch : Scratch
     """
     m, v, outward, major = scratch.first, scratch.second, scratch.vectors[0], scratch.vectors[1]
@@ -145,7 +145,7 @@ def orient(s, record, scratch):
         normal[a] = (v[a, small] if along >= 0.0 else -v[a, small]) if planar else outward[a]
     if not planar:
         record["flags"] |= NORMAL_ASSUMED
-    # The major axis keeps its sense from cycle to cycle.
+    # The major axis keeps its sign from cycle to cycle.
     same = 0.0
     across = 0.0
     for a in range(3):
@@ -173,9 +173,8 @@ def orient(s, record, scratch):
 def arm(record, members, load, geometry):
     """Load-weighted mean distance of the units from the centre, across the normal, into `arm`.
 
-    A contact that turns about its centre has friction times load in every unit, across the distance
-    of that unit: the torsion that it bears is friction × load × this arm, whatever the distribution
-    of the load.
+    When a contact turns about its centre, friction times load acts in every unit at its distance:
+    the limit of torsion is friction × load × this arm, for any distribution of the load.
     """
     first, last = record["begin"], record["end"]
     centre, normal, origin = record["middle"], record["normal"], geometry.origin
@@ -190,5 +189,5 @@ def arm(record, members, load, geometry):
             square += d * d
         total += load[i]
         moment += load[i] * np.sqrt(max(square - along * along, 0.0))
-    # Of one unit it is 0, not what rounding makes of that: a torsion is divided by it.
+    # For one unit it is exactly 0, without rounding errors: a torsion is divided by it.
     record["arm"] = moment / total if last - first > 1 else 0.0

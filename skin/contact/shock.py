@@ -1,4 +1,4 @@
-"""Impacts and vibration of contacts, sized by the false alarms that one is willing to bear."""
+"""Impacts and vibration of contacts, with thresholds by the allowed false alarms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Shocks", "shock", "shock_python"]
 
 
 class ShockData(NamedTuple):
-    """What is kept of each record, float64."""
+    """State of each record, float64."""
 
     seen: np.ndarray
     """shape (s,), samples since the contact began"""
@@ -37,9 +37,9 @@ class ShockData(NamedTuple):
 def shock_python(timing, slots, events, force, sigma, data):
     """Second differences of the force on each contact, and their smoothed square.
 
-    The second difference of what a hand does is next to nothing at the rate of a bus; that of
-    noise has a known variance; what is left is a shock. Where samples are not evenly apart, it is
-    the difference from where a force goes that grows evenly.
+    The second difference of a hand's force is negligible at the rate of a bus; that of noise has a
+    known variance; the rest is a shock. For uneven samples it is the difference from a linear
+    extrapolation.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def shock_python(timing, slots, events, force, sigma, data):
     slots : ndarray, shape (s,), int32
         Records of the contacts.
     events : ndarray, shape (s,), int32
-        `Event` of each record: one that is new, back, merged or split begins anew.
+        `Event` of each record: one that is new, back, merged or split starts again.
     force, sigma : ndarray, shape (s, 3)
         Newton, force on each record's contact and its one-sigma.
     data : ShockData
@@ -89,21 +89,21 @@ class Shocks:
     Parameters
     ----------
     records : int
-        Contacts that can be told apart.
+        Number of records.
     rate_hz : float
         Cycles a second.
     false_alarms_per_hour : float
-        Alarms that begin, of each kind, for one contact, on white Gaussian noise of the variance
-        given.
+        Onsets of alarms, of each kind, for one contact, under white Gaussian noise of the given
+        variance.
     time_s : float
-        Over which vibration is averaged.
+        Averaging time of vibration.
 
     Attributes
     ----------
     impact, vibration : ndarray, shape (records,), float64
         Square of the shock in variances: one cycle's, and averaged.
     impact_limit, vibration_limit : float
-        Above which they are none of noise; that of the vibration where samples come at the rate.
+        Thresholds above noise; that of the vibration for samples at the nominal rate.
     """
 
     def __init__(
@@ -131,7 +131,8 @@ class Shocks:
         self._time_s, self._elapsed_s = time_s, 1.0 / rate_hz
         self._stamp_ns: int | None = None
         # Second differences of white noise are correlated -2/3 and 1/6 with the next two, their
-        # squares by the squares of that: the average varies more. Farther apart, less than here.
+        # squares by the squares of that, which adds to the variance of the mean. For longer steps
+        # it is less.
         keep = math.exp(-self._elapsed_s / time_s)
         self._tied = 1.0 + 2.0 * (keep * 4.0 / 9.0 + keep**2 / 36.0)
         self.vibration_limit = self._limit((1.0 - keep) / (1.0 + keep))
@@ -140,8 +141,8 @@ class Shocks:
         self, count: int, slots: np.ndarray, events: np.ndarray, force: np.ndarray,
         sigma: np.ndarray, stamp_ns: int | None = None,
     ) -> None:  # fmt: skip
-        """Take the next cycle, as long after the one before as that after its own if no time is
-        given; arrays as `shock_python` describes them."""
+        """Process the next cycle, one period later if no stamp is given; arrays as in
+        `shock_python`."""
         self._take(
             functools.partial(shock, *self._inputs(slots, events, force, sigma)), count, stamp_ns
         )
@@ -149,7 +150,7 @@ class Shocks:
     def bind(
         self, slots: np.ndarray, events: np.ndarray, force: np.ndarray, sigma: np.ndarray
     ) -> Callable[[int, int | None], None]:
-        """`update` on arrays that stay the same: takes the number of contacts and the time."""
+        """`update` on fixed arrays: takes the number of contacts and the stamp."""
         call = Bound(shock, *self._inputs(slots, events, force, sigma))
         return functools.partial(self._take, call)
 
@@ -167,16 +168,16 @@ class Shocks:
         call()
 
     @property
-    def told(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def values(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Impact, vibration and the weight of the vibration, of all records."""
         return self.impact, self.vibration, self._data.weight
 
     def vibrates(self, vibration: float, weight: float) -> bool:
-        """Whether a vibration is none of noise, however far apart samples came."""
+        """Whether a vibration is above noise, for any spacing of samples."""
         return bool(vibration > self._limit(weight))
 
     def _limit(self, weight: float) -> float:
-        """Of an average whose squared weights have this sum."""
+        """Threshold of a mean whose squared weights have this sum."""
         from scipy.special import gammainccinv
 
         if not weight:

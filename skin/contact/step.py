@@ -1,21 +1,21 @@
-"""One compiled call a cycle: contacts found, described and judged."""
+"""One compiled call a cycle: finds and describes contacts, and detects slip."""
 
 from __future__ import annotations
 
 from bus.compiled.jit import compiled
 from skin.contact.describe import describe_python
-from skin.contact.slip.judge import judge
+from skin.contact.slip.detector import detect_slip
 from skin.contact.track import find_contacts
 from skin.contact.unseen import nothing_touches, remember
 
 __all__ = ["EARLY", "SAME", "step", "step_python"]
 
 SAME, EARLY = -1, -2
-"""What a step returns where contacts neither came nor went, and where no time has passed."""
+"""Return values for an unchanged set of contacts, and for a stamp that is not later."""
 
 
 def step_python(model, data):
-    """Take the next cycle, at ``data.clock["now_ns"]``.
+    """Process the next cycle, at ``data.clock["now_ns"]``.
 
     Parameters
     ----------
@@ -25,8 +25,8 @@ def step_python(model, data):
     Returns
     -------
     int
-        Number of contacts; SAME where they are those of the last call; EARLY where the time
-        stamp is not after that, and nothing was done.
+        Number of contacts; SAME where they are those of the last call; EARLY where the stamp is not
+        later than that, and nothing was done.
     """
     clock, slots, wants = data.clock[0], data.slots, model.wants
     dt_s, now_ns = 0.0, clock["now_ns"]
@@ -43,12 +43,14 @@ def step_python(model, data):
     if count > 0 and wants.total:
         describe_python(count, wants.each, silent, model, data)
         if wants.slip:
-            judge(count, dt_s, now_ns, model, data)
+            detect_slip(count, dt_s, now_ns, model, data)
     same = count == clock["present"]
     for k in range(count):
         same &= slots.before[k] == slots.present[k]
         slots.before[k] = slots.present[k]
     clock["present"] = count
+    if not same and count == 0:
+        data.units.slip[:] = 0
     return SAME if same else count
 
 

@@ -1,4 +1,4 @@
-"""Contacts cycle by cycle, of any array of 3-axis tactile units."""
+"""Contacts cycle by cycle, for any array of 3-axis tactile units."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ from skin.options import DTYPES, wanted
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
 
 CONTACT_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
-"""What may be wanted of contacts. Wrench and centroid are the total's and come together; slip and
-shocks bring the contacts along. With nothing wanted there are identities and units alone."""
+"""Quantities of contacts. Wrench and centroid are of the total and come together; slip and shocks
+imply contacts. With none wanted there are identities and units alone."""
 PUBLIC_NAMES = (
     "force", "force_sigma", "displacement_mm", "displacement_sigma_mm", "temperature", "valid"
 )  # fmt: skip
-"""What users call the fields of `Readings`, in order."""
+"""Public names of the fields of `Readings`, in order."""
 
 
 class ContactStream:
     """Contacts of an array, cycle by cycle: units, identities, features, slip.
 
-    Everything is allocated here once, but for contacts, which keep a copy of their cycle. What is
-    not wanted is not computed, and without contact there is next to nothing to do. `update` copies
-    what a cycle brings; who owns buffers that stay the same calls `bind` once.
+    All buffers are allocated here once; contacts keep a copy of their cycle. Quantities that are
+    not wanted are not computed, and a cycle without contact costs next to nothing. `update` copies
+    its arguments; a caller with fixed buffers calls `bind` once.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class ContactStream:
     want : collection of str
         Of `CONTACT_WANTS`.
     dtype : "float32" or "float64"
-        Type of the readings; others are converted. Sums are float64 anyway.
+        Type of the readings; others are converted. Sums are always float64.
     slip : SlipSettings, optional
     start_sigma : float, optional
         Normal load of one unit that starts a contact, in sigmas; if not given it follows from
@@ -72,37 +72,36 @@ class ContactStream:
     keep_sigma : float
         Normal load that each unit of a contact must exceed.
     capacity : int
-        Contacts that can be told apart; of more than that, the lightest have no identity and are
-        counted in `tracker.untracked`.
+        Maximum number of contacts; further ones, the lightest, have no identity and are counted in
+        `tracker.untracked`.
     memory_s : float
         How long a lost contact can return.
     settle_s : float
-        How old a contact must be to outlive being absorbed by another.
+        Smallest age of a contact that keeps its identity when absorbed.
     rate_hz : float
         Cycles a second.
     false_alarms_per_hour : float
         For shocks, see `Shocks`.
     false_contacts_per_day : float
-        Contacts that noise may start on the whole array.
+        Allowed contacts due to noise on the whole array.
     unit_names : sequence of str, optional
         For `Contact.unit_names`.
     feels : ndarray, shape (n,), bool, optional
-        Units that are to be heard, all if not given; of others nothing is missing while they are
-        silent.
+        Units that are expected to be heard, all if not given; others are never missing.
     most_n : ndarray, shape (n,), or float
-        Newton, load that a unit can bear, at which what a silent one may bear ends.
+        Newton, upper bound of a unit's load, which bounds the possible load of a silent one.
 
     Attributes
     ----------
     contacts : list of Contact
         Of the last cycle, oldest first.
     total : Contact
-        All contacts together, as of the last cycle and always the same object; identity, path, arm
-        and slip are empty.
+        All contacts together in the last cycle, always the same object; identity, path, arm and
+        slip are empty.
     layout : CycleLayout
-        What a copy of the last cycle is made of.
+        Layout of a copy of the last cycle.
     tracker : Tracker
-        `tracker.label`, `tracker.ended`, `tracker.untracked` are of interest.
+        See `tracker.label`, `tracker.ended`, `tracker.untracked`.
     unit_slip : ndarray, shape (n,), int32
         `UnitSlip` of each unit.
     shocks : Shocks or None
@@ -144,7 +143,7 @@ class ContactStream:
         feels: np.ndarray | None = None,
         most_n: np.ndarray | float = np.inf,
     ) -> None:
-        wants = wanted(want, CONTACT_WANTS)
+        self._want = wants = wanted(want, CONTACT_WANTS)
         check_numbers(
             0.0, 1e6, keep_sigma=keep_sigma,
             start_sigma=keep_sigma if start_sigma is None else start_sigma,
@@ -175,7 +174,7 @@ class ContactStream:
             Wants(bool(wants), each, slips),
             (slip or SlipSettings()).model(),
         )
-        self.data = contact_data(no_readings(n, self._dtype), capacity, judges=slips)
+        self.data = contact_data(no_readings(n, self._dtype), capacity, detects_slip=slips)
         pose = self.model.geometry.pose
         pose["feels"], pose["most"] = 1.0 if feels is None else feels, most_n
         self.tracker = Tracker(self.data)
@@ -200,7 +199,7 @@ class ContactStream:
 
     @property
     def coverage(self) -> float:
-        """Share of the whole sensing area that is heard."""
+        """Heard fraction of the sensing area."""
         area = self.model.geometry.pose["area"]
         return float(area @ (self.tracker.kind < BRIDGE) / area.sum())
 
@@ -210,22 +209,31 @@ class ContactStream:
         return self.tracker.kind == OPEN
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Set new poses, for patches that move against each other; as often as they change.
+        """Set new poses, for patches that move against each other; may be called every cycle.
 
         Raises
         ------
         SkinError
-            Not as many poses as units, a position that is not finite, or no rotation.
+            Not as many poses as units, a position that is not finite, or a matrix that is no
+            rotation.
         """
         check_poses(self.model.geometry.pose.size, position, rotation)
         set_poses(self.model.geometry, position, rotation)
+
+    @classmethod
+    def prepare(cls, want: Collection[str], dtype: str) -> None:
+        """Begin to compile the kernel, which is the same for all arrays; see
+        `bus.compiled.pool.together`."""
+        alone, upright = np.zeros((3, 1)), np.eye(3)[:, :, np.newaxis]
+        nobody = np.zeros(2, np.int64), np.zeros(0, np.int64)
+        _ = cls(alone, upright, 1e-4, *nobody, want=want, dtype=dtype)._step
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
         pose = self.model.geometry.pose
         rotation = np.moveaxis(pose["rotation"], 0, 2)
         fresh = ContactStream(
-            pose["position"].T, rotation, pose["area"], *self.model.graph, want=CONTACT_WANTS,
+            pose["position"].T, rotation, pose["area"], *self.model.graph, want=self._want,
             dtype=self._dtype.name,
         )  # fmt: skip
         none = np.zeros((3, pose.size), self._dtype)
@@ -242,26 +250,26 @@ class ContactStream:
         *,
         stamp_ns: int,
     ) -> list[Contact]:
-        """Take the next cycle.
+        """Process the next cycle.
 
         Parameters
         ----------
         force : ndarray, shape (3, n)
-            Newton, unit frame: what the world exerts on the unit; z, into the skin, is the load.
-            A NaN makes a unit silent.
+            Newton, unit frame, exerted by the world on the unit; z, into the skin, is the load. A
+            NaN makes a unit silent.
         force_sigma : ndarray, shape (3, n), or float
             Newton, one-sigma.
         displacement_mm : ndarray, shape (3, n), optional
-            Millimetre, unit frame: how far the face is dragged and how deep it is pressed. Slip
-            needs it, and to it a loaded unit without is silent. On curved skins the depths tell a
-            body that tilts from one that slips: an array that knows none is better given a guess,
-            load over stiffness, than zeros.
+            Millimetre, unit frame: displacement of the face and pressed depth. Slip needs it, and a
+            loaded unit without it counts as silent. On curved skins the depths distinguish a
+            tilting body from slip: without a measured depth, an estimate (load over stiffness) is
+            better than zeros.
         displacement_sigma_mm : ndarray, shape (3, n), or float, optional
             Millimetre, one-sigma. Slip needs it.
         temperature : ndarray, shape (n,), optional
             Degree Celsius.
         valid : ndarray, shape (n,), bool, optional
-            Units to be trusted; all if not given.
+            Valid units; all if not given.
         stamp_ns : int
             Time stamp of the cycle, after the last one.
 
@@ -284,7 +292,8 @@ class ContactStream:
             if valid is None:
                 own.valid[:] = True
             own.given[0] = displacement_mm is not None, temperature is not None
-            self._take(self._step, stamp_ns)
+            self._now_ns[0] = stamp_ns
+            self.taken(self._step())
             return self.contacts
         finally:
             self._alone.release()
@@ -299,21 +308,21 @@ class ContactStream:
         valid: np.ndarray | None = None,
         common: Common | None = None,
     ) -> Callable[[int], list[Contact]]:
-        """A function that takes the next cycle from arrays that stay the same.
+        """A function that processes the next cycle from fixed arrays.
 
         Parameters
         ----------
         force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid : ndarray
-            As of `update`, of the stream's `dtype`, contiguous; written anew in place before each
+            As in `update`, of the stream's `dtype`, contiguous; overwritten in place before each
             call, and kept.
         common : Common, optional
-            Errors that units share; its `gain` is not read.
+            Common errors of units; its `gain` is scratch.
 
         Returns
         -------
         callable
-            Takes the time stamp of a cycle in nanoseconds, returns its contacts: views of the
-            stream that are the same in each cycle.
+            Takes the stamp of a cycle in nanoseconds, returns its contacts: views of the stream,
+            which change in each cycle.
 
         Raises
         ------
@@ -343,14 +352,19 @@ class ContactStream:
                 )
             call.put((1, "reading", field), array)
         self.bound = call
-        return lambda stamp_ns: self._take(call, stamp_ns)
+
+        def take(stamp_ns: int) -> list[Contact]:
+            self._now_ns[0] = stamp_ns
+            return self.taken(call())
+
+        return take
 
     def __reduce_ex__(self, protocol: object) -> str:
         raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")
 
     @cached_property
     def _follow_shocks(self) -> Callable[[int, int], None]:
-        """What follows shocks on this stream's arrays."""
+        """The function that updates shocks on this stream's arrays."""
         assert self.shocks is not None
         wrench, sigma = self.records["wrench"][:, :3], self.records["wrench_sigma"][:, :3]
         return self.shocks.bind(self.data.slots.present, self.records["event"], wrench, sigma)
@@ -374,40 +388,36 @@ class ContactStream:
                 "got None"
             )
 
-    def _take(self, call: Callable[[], int], stamp_ns: int) -> list[Contact]:
-        """Take the next cycle."""
-        self._now_ns[0] = stamp_ns
-        count = call()
+    def taken(self, count: int) -> list[Contact]:
+        """The contacts of a cycle that `bound` has processed, by its return value."""
         if count != SAME:
-            self._renew(count, stamp_ns)
+            self._renew(count)
         found = self._found
         if found and self.shocks is not None:
-            self._follow_shocks(len(found), stamp_ns)
+            self._follow_shocks(len(found), int(self._now_ns[0]))
         return found
 
     def resume(self) -> None:
-        """Take over contacts that `bound` has found since the last cycle."""
-        self._renew(int(self.data.clock["present"][0]), 0)
+        """Update contacts after direct calls of `bound`."""
+        self._renew(int(self.data.clock["present"][0]))
 
     @property
     def contacts(self) -> list[Contact]:
         return self.layout.contacts(self.layout.copy())
 
     def show(self, **shown: np.ndarray | None) -> None:
-        """Let copies of a cycle hold these arrays of the stream, by the names that they go by."""
+        """Include these arrays in copies of a cycle, by their public names."""
         self._layouts = Layouts(shown, self._rows, self.shocks, self._names)
         self.layout: CycleLayout = self._layouts.of([])
 
-    def _renew(self, count: int, stamp_ns: int) -> None:
-        """Contacts came or went, or it is too early for that."""
+    def _renew(self, count: int) -> None:
+        """Update the list of contacts, or raise where the stamp is not later."""
         if count == EARLY:
             last = self.data.clock["last_ns"][0]
-            raise SkinError(f"stamp_ns: must be after the last one, {last}; got {stamp_ns}")
+            raise SkinError(f"stamp_ns: must be after the last one, {last}; got {self._now_ns[0]}")
         views, slots = self._views, self.data.slots.present[:count].tolist()
         self._found = [views[slot] for slot in slots]
         self.layout = self._layouts.of(slots)
-        if count == 0:
-            self.unit_slip[:] = 0
 
 
 def _copy(name: str, values: object, own: np.ndarray) -> None:
@@ -424,7 +434,7 @@ def _copy(name: str, values: object, own: np.ndarray) -> None:
 
 
 def _check_gate(keep_sigma: float, start_sigma: float) -> None:
-    """Raise SkinError unless units that start a contact stay in it."""
+    """Require that units which start a contact stay in it."""
     if not 0.0 < keep_sigma <= start_sigma:
         raise SkinError(
             "keep_sigma, start_sigma: must be 0 < keep_sigma <= start_sigma; "

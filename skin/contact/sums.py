@@ -1,7 +1,7 @@
 """Sums over the units of a contact, in float64: loads, wrenches, temperatures.
 
-Lengths are about the middle of the array. While they grow, sums are tuples: local variables to the
-compiler, where an array's would go to memory with each unit.
+Lengths are about the middle of the array. Running sums are tuples, which the compiler keeps in
+registers; an array would be written to memory for each unit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ ZERO3 = (0.0,) * 3
 ZERO6 = (0.0,) * 6
 ZERO21 = (0.0,) * 21
 OPEN_TO_ALL, TAKEN = -1, -2
-"""Of a unit beside contacts: in the sums of none yet; not to be counted."""
+"""Marks a neighbour of contacts: in no sum yet; excluded."""
 
 
 @jitable(inline=True)
@@ -120,8 +120,8 @@ def _add_loads(units, reading, poses, s):
 
 @jitable
 def _add_wrenches(units, reading, poses, shared_n2, s):
-    """Add the units' wrenches about the middle of the array, and their covariances, by what is not
-    shared.
+    """Add the units' wrenches about the middle of the array, and the independent part of their
+    covariances.
 
     A force along the axis a of a unit at p has the wrench (a, p × a).
     """
@@ -174,7 +174,7 @@ def add_units(units, reading, poses, shared_n2, s):
     reading : Readings
     poses : ndarray, shape (n,), POSE
     shared_n2 : ndarray, shape (2, n)
-        Variance of the tangential forces by what units share; empty without.
+        Variance of the tangential forces by common errors; empty without.
     s : SUMS
     """
     _add_loads(units, reading, poses, s)
@@ -185,7 +185,7 @@ def add_units(units, reading, poses, shared_n2, s):
 
 @jitable
 def clear(k, sums):
-    """Begin a row of the sums."""
+    """Reset a row of the sums."""
     sums.columns[k, :] = 0.0
     sums.rows[k]["peak_unit"] = -1.0
     sums.rows[k]["hot_unit"] = -1.0
@@ -209,7 +209,7 @@ def add_total(count, sums):
 
 @jitable
 def prepare_light(units):
-    """Mark the units whose loads are light: heard, and in no contact."""
+    """Mark the units with light loads: heard, and in no contact."""
     for i in range(units.queue.size):
         light = (units.kind[i] == OUT) & (units.label[i] < 0)
         units.queue[i] = OPEN_TO_ALL if light else TAKEN
@@ -217,7 +217,7 @@ def prepare_light(units):
 
 @jitable
 def _not_twice(i, reading, pose, s):
-    """Take out of a total what a unit beside two contacts adds once too often."""
+    """Remove a neighbour of two contacts from a total that counts it twice."""
     load, variance = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i]) ** 2
     position = pose["position"][0], pose["position"][1], pose["position"][2]
     s["light"] -= load
@@ -229,12 +229,12 @@ def _not_twice(i, reading, pose, s):
 
 @jitable
 def add_light(k, total, members, model, data):
-    """Add to row k what the neighbours of units bear below the gate, each once: what they read,
-    which is right but for noise, as none of them is chosen by its load.
+    """Add the loads below the gate of the neighbours to row k, each once: their readings are
+    unbiased, since none is selected by its load.
 
-    `queue` holds the row that each unit was counted in last, `OPEN_TO_ALL` before the first, and
-    `TAKEN` of units that are no light ones. Row `total`, to which all
-    rows are added later, is given what makes it count each unit once.
+    `queue` holds the last row that counted each unit, `OPEN_TO_ALL` before the first, and `TAKEN`
+    for other units. Row `total`, to which all rows are added later, gets the correction that makes
+    it count each unit once.
     """
     graph, units, reading, poses = model.graph, data.units, data.reading, model.geometry.pose
     load_sum = variance_sum = 0.0
@@ -268,8 +268,8 @@ def add_light(k, total, members, model, data):
 
 @jitable
 def add_silence(count, units, graph, poses, sums):
-    """Area of silent units beside each contact, each unit once a contact; beside contacts after the
-    first `count` it is counted in the row after those."""
+    """Add the area of silent neighbours to each contact, each unit once a contact; for contacts
+    after the first `count` it goes into the row after those."""
     kind, label = units.kind, units.label
     for i in range(kind.size):
         if kind[i] != BRIDGE and kind[i] != SILENT:

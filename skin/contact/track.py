@@ -1,8 +1,9 @@
-"""Contacts with identities that last: through motion, merging and splitting.
+"""Contacts with identities that persist through motion, merging and splitting.
 
-A contact is the same as long as it shares units with itself a cycle ago. Where two contacts grow
-together, the heavier speaks for both; when they part, both are themselves again. Where one splits,
-the heavier part stays itself. A contact that is lost and soon returns to its place is the same.
+A contact keeps its identity while it has units in common with itself a cycle before. When two
+contacts merge, the heavier one represents both; when they part, both get their identities back.
+When one splits, the heavier part keeps the identity, as does a contact that is lost and soon
+returns to its place.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def find_contacts(model, data):
 
 
 class Tracker:
-    """Identities of contacts as `find_contacts` keeps them: a view of its data.
+    """Identities of contacts from `find_contacts`: a view of its data.
 
     Attributes
     ----------

@@ -1,18 +1,17 @@
-"""What units bear that are not heard: bounds by their neighbours and by what they said last.
+"""Possible loads of silent units: bounds by their neighbours and by their last readings.
 
-The wrench is that of the units that are heard. What a silent one bears is not in it, so that its
-error is that load, whose root mean square is taken for [assumed]:
+The wrench is that of heard units. The load of a silent one is missing and counts as an error, whose
+root mean square is [assumed]:
 
-- the larger of its load when it was last heard and of those of the neighbours in contact now, for
-  what presses a unit presses about as hard beside it;
-- not less than the load that would not have been a contact when it was last heard, for what came
-  since is seen by its neighbours, if it is not smaller than a unit; where there are none that are
-  heard, or where the last that was heard was a touch, the contact is flagged `Flag.UNSEEN`;
-- what the neighbours' gates are, if it was never heard, and all that a unit can bear if these are
-  silent, too;
-- and not more than that in any case.
+- the larger of its load when last heard and of the loads of its neighbours in contact now, since a
+  body presses neighbours about equally;
+- at least the load below the gate when it was last heard, since later contacts are seen by its
+  neighbours, unless they are smaller than a unit; where no neighbour is heard, or where it was last
+  in contact, the contact is flagged `Flag.UNSEEN`;
+- the gates of the neighbours, if it was never heard, and its maximum load if these are silent, too;
+- and at most its maximum load in any case.
 
-A friction of up to 1 lets it bear as much along each tangential axis [assumed].
+With a friction of up to 1, the load along each tangential axis may be as large [assumed].
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ __all__ = ["add_unseen", "nothing_touches", "remember"]
 
 @jitable
 def remember(model, data):
-    """Keep what the units that are heard bear at most, and whether they touch; returns how many
-    are not heard that should be."""
+    """Store the upper bounds of heard loads, and contacts; returns the number of silent units that
+    should be heard."""
     units, keep_sigma, geometry = data.units, model.gate.keep_sigma, model.geometry
     last = data.reading.force.shape[0] - 1
     load, sigma = data.reading.force[last], data.reading.force_sigma[last]
@@ -52,31 +51,31 @@ def remember(model, data):
 
 @jitable
 def _bound(i, model, data):
-    """The most that a silent unit may bear, N, and whether a touch of it would be seen."""
+    """Upper bound of the load of a silent unit, N, and whether neighbours would see a contact."""
     units, graph, borne = data.units, model.graph, data.borne
     load = data.reading.force[data.reading.force.shape[0] - 1]
     known = borne[i] == borne[i]
     most = borne[i] if known else -1.0
-    beside = heard = False
+    touches = heard = False
     for at in range(graph.start[i], graph.start[i + 1]):
         j = graph.neighbour[at]
         if units.kind[j] > OPEN:
             continue
         heard = True
         if units.label[j] >= 0:
-            beside = True
+            touches = True
             most = max(most, np.float64(load[j]))
         elif not known and borne[j] == borne[j]:
             most = max(most, borne[j])
     ceiling = model.geometry.pose[i]["most"]
     if most < 0.0:
         most = ceiling if np.isfinite(ceiling) else 0.0
-    return min(most, ceiling), heard and not beside and units.pressed[i] == 0
+    return min(most, ceiling), heard and not touches and units.pressed[i] == 0
 
 
 @jitable
 def _add(s, pose, variance):
-    """Add the variance of what a unit bears along its three axes: the same along any."""
+    """Add the variance of a unit's load, equal along its three axes."""
     p = pose["position"]
     x, y, z = p[0], p[1], p[2]
     triangle, square = s["wrench_covariance"], s["unseen_square"]
@@ -101,8 +100,8 @@ def _add(s, pose, variance):
 
 @jitable
 def add_unseen(count, model, data):
-    """Add what silent units may bear: to the contacts that they are beside, each once, and to the
-    total, whose row is the one after the next of `count`."""
+    """Add the possible loads of silent units to the contacts next to them, once each, and to the
+    total, the row after the next of `count`."""
     units, graph, rows, poses = data.units, model.graph, data.sums.rows, model.geometry.pose
     for i in range(units.kind.size):
         if units.kind[i] <= OPEN or poses[i]["feels"] <= 0.0:
@@ -124,7 +123,7 @@ def add_unseen(count, model, data):
 
 @jitable
 def nothing_touches(silent, model, data):
-    """The total where no unit touches: what silent ones may bear is all that is not known."""
+    """The total without contacts: only possible loads of silent units."""
     record, s = data.contacts[data.contacts.size - 1], data.sums.rows[1]
     data.contacts[data.contacts.size - 1] = data.untouched[0]
     if silent == 0:

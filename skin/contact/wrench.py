@@ -13,7 +13,7 @@ from skin.contact.shape import cross
 __all__ = ["add_missed", "centre", "total_wrench", "wrench_in_frame"]
 
 WEAK_SIGMAS = 5.0
-"""Below this many sigmas of its load, a contact has no centre [assumed]."""
+"""Sigmas of its load below which a contact has no centre [assumed]."""
 
 
 @jitable
@@ -30,9 +30,9 @@ def _unpack(triangle, matrix):
 
 @jitable
 def _shift_covariance(covariance, shift, side, low):
-    """Covariance of a wrench after its moment has been moved: M' = M + shift x F.
+    """Covariance of a wrench about a shifted point: M' = M + shift x F.
 
-    The block of force and moment goes into `side`, that of the moment into `low`.
+    The block of force and torque goes into `side`, that of the torque into `low`.
     """
     x, y, z = shift[0], shift[1], shift[2]
     for a in range(3):
@@ -58,11 +58,11 @@ def _shift_covariance(covariance, shift, side, low):
 
 @jitable
 def add_missed(s, six):
-    """Add what neighbours bear below the gate, which is in no wrench, to the covariance of a
-    contact: the square of its most likely value.
+    """Add the neighbours' loads below the gate, which are in no wrench, to the covariance of a
+    contact: the square of the most likely value.
 
-    That is what they read together, or 0 where noise makes it less; it acts where they are, and
-    along the force of the contact, as the same body bears on both [assumed].
+    That is the sum of their readings, or 0 where noise makes it negative; it acts at these units,
+    along the force of the contact, since the same body presses both [assumed].
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def total_wrench(s, record, origin, scratch):
     origin : ndarray, shape (3,)
         Metre, the middle of the array.
     scratch : Scratch
-        `covariance` is that about the middle of the array afterwards.
+        `covariance` is about the middle of the array afterwards.
     """
     about_middle, side, low = scratch.covariance, scratch.first, scratch.second
     wrench, covariance = record["wrench"], record["wrench_covariance"]
@@ -133,8 +133,8 @@ def _no_centre(record):
 
 @jitable
 def _centre_covariance(s, about, load, record, scratch):
-    """First order: of the noise of the loads and of what is not seen, Σ σ² (p - c) (p - c)' /
-    load², and of where in the faces they act."""
+    """First order: of the noise of the loads and of unseen loads, Σ σ² (p - c) (p - c)' / load²,
+    and of the places of load on the faces."""
     covariance, face = record["centroid_covariance"], s["face"]
     variance = s["load_variance"] + s["light_variance"] + s["unseen"]
     position, square = scratch.vectors[0], scratch.six
@@ -161,8 +161,8 @@ def _centre_covariance(s, about, load, record, scratch):
 
 @jitable
 def _counting_light(s, record, origin, about, scratch):
-    """Centre of pressure, with the loads below the gate that lie beside: c + Σ l (p - c) / load,
-    whose load is that of all of them, or that of the contact where noise makes it less."""
+    """Centre of pressure with the neighbours' loads below the gate: c + Σ l (p - c) / load, over
+    the load of all of them, or of the contact alone where noise makes the sum smaller."""
     load = max(s["load"], s["load"] + s["light"])
     for a in range(3):
         about[a] -= (s["light_position"][a] + s["light"] * about[a]) / load
@@ -172,7 +172,7 @@ def _counting_light(s, record, origin, about, scratch):
 
 @jitable
 def centre(s, record, origin, scratch):
-    """Centre of pressure, moment about that of the units, shear and torsion; after `total_wrench`
+    """Centre of pressure, torque about that of the units, shear and torsion; after `total_wrench`
     and `orient`."""
     about, load, force = scratch.vectors[2], s["load"], s["wrench"][:3]
     moment, normal = record["moment"], record["normal"]
@@ -220,16 +220,16 @@ def wrench_in_frame(
     origin: np.ndarray,
     covariance: np.ndarray | None = None,
 ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
-    """A wrench about the origin of the skin frame, as another frame sees it.
+    """A wrench about the origin of the skin frame, in another frame.
 
     Parameters
     ----------
     wrench : ndarray, shape (6,)
-        Force in newton and moment in newton metre.
+        Force in newton and torque in newton metre.
     rotation : ndarray, shape (3, 3)
         Columns are the axes of the frame, in the skin frame.
     origin : ndarray, shape (3,)
-        Metre, origin of the frame, in the skin frame: the moment is taken about it.
+        Metre, origin of the frame, in the skin frame, about which the torque is given.
     covariance : ndarray, shape (6, 6), optional
 
     Returns

@@ -1,7 +1,7 @@
 """What drifts: the ambient field that all units see, and the zeros of each unit.
 
-Both are told from units that nothing touches, by what is left of their reading, so this is a loop:
-decode, look at what is left, take that off the next cycle's counts.
+Both are estimated from units that nothing touches, by what is left of their reading, so this is a
+loop: decode, look at what is left, take that off the next cycle's counts.
 
 **Ambient field.** The Earth's 50 µT reads as 15 mN of shear on an untouched unit, and turns with
 the robot. All units of a body (patches of one frame) see one field, each in its own axes; a Kalman
@@ -28,7 +28,7 @@ by S dBz / (S² + Bz²), and is in `residue_ut2` with 50 µT.
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
 and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit has been *calm* for 5 s: its
 load, averaged over a second, is no contact; its Bz, averaged over 10 s and an independent witness
-of the depth, tells no press of half the sigma of a reading; nothing near it is loaded; its
+of the depth, shows no press of half the sigma of a reading; nothing near it is loaded; its
 temperature is steady; and no flag is on it. So a held press loses less than that sigma, however
 long it lasts, and one that creeps up as slowly as a zero may follow little more; what drifted under
 a contact is made up for after it. A zero that has gone 60 Hz (0.1 N) or 200 µT from calibration
@@ -40,7 +40,8 @@ drift, and a unit that has drifted more under a contact is not followed any more
 
 Bz at rest is learnt when a unit has first been calm, from the second to the fifth second, follows
 by 0.3 µT a minute at most, so that only a press that grows by less than 0.1 Hz (0.15 mN) a minute
-passes for drift, and is not taken off: its size tells the displacement, and belongs to calibration.
+passes for drift, and is not taken off: the displacement follows from its size, which belongs to
+calibration.
 Only its change in common with the other units is ambient; a press that creeps up on most units of a
 body at once passes for that. The lateral zero is that of the calibration: a tare puts the ambient
 field of its attitude into the offsets, and what is found here is the change since then, never the
@@ -87,33 +88,6 @@ STANDS_ON = (
 SAVED = arrays_of("a saved ambient field", "units", "stands_on", "common", "rest")
 
 
-class Follow:
-    """`Ambient.update` on arrays that stay the same.
-
-    Attributes
-    ----------
-    call : Bound
-        The kernel.
-    period_s : float
-        From one look to the next.
-    elapsed_s, calm_s : ndarray, shape (1,)
-        What it is told: see `skin.decode.ambient_model.AmbientData`.
-    """
-
-    __slots__ = ("call", "calm_s", "elapsed_s", "period_s")
-
-    def __init__(self, call: Bound, data: AmbientData, period_s: float) -> None:
-        self.call, self.period_s = call, period_s
-        self.elapsed_s, self.calm_s = data.elapsed_s, data.calm_s
-
-    def __call__(self, dt_s: float | None = None) -> None:
-        """Look at the cycle that stands in the arrays, `dt_s` after the last one."""
-        period_s = self.period_s
-        self.elapsed_s[0] = dt_s = period_s if dt_s is None else max(dt_s, 0.0)
-        self.calm_s[0] = min(dt_s, 2.0 * period_s)
-        self.call()
-
-
 class Ambient:
     """Ambient field and zeros of the units of a topology, cycle by cycle.
 
@@ -137,7 +111,7 @@ class Ambient:
         To be taken off the counts of the next cycle: Hz by which the frequency has fallen without
         a press, then µT in the axes of the chips. One array, written by `update`.
     begun : int
-        How often the field has begun anew.
+        How often the field was reset.
     body : ndarray, shape (n,), int
         Index of each unit's body: unit i sees ``field_ut[:, body[i]]``.
     residue_ut2 : ndarray, shape (n,)
@@ -176,7 +150,9 @@ class Ambient:
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self.period_s = every / topology.cycle_rate_hz
-        self._model = model_of(topology, self.bodies, guard_m, near_votes=crosstalk)
+        self._model = model_of(
+            topology, self.bodies, guard_m, self.period_s, near_votes=crosstalk
+        )  # fmt: skip
         self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
             background=self.background, residue_ut2=self.residue_ut2
         )  # fmt: skip
@@ -278,7 +254,7 @@ class Ambient:
         self._turned = [Turned() for _ in self.bodies]
 
     def forget(self, units: np.ndarray, *, field: bool) -> None:
-        """Begin anew with units that have new zeros, and with the ambient field too if asked to.
+        """Restart with units that have new zeros, and with the ambient field too if asked to.
 
         Parameters
         ----------
@@ -339,9 +315,13 @@ class Ambient:
         for g in range(len(self.bodies)) if body is None else (body,):
             self._turned[g](self._data.bodies, g, attitude)
 
-    def bound(self, reading: Reading) -> Follow:
-        """`update` with a reading whose arrays stay the same, as a decoder's: they are looked at
-        once.
+    @property
+    def elapsed_s(self) -> np.ndarray:
+        """What `bound` reads: time since its last call, shape (1,), to be written before each."""
+        return self._data.elapsed_s
+
+    def bound(self, reading: Reading) -> Bound:
+        """`update` with a reading whose arrays stay the same, as a decoder's.
 
         Parameters
         ----------
@@ -350,8 +330,8 @@ class Ambient:
 
         Returns
         -------
-        callable
-            Takes what `update` does after the reading.
+        Bound
+            Looks at the cycle that stands in the arrays, `elapsed_s` after the last one.
         """
         read = {"field_ut": reading.field_ut, "displacement_mm": reading.displacement_mm,
                 "temperature": reading.temperature, "status": reading.status}  # fmt: skip
@@ -359,11 +339,11 @@ class Ambient:
             **{name: array for name, array in read.items() if array is not None}
         ))  # fmt: skip
 
-    def _bound(self, data: AmbientData) -> Follow:
-        return Follow(Bound(kernels.update, self._model, data), data, self.period_s)
+    def _bound(self, data: AmbientData) -> Bound:
+        return Bound(kernels.update, self._model, data)
 
     @functools.cached_property
-    def _own(self) -> Follow:
+    def _own(self) -> Bound:
         return self._bound(self._data)
 
     def update(self, reading: Reading, dt_s: float | None = None) -> None:
@@ -381,7 +361,8 @@ class Ambient:
         for name in ("field_ut", "displacement_mm", "temperature", "status"):
             given = getattr(reading, name)
             getattr(data, name)[:] = 0 if given is None else given
-        self._own(dt_s)
+        self.elapsed_s[0] = self.period_s if dt_s is None else max(dt_s, 0.0)
+        self._own()
 
     def warmup(self, reading: Reading) -> None:
         """Compile the kernels, or load them, for such a reading; the state stays as it is."""
@@ -407,7 +388,7 @@ class Ambient:
             )  # fmt: skip
 
     def restore(self, file: str | os.PathLike[str]) -> None:
-        """Go on from what was saved; the averages begin anew.
+        """Go on from what was saved; the averages restart.
 
         Raises
         ------

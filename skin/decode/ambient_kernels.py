@@ -1,6 +1,6 @@
 """All compiled code of the ambient field and of the zeros: one pass over the units, once a cycle.
 
-The pass is in float64 whatever the decoder's type is: it adds up small steps for hours.
+The pass is in float64 for decoders of either type: it adds up small steps for hours.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ REFUSED = 0xFFFF & ~int(
 )  # fmt: skip
 """Any other flag, and a unit is not used."""
 NEAR, LOADED, VOTES, FOLLOWED, TOUCHED = 1, 2, 4, 8, 16
-"""Marks of a unit in this cycle: near a loaded one, loaded, one that tells of the ambient field,
+"""Marks of a unit in this cycle: near a loaded one, loaded, one that measures the ambient field,
 one whose zero is followed, one that has no vote for it may be touched."""
 
 LONG_OF_SLOW = 10.0
@@ -41,7 +41,7 @@ TOUCHED_SIGMAS = 4.0
 [derived: by chance once in 31 000 independent averages, which are 10 a second]."""
 CALM_SIGMAS = 0.5
 """A unit whose averaged load is within this share of the sigma of a single reading may be unloaded
-though Bz does not tell [assumed]."""
+though Bz does not show it [assumed]."""
 DWELL_OF_SLOW = 5.0
 """How long a unit must have been calm before its zero is followed, over the slow time [assumed]."""
 LEARN_OF_SLOW = 2.0
@@ -127,7 +127,7 @@ def _low_pass(average, value, share, first, size):
 
 @jitable(inline=True)
 def _average(model, data):
-    """Low-passes of every unit; they begin anew after a unit could not be used.
+    """Low-passes of every unit; they restart after a unit could not be used.
 
     Values and shares of `BLOCK` units go to a tile first, and from there to one array after the
     other: a loop over many arrays at once would be no vector instructions.
@@ -250,7 +250,7 @@ def _pool(model, data):
 
 @jitable(inline=True)
 def _vote(model, data, run):
-    """Add up what the units of a run tell of the field of its body.
+    """Add up what the units of a run measure of the field of its body.
 
     A unit counts the less the farther its own residual has long been from what the others see
     (Geman-McClure weights): a unit that lies persistently does not count.
@@ -384,13 +384,14 @@ def _follow(model, data):
     """Zeros of the units that are provably unloaded."""
     units, memory, marks, zero = model.units, data.memory, data.marks, data.zero
     dt_s, slow_s = data.elapsed_s[0], model.slow_s
+    most_s = min(dt_s, 2.0 * model.period_s)  # of a gap, which nobody has seen
     share_hz = dt_s / max(FOLLOW_S, DAMPED * slow_s)
     known_hz = RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
     share_ut = dt_s / (DAMPED * LONG_OF_SLOW * slow_s)
     for i in range(marks.size):
         axial = units.axial_information[i] > 0.0
         known = axial and not np.isnan(memory.rest_ut[i])
-        # what Bz tells of no press may be drift, up to what counts as a contact
+        # where Bz shows no press it may be drift, up to what counts as a contact
         sigmas = LOADED_SIGMAS if known else CALM_SIGMAS
         calm = (
             marks[i] & (LOADED | NEAR) == 0
@@ -399,7 +400,7 @@ def _follow(model, data):
             and abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
             and not (known and abs(memory.long_ut[2, i]) > units.witness_ut[i])
         )
-        memory.calm_s[i] = memory.calm_s[i] + data.calm_s[0] if calm else 0.0
+        memory.calm_s[i] = memory.calm_s[i] + most_s if calm else 0.0
         learning = axial and memory.rest_s[i] < DWELL_OF_SLOW * slow_s
         watched = min(memory.calm_s[i], memory.alone_s[i])
         if learning and watched >= LEARN_OF_SLOW * slow_s:
@@ -467,7 +468,7 @@ def _compose(model, data):
 
 
 def update_python(model, data):
-    """Take what one decoded cycle tells of ambient field and zeros.
+    """Update ambient field and zeros by one decoded cycle.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ faster]."""
 BOUND_SIGMAS = 3.0
 """A zero of the calibration is known within this many of its sigma [assumed]."""
 WITNESS_SIGMAS = 0.5
-"""Bz tells a press that lowers the frequency by this many sigma of a reading [assumed]."""
+"""Bz shows a press that lowers the frequency by this many sigma of a reading [assumed]."""
 PRIOR_UT2 = 2500.0
 """Variance of a component of the ambient field of which nothing is known, µT² [derived: the
 Earth's, 50 µT]."""
@@ -58,9 +58,9 @@ class Units(NamedTuple):
     sigma_ut: np.ndarray
     lateral_information: np.ndarray  # 1/µT², 0 where the wire does not carry it
     axial_information: np.ndarray
-    witness_ut: np.ndarray  # a rise of Bz that tells a press
+    witness_ut: np.ndarray  # a rise of Bz that shows a press
     film_drift_per_k: np.ndarray
-    own_ut: np.ndarray  # (2, n), lateral field at rest of a film beside its chip's axis
+    own_ut: np.ndarray  # (2, n), lateral field at rest of a film off its chip's axis
     bound_hz: np.ndarray  # how far the zero of a frequency may be off at first
 
 
@@ -82,6 +82,7 @@ class AmbientModel(NamedTuple):
     runs: Runs
     near_votes: bool  # whether units near a loaded one vote
     slow_s: float  # time constant of the slow low-passes
+    period_s: float  # from one look to the next
 
 
 class Memory(NamedTuple):
@@ -143,8 +144,7 @@ class AmbientData(NamedTuple):
     displacement_mm: np.ndarray  # (3, n)
     temperature: np.ndarray  # (n,), °C; zeros where it is not on the wire
     status: np.ndarray  # (n,) uint16
-    elapsed_s: np.ndarray  # (1,), since the last cycle
-    calm_s: np.ndarray  # (1,), those of them that count as calm
+    elapsed_s: np.ndarray  # (1,), since the last cycle; of a gap two periods count as calm
     memory: Memory
     zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
     marks: np.ndarray  # (n,) uint8
@@ -155,7 +155,7 @@ class AmbientData(NamedTuple):
 
 
 def model_of(
-    topology: Topology, bodies: Sequence[str], guard_m: float, *, near_votes: bool
+    topology: Topology, bodies: Sequence[str], guard_m: float, period_s: float, *, near_votes: bool
 ) -> AmbientModel:
     """What the kernels must know of a topology.
 
@@ -166,6 +166,8 @@ def model_of(
         Names of the frames that its patches are on.
     guard_m : float
         What is near.
+    period_s : float
+        From one look to the next.
     near_votes : bool
         Whether units near a loaded one vote.
     """
@@ -176,7 +178,7 @@ def model_of(
     runs = Runs(*np.stack([edges[:-1], edges[1:], body[edges[:-1]]]).astype(np.int32))
     slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
     return AmbientModel(
-        _units(topology, slow_s), *compressed_rows(n, *near), runs, near_votes, slow_s
+        _units(topology, slow_s), *compressed_rows(n, *near), runs, near_votes, slow_s, period_s,
     )  # fmt: skip
 
 
@@ -188,7 +190,6 @@ def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
         temperature=np.zeros(n, dtype),
         status=np.zeros(n, np.uint16),
         elapsed_s=np.zeros(1),
-        calm_s=np.zeros(1),
         memory=Memory(*(np.empty((3, n) if name == "long_ut" else n) for name in Memory._fields)),
         zero=np.empty((3, n)),
         marks=np.empty(n, np.uint8),

@@ -1,9 +1,9 @@
-"""What reported rotations of a body tell of its ambient field while no unit can.
+"""The ambient field of a body by its reported rotations, while no unit measures it.
 
 The tare put the field b of its attitude into the offsets, so that the field that is followed is
 ``f = w - b``, w being the field in the axes of the body now. Where the body turns by dR (its new
 axes in the old ones), ``w' = dRᵀ w`` and ``b' = b``, exactly: a linear system of six states, which
-units that vote observe by ``f``. Turns about two axes tell b; until they have, its variance of
+units that vote observe by ``f``. Turns about two axes determine b; until they have, its variance of
 `PRIOR_UT2` widens what is predicted, and a small turn widens it by little [derived].
 """
 

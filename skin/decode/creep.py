@@ -1,6 +1,6 @@
 """Relaxation: what displaced faces bear beyond their elastic force, from how they came there.
 
-The elastic laws tell the force F_e of a displacement that is held. An elastomer bears more while it
+The elastic laws give the force F_e of a displacement that is held. An elastomer bears more while it
 is fresh, and less than that after it was let go (quasi-linear viscoelasticity, three Prony terms):
 
     F = F_e + sum_j w_j h_j,    h_j(t) = integral exp(-(t - s) / T_j) dF_e(s)
@@ -8,15 +8,14 @@ is fresh, and less than that after it was let go (quasi-linear viscoelasticity, 
 for each component of the force in the unit frame. In a step of dt over which F_e changes evenly,
 ``h_j = k h_j + m dF_e`` with ``k = exp(-dt / T_j)`` and ``m = (1 - k) T_j / dt``, exactly. When in
 the step F_e changed is not known: at an even chance, ``exp(-s / T_j)`` has the mean m and the
-variance ``(1 - k²) T_j / (2 dt) - m²``, which is kept beside each h_j and fades with it; it matters
+variance ``(1 - k²) T_j / (2 dt) - m²``, which is kept with each h_j and fades with it; it matters
 after gaps. Of a unit whose first reading shows F_e0, all between "just now" and "long ago" is
 equally likely: ``h_j = F_e0 / 2``, with the variance F_e0² / 12.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -28,11 +27,11 @@ from skin.decode.records import tile_rows
 from skin.decode.results import Results
 from topology import CREEP_TERMS, Topology
 
+if TYPE_CHECKING:
+    from bus.compiled.bound import Bound
+
 __all__ = ["Creep", "relax", "relax_python"]
 
-STEPS_A_PERIOD = 4
-"""Times of steps are rounded to this share of a period and the rest is carried on, so that as a
-rule the coefficients of the step before hold."""
 FEEBLE_N = 1e-9
 """N: a force that has no direction."""
 THETA_MOST_RAD = float(np.pi / np.sqrt(3.0))
@@ -234,7 +233,7 @@ def direct(x, y, size, theta):
 
 @jitable
 def lengthwise(way, noise, force, sigma, along):
-    """Sigma along the force: of noise, which is told along the elastic one, and of the rest."""
+    """Sigma along the force: of noise, which is given along the elastic one, and of the rest."""
     assume_noalias()
     elastic_x, elastic_y, elastic_along = way
     noise_x, noise_y, sharper = noise
@@ -281,21 +280,14 @@ class Creep:
     names : tuple of str
         Results in the order of the kernel's rows, "force" and "tangential" among them.
     elastic : Results
-        What is decoded, of one cycle: written anew before each call.
+        What is decoded, of one cycle: written before each call.
 
     Attributes
     ----------
     borne : Results
         The same with the forces that are borne; flags are those of `elastic`.
-    calls : list of callable
-        Two, by turns, for each goes on from the memory that the other one leaves; none before they
-        were needed.
-    last : int
-        Which of them was the last.
     steps : float
         Periods that a call goes on by.
-    missing : float
-        Periods that were gathered, less than a step.
     """
 
     def __init__(self, topology: Topology, names: tuple[str, ...], elastic: Results) -> None:
@@ -320,22 +312,17 @@ class Creep:
         first = Memory(zeros(3 * n, real), h, variance)
         self._memories = first, Memory(*(array.copy() for array in first))
         self._elastic = elastic
-        self.calls: list[Callable[[], object]] = []
+        self.steps = 0.0
         self.reset()
 
     def reset(self) -> None:
         """Forget the history: the next cycle is the first."""
         for memory in self._memories:
             memory.elastic[:] = np.nan
-        self.last, self.missing = 0, 0.0
-        self._stretch(1.0)
+        self.stretch(1.0)
 
-    def elapse(self, periods: float) -> None:
-        """Say how many periods the next cycle is after the last one."""
-        self.missing += periods - 1.0
-
-    def warmup(self) -> None:
-        """Compile what a cycle needs, or load it."""
+    def bound(self) -> list[Bound]:
+        """Two calls, by turns, for each goes on from the memory that the other one leaves."""
         from bus.compiled.bound import Bound
 
         a, b = self._memories
@@ -343,32 +330,15 @@ class Creep:
             (self._elastic.values, self.borne.values),
             zeros((3, a.elastic.size), a.h.dtype),
         )
-        self.calls = [
+        return [
             Bound(relax, self._model, CreepData(*arrays, *turns, *scratch))
             for turns in ((a, b), (b, a))
         ]  # fmt: skip
 
-    def __call__(self, advance: bool) -> None:
-        """Go on to the cycle that stands in `elastic`; without `advance`, to it once more."""
-        if not self.calls:
-            self.warmup()
-        if advance:
-            self.last = 1 - self.last
-            steps = max(round((1.0 + self.missing) * STEPS_A_PERIOD) / STEPS_A_PERIOD, 0.0)
-            self.missing += 1.0 - steps
-            if steps != self.steps:
-                self._stretch(steps)
-        self.calls[self.last]()
-
-    def batch(self, results: Results, advance: bool) -> None:
-        """Do the same, in place, with consecutive cycles."""
-        for t in range(len(results.values)):
-            self._elastic.values[0] = results.values[t]
-            self(advance)
-            results.values[t] = self.borne.values[0]
-
-    def _stretch(self, steps: float) -> None:
-        """Coefficients of a step of so many periods."""
+    def stretch(self, steps: float) -> None:
+        """Let the next call go on by so many periods."""
+        if steps == self.steps:
+            return
         model, lag = self._model, steps * self._periods
         gained, square = np.ones_like(lag), np.ones_like(lag)
         if steps > 0.0:

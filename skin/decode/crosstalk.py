@@ -38,6 +38,7 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from bus.compiled.bound import Bound
+from bus.compiled.chained import call
 from skin.decode import crosstalk_kernels as kernels
 from skin.decode.crosstalk_cells import find_lattices
 from skin.decode.crosstalk_kernels import (
@@ -100,7 +101,7 @@ class CrossTalk:
     idle_mm : float
         A film that is pressed less than this can be displaced by three times this at most, as
         friction has it: it counts as at rest, unless it is pulled by more than three times this, or
-        its field tells of a displacement that is no noise (`IDLE_DISPLACEMENT_MM`). 0: only a film
+        its field shows a displacement that is no noise (`IDLE_DISPLACEMENT_MM`). 0: only a film
         that is not displaced at all counts as at rest.
     lattices : bool
         False: every pair counts as one of an irregular skin.
@@ -352,17 +353,17 @@ class Prediction:
 
     def __call__(self) -> np.ndarray:
         """Predict; see `CrossTalk.predict`."""
-        moved, changed = self.films()
-        if changed:
+        found = call([self.films], 0)
+        if found & 2:
             self.unknown()
-        if moved:
+        if found & 1:
             for add in self.adding:
                 add()
         return self._out
 
 
 def _rows(background: np.ndarray) -> Background:
-    """The rows of a background, shape (5, n); of its field alone, shape (3, n), others beside."""
+    """The rows of a background, shape (5, n); of its field alone, shape (3, n), and others."""
     if len(background) == BACKGROUND_ROWS:
         return Background(background[0], background[1:4], background[4])
     frequency, variance = np.zeros_like(background[:2])

@@ -2,7 +2,7 @@
 
 The films stand in padded rows of cells, so that a neighbour is a constant number of cells away and
 the cell beyond the edge is empty. A term of all neighbours of one offset is then one shifted,
-contiguous load and one coefficient: `GROUP` of them, whatever their offsets, are added up in
+contiguous load and one coefficient: `GROUP` of them, of any offsets, are added up in
 registers for three axes at once.
 
 Sums have a constant pitch: it is what shows the compiler that loads and stores do not overlap.

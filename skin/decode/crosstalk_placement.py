@@ -4,7 +4,7 @@ A film that sits a little off its place adds there what it would add if it were 
 much: the slope of the stencil, times the error. A tilt moves a film and a chip by their distances
 from the unit's middle, and turns the field that a chip is in at rest.
 
-A tare takes off whatever that adds laterally while nothing touches the skin: what is left in a unit
+A tare takes off all that it adds laterally while nothing touches the skin: what is left in a unit
 that was tared in its place is what it adds more once films have moved.
 """
 
@@ -27,7 +27,7 @@ TURNED = 5.0 / 9.0
 def placement_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
     """Variance of a lateral axis of the field by errors of places and tilts, µT².
 
-    The mean over x and y, which tell the displacement, and over the range of all neighbours;
+    The mean over x and y, which give the displacement, and over the range of all neighbours;
     `placement_sigma_mm` and `placement_sigma_rad` say how large errors are, which are taken to be
     independent. An error of the unit's own moves its chip against all neighbours at once: of their
     slopes, what is the mean over the range adds up with its sign.

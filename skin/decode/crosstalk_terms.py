@@ -63,7 +63,7 @@ class Part(Protocol):
 def terms_of(
     exponents: np.ndarray, filled_up: int = 1
 ) -> tuple[Terms, dict[tuple[int, int, int], int]]:
-    """Rows for terms, and whatever they are products of, by degree.
+    """Rows for terms, and all factors of them, by degree.
 
     Parameters
     ----------

@@ -5,26 +5,30 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
 from skin.decode.aging import Aging
-from skin.decode.loop import estimators, loop_of
-from skin.decode.mode import Mode
-from skin.decode.passes import Passes, arrays_of, check_call, plain
-from skin.decode.plan import DecodeOptions, Plan
-from skin.decode.results import Results, results_of
+from skin.decode.bound import BoundKernels, arrays_of, check_call, plain
+from skin.decode.plan import Plan
+from skin.decode.results import Results
 from skin.errors import CountsError, check_kind, check_number
+from skin.options import Options
 from skin.owned import Layout
-from skin.state import Reading
+from skin.state import UNIT_WANTS, Reading
 from topology import Topology
 
 if TYPE_CHECKING:
+    from bus.compiled.bound import Bound
+    from skin.cycle import Cycle, CycleParts, Ends
+    from skin.decode.ambient import Ambient
     from skin.decode.creep import Creep
+    from skin.decode.crosstalk import CrossTalk
     from skin.decode.kernel import DecodeData
+    from skin.options import DType, Estimator, Sweeps
     from skin.physics.stencil import Stencil
 
 __all__ = ["Decoder"]
@@ -37,16 +41,15 @@ class Decoder:
     tangential displacement from the field at that depth and temperature, the tangential force from
     the displacement. The magnetic film follows the gel with a lag, so a decoder remembers
     temperatures from one cycle to the next: use one for each stream of cycles, from one thread at a
-    time. Cycles are a period apart, unless `elapse` says otherwise.
+    time. Cycles are a period apart, unless `set_elapsed` says otherwise.
 
     Parameters
     ----------
     topology : Topology
-    want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient, creep
-        As of `skin.decode.plan.DecodeOptions`.
-    stencil : Stencil, optional
-        Of the neighbours' fields; from magnet theory if not given. Without `sweeps` only the field
-        at rest is taken from it.
+    want, estimator, dtype, skip, sweeps, ambient, creep, stencil
+        As of `skin.options.Options`; quantities of units alone, all of them if `want` is None.
+    consistency, temperature_every
+        As of `skin.decode.plan.Plan.of`.
     workers : int, optional
         Threads among which the units of an array are shared where that is worth it, see
         `skin.decode.sharing.ENOUGH`: as many as there are processors if not given. They change no
@@ -64,12 +67,11 @@ class Decoder:
     rest_beyond_ut : ndarray, shape (2, n)
         Of its Bx and By, what a learned stencil has beyond magnet theory.
     crosstalk, ambient : CrossTalk, Ambient, or None
-    loop : Loop or None
-        What takes these off; None where neither is there.
+    whole : Reading
+        All that is decoded, wanted or not, on arrays that stay the same; forces without what has
+        not relaxed.
     creep : Creep or None
         What adds to forces what has not relaxed.
-    aging : Aging
-    mode : Mode
     layout : Layout
         What a copy of `reading` is made of.
 
@@ -93,31 +95,33 @@ class Decoder:
         self,
         topology: Topology,
         want: Collection[str] | None = None,
-        estimator: str | None = None,
-        dtype: str = "float32",
+        estimator: Estimator | None = None,
+        dtype: DType = "float32",
         *,
         consistency: bool | None = None,
         temperature_every: int | None = None,
         skip: bool = False,
-        sweeps: int = 1,
+        sweeps: Sweeps = 1,
         ambient: bool = True,
         creep: bool = True,
         stencil: Stencil | None = None,
         workers: int | None = None,
     ) -> None:
         check_kind("topology", topology, Topology)
-        options = DecodeOptions(
-            want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient, creep
-        )
+        options = Options(
+            want=UNIT_WANTS if want is None else want, estimator=estimator, dtype=dtype,
+            skip=skip, sweeps=sweeps, ambient=ambient, creep=creep, stencil=stencil,
+        )  # fmt: skip
         self.topology = topology
-        self.plan = plan = Plan.of(topology, options)
+        self.plan = plan = Plan.of(topology, options, consistency, temperature_every)
         self.dtype = np.dtype(plan.dtype)
         if workers is not None:
             check_number("workers", workers, 1, sharing.MOST_WORKERS, whole=True)
         from skin.decode.model import refuse_impossible
 
         refuse_impossible(topology)
-        self.crosstalk, self.ambient = estimators(topology, plan, stencil)
+        self.crosstalk, self.ambient = _estimators(topology, plan, stencil)
+        self._loops = plan.sweeps > 0 or plan.ambient
         if self.crosstalk is not None:
             stencil = self.crosstalk.stencil
         self._alone = threading.Lock()
@@ -139,18 +143,17 @@ class Decoder:
         from skin.decode.parts import Parts
         from skin.decode.uncertainty import neighbours_of
 
-        self._names = results_of(self.plan, self.topology)
-        parts = Parts.of(self.plan, self._names, self.topology.n)
+        parts = Parts.of(self.plan, self.topology.n)
         self._kernel = kernel.decode(parts)
         self._data_of: type[DecodeData] = kernel.DecodeData
         self._neighbours = neighbours_of(self.topology, self.rest_ut, self.crosstalk)
-        self._model_of = functools.partial(
-            model_of, plan=self.plan, results=self._names, rest_ut=self.rest_ut
-        )
+        self._model_of = functools.partial(model_of, plan=self.plan, rest_ut=self.rest_ut)
         self._model = self._model_of(self.topology, neighbours=self._neighbours)
 
     def _make_buffers(self, workers: int) -> None:
         """All that cycles are read from, written to and remembered in."""
+        from skin.cycle import filters_of
+
         n, real = self.topology.n, self.dtype
         blocks = -(-n // records.LANES)
         self._state = zeros(blocks, records.state(real, self.plan.temperature_every > 1))
@@ -158,32 +161,28 @@ class Decoder:
         self._shares = sharing.Shares(n, real, workers)
         self._control = self._shares.control
         self._live = self._shares.of(1)
-        self.mode = Mode(self._control, self._live)
-        self.aging = Aging(
+        self._filters = filters_of(self.topology.cycle_rate_hz)
+        self._aging = Aging(
             self.topology, self._state, self._control["phase"][self._live],
             self.plan.temperature_every,
         )  # fmt: skip
         self._background = zeros((1, 5, n), real)
         self._taken = self._background[0]
-        self._out = self._shown = Results(self._names, 1, n, real)
+        self._out = self._shown = Results(self.plan.results, 1, n, real)
         self.creep: Creep | None = None
         if self.plan.creep:
             from skin.decode.creep import Creep
 
-            self.creep = Creep(self.topology, self._names, self._out)
+            self.creep = Creep(self.topology, self.plan.results, self._out)
             self._shown = self.creep.borne
-        self.loop = loop_of(
-            self.crosstalk, self.ambient, self.plan, self.topology, self._names, self._out,
-            self._taken, self._control["phase"][self._live],
-        )  # fmt: skip
-        self._remembering = [part for part in (self.loop, self.creep) if part is not None]
+        self.whole = self._out.reading(0, {*self.plan.results} - {"film_above"})
+        self._base = np.zeros_like(self._taken)
         self._reading = self._shown.reading(0, self.plan.quantities)
         self.layout = Layout(
             {name: getattr(self._reading, name) for name in Reading.__slots__}, self._shown.arrays
         )
-        self._bound: list[Passes] = []
-        self._own = self._passes()
-        self._decode_own = functools.partial(self._decode_cycle, self._own, False)
+        self._bound: list[BoundKernels] = []
+        self._own = self._kernels(None, *arrays_of(n))
 
     @property
     def want(self) -> frozenset[str]:
@@ -194,11 +193,6 @@ class Decoder:
     def reading(self) -> Reading:
         """The last cycle's, on arrays that stay the same: valid until the next cycle."""
         return self._reading
-
-    @property
-    def call(self) -> Callable[[], object] | None:
-        """The kernel on the arrays of the last `bind`; None before it was needed."""
-        return self._bound[-1].calls.get(self.loop is None)
 
     @property
     def estimator(self) -> str:
@@ -214,13 +208,19 @@ class Decoder:
         for name in records.HELD if self.plan.temperature_every > 1 else ():
             self._state[name] = np.nan
         self._control["phase"] = 0
-        self.aging.reset()
-        self.mode.now = None
+        filters = self._filters
+        filters["look_since_s"] = filters["aging_missing"] = filters["creep_missing"] = 0.0
+        filters["creep_last"], filters["creep_steps"] = -(self.creep is None), 1.0
+        filters["sweeps"] = self.plan.sweeps or 1
+        filters["look_every"], filters["renewed"] = self.plan.looks_every, 0
+        filters["bare"] = -1
+        self.set_elapsed(1.0 / self.topology.cycle_rate_hz)
         self._background[:] = 0.0
         for array in (*self._out.arrays, self._shown.values):
             array[:] = 0
-        for part in self._remembering:
-            part.reset()
+        for part in (self.ambient, self.creep):
+            if part is not None:
+                part.reset()
 
     def retare(self, topology: Topology) -> None:
         """Go on with other zeros; what is remembered stays (but see `Ambient.forget`).
@@ -235,13 +235,13 @@ class Decoder:
             self.crosstalk.retare(topology)
             self._neighbours = self._neighbours._replace(axial_ut2=self.crosstalk.axial_ut2)
         self._model = self._model_of(topology, neighbours=self._neighbours)
-        for passes in self._bound:
-            passes.renew(self._model)
+        for kernels in self._bound:
+            kernels.renew()
         if self.ambient is not None:
             self.ambient.topology = topology
-        self.topology, self.mode.now = topology, None
+        self.topology, self._filters["bare"] = topology, -1
 
-    def elapse(self, seconds: float) -> None:
+    def set_elapsed(self, seconds: float) -> None:
         """Say how long after the last cycle the next one is, if that is not a period.
 
         Parameters
@@ -249,22 +249,20 @@ class Decoder:
         seconds : float
             Second.
         """
-        if self.loop is not None:
-            self.loop.looks.elapse(seconds)
-        periods = seconds * self.topology.cycle_rate_hz
-        self.aging(periods)
-        if self.creep is not None:
-            self.creep.elapse(periods)
+        self._filters["elapsed_s"] = seconds
+        self._filters["periods"] = seconds * self.topology.cycle_rate_hz
 
     def warmup(self, *, background: bool = False) -> None:
         """Compile what a cycle needs, or load it: one of a call with a `background`, or another;
         the state stays as it is."""
-        self._own.at(not background and self.loop is None)
-        for part in self._remembering:
-            part.warmup()
+        self._own.at(background).bind()
+        if self.crosstalk is not None:
+            self.crosstalk.warmup()
+        if self.ambient is not None:
+            self.ambient.warmup(self.whole)
 
     def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
-        """A call for each cycle, on arrays that the caller writes anew in place.
+        """A call for each cycle, on arrays that the caller overwrites.
 
         Parameters
         ----------
@@ -281,14 +279,40 @@ class Decoder:
         CountsError
             An array of another shape or type, or one that lies scattered in memory.
         """
+        cycle = self.cycle(counts, status)
+
+        def decode() -> Reading:
+            cycle()
+            return self._reading
+
+        return decode
+
+    def cycle(self, counts: np.ndarray, status: np.ndarray, ends: Ends | None = None) -> Cycle:
+        """The same as a `Cycle`.
+
+        Parameters
+        ----------
+        counts, status : ndarray
+            As of `bind`.
+        ends : Ends, optional
+            What gives the time, and what follows; without them it is as after `set_elapsed`.
+        """
         check_call(self.topology, self.dtype, counts, status, None)
         if plain(counts) is not counts or plain(status) is not status:
             raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
-        passes = self._passes(counts[np.newaxis], status[np.newaxis])
-        if self.loop is not None:
-            decode = functools.partial(self._decode_cycle, passes, False)
-            return functools.partial(self.loop, decode, False, True)
-        return functools.partial(self._decode_cycle, passes, True, True)
+        return self._kernels(ends, counts[np.newaxis], status[np.newaxis]).at(False)
+
+    def _renew(self) -> None:
+        """Renew coefficients for a step of another length."""
+        from skin.cycle import WORTH
+
+        filters = self._filters
+        missing = float(filters["aging_missing"][0])
+        if abs(missing) >= WORTH:
+            self._aging(missing)
+            filters["aging_missing"] = 0.0
+        if self.creep is not None:
+            self.creep.stretch(float(filters["creep_steps"][0]))
 
     def __call__(
         self,
@@ -339,18 +363,22 @@ class Decoder:
         finally:
             self._alone.release()
 
-    def _one(self, raw, status, background, advance: bool) -> Reading:
+    def _one(self, raw, status, background, advance: bool) -> None:
         """Decode one cycle."""
         check_call(self.topology, self.dtype, raw, status, background)
         self._own.take(raw, status)
-        told = background is not None
-        if self.loop is not None:
-            if told:
-                self.loop.tell(background)
-            return self.loop(self._decode_own, told, advance)
-        if told:
+        given = background is not None
+        if given and self._loops:
+            self._base[:] = self._known
+            self._base[: len(background)] += background
+        elif given:
             self._taken[: len(background)] = background
-        return self._decode_cycle(self._own, not told, advance)
+        if not advance:
+            self._filters["advances"] = 0
+        try:
+            self._own.at(given)()
+        finally:
+            self._filters["advances"] = 1
 
     def _data(self, share: slice, counts, status, background, out: Results) -> list[DecodeData]:
         """What changes between cycles, for each share of the units."""
@@ -362,36 +390,70 @@ class Decoder:
             for scratch in self._shares.scratch[share]
         ]  # fmt: skip
 
-    def _passes(self, *inputs: np.ndarray) -> Passes:
-        """The kernel on the arrays of one cycle: counts and flags, or arrays of its own."""
-        passes = Passes(
-            self._kernel, self._model,
-            lambda counts, status, bare: self._data(
-                self._live, counts, status, None if bare else self._background, self._out
-            ),
-            *inputs or arrays_of(self.topology.n),
-        )  # fmt: skip
-        self._bound.append(passes)
-        return passes
+    @property
+    def _known(self) -> np.ndarray:
+        """Background that cycles have shown, shape (5, n)."""
+        return np.zeros_like(self._taken) if self.ambient is None else self.ambient.taken
 
-    def _decode_cycle(self, passes: Passes, bare: bool, advance: bool) -> Reading:
-        """Decode the cycle that stands in the inputs, `bare` without a background."""
-        call = passes.calls.get(bare) or passes.at(bare)
-        if (bare, advance) != self.mode.now:
-            self.mode.tell(bare, advance)
-        call()
+    def _kernels(self, ends: Ends | None, *inputs: np.ndarray) -> BoundKernels:
+        """The cycle on counts and flags."""
+        make = functools.partial(self._stages, ends)
+        kernels = BoundKernels(make, self._kernel_on, *inputs)
+        self._bound.append(kernels)
+        return kernels
+
+    def _kernel_on(self, counts, status, given: bool) -> Bound | sharing.Shared:
+        """The stage that decodes; with a background, `given` by the caller or not, or bare."""
+        from bus.compiled.bound import Bound
+
+        background = self._background if given or self._loops else None
+        data = self._data(self._live, counts, status, background, self._out)
+        calls = [Bound(self._kernel, self._model, each) for each in data]
+        return calls[0] if len(calls) == 1 else sharing.Shared(calls)
+
+    def _stages(self, ends: Ends | None, counts, status, given: bool) -> CycleParts:
+        """What a cycle is made of."""
+        from skin.cycle import NOTHING, CycleParts, no_ends
+
+        calls: dict[str, Any] = {"decode": self._kernel_on(counts, status, given)}
+        adding, control, ends = [], self._control, ends or no_ends()
+        background = source = NOTHING
+        whole, taken, base = self.whole, self._taken, self._base if given else self._known
+        if self.crosstalk is not None:
+            warmer = self._out.values[0, -1] if "film_above" in self.plan.results else None
+            prediction = self.crosstalk.bound(
+                whole.displacement_mm, whole.valid, taken, base, warmer
+            )  # fmt: skip
+            calls |= {"films": prediction.films, "unknown": prediction.unknown}
+            adding = prediction.adding
+        elif self.ambient is not None:
+            background, source = (array.reshape(-1).view(np.uint8) for array in (taken, base))
         if self.creep is not None:
-            self.creep(advance)
-        return self._reading
+            calls |= dict(zip(("relax_to", "relax_fro"), self.creep.bound(), strict=True))
+        look_s = np.zeros(1)
+        if self.ambient is not None:
+            calls["ambient"], look_s = self.ambient.bound(whole), self.ambient.elapsed_s
+        if ends.contacts is not None:
+            calls["contacts"] = ends.contacts
+        return CycleParts(calls, adding, {
+            "bare": np.array([not (given or self._loops)], np.int64), "filters": self._filters,
+            "phase": control["phase"][self._live][:1], "advance": control["advance"],
+            "reuse": control["reuse"], "look_s": look_s, "background": background,
+            "source": source, "valid": whole.valid[: whole.valid.size * ends.clock.size],
+            "clock": ends.clock, "next": ends.next,
+            "now_ns": ends.now_ns, "flags": ends.flags, "shown": ends.shown,
+        }, self._renew)  # fmt: skip
 
     def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
+        from skin.cycle import set_elapsed
+
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
         check_call(self.topology, self.dtype, raw, status, background, cycles)
         known = (*cycles, self.topology.n)
         status = np.zeros(known, np.uint16) if status is None else status
-        out = Results(self._names, raw.shape[0], self.topology.n, self.dtype)
-        if self.loop is not None:
+        out = Results(self.plan.results, raw.shape[0], self.topology.n, self.dtype)
+        if self._loops or self.creep is not None:
             for t in range(raw.shape[0]):
                 self._one(raw[t], status[t], None if background is None else background[t], advance)
                 for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
@@ -402,15 +464,33 @@ class Decoder:
             taken[:, : background.shape[1]] = background
             background = taken
         share, phase = self._shares.of(raw.shape[0]), self._control["phase"]
-        self.mode.now = None
-        self.mode.tell(background is None, advance)
+        self._control["advance"], self._control["reuse"] = advance, 0
+        if advance and not set_elapsed(self._filters[0]):
+            self._renew()
         phase[share] = phase[self._live.start or 0]
         sharing.together([
             functools.partial(self._kernel, self._model, data)
             for data in self._data(share, plain(raw), plain(status), background, out)
         ])  # fmt: skip
         phase[self._live] = phase[share.start or 0]
-        self.mode.now = None
-        if self.creep is not None:
-            self.creep.batch(out, advance)
+        self._filters["bare"] = -1
         return out.reading(slice(None), self.plan.quantities)
+
+
+def _estimators(
+    topology: Topology, plan: Plan, stencil: Stencil | None
+) -> tuple[CrossTalk | None, Ambient | None]:
+    """What predicts the fields of neighbours and the ambient field; None what a plan leaves out."""
+    crosstalk = ambient = None
+    if plan.sweeps:
+        from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
+
+        tolerance_ut = LIVE_UT if plan.sweeps == 1 else ACCURATE_UT
+        crosstalk = CrossTalk(topology, stencil, dtype=plan.dtype, tolerance_ut=tolerance_ut)
+    if plan.ambient:
+        from skin.decode.ambient import Ambient
+
+        ambient = Ambient(
+            topology, plan.dtype, crosstalk=plan.sweeps > 0, every=plan.looks_every
+        )  # fmt: skip
+    return crosstalk, ambient

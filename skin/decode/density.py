@@ -131,7 +131,7 @@ def _spectral_radius(blocks: np.ndarray, unit: np.ndarray, neighbour: np.ndarray
 
 
 def _issues(topology: Topology) -> list[Issue]:
-    """What to change in the file that a skin came from; none where that cannot be told."""
+    """What to change in the file that a skin came from; none where that is not known."""
     report = Report()
     source = None
     if topology.path is not None:
@@ -220,10 +220,10 @@ def _fault(skin: Topology) -> str:
             return ""
     except TooDenseError as error:
         units = error.units
-        what = "for films not to come into the chips beside them"
+        what = "for films not to come into the chips next to them"
     else:
         units = range(skin.n)
-        what = "for what films add at the chips beside them to grow less with every sweep"
+        what = "for what films add at the chips next to them to grow less with every sweep"
     names = ", ".join(skin.unit_names[unit] for unit in units[:NAMED])
     return f"{what} ({names}{f', … {len(units)} units' if len(units) > NAMED else ''})"
 

@@ -1,4 +1,4 @@
-"""The field at the Hall chip, and the tangential displacement R that it tells.
+"""The field at the Hall chip, and the tangential displacement R that follows.
 
 The lateral field points the way of the tangential displacement: +x force, +x displacement, +Bx.
 """
@@ -15,7 +15,7 @@ from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
 from skin.decode.parts import Parts
 from skin.decode.records import BX, BY, BZ, INVALID, MAGNETIC_ANOMALY, SATURATED, SILENT
 from skin.decode.span import lanes_of
-from skin.physics.force_law import force_with_added
+from skin.physics.force_law import at, force
 
 __all__ = ["FIELD_MIN", "GAIN_MIN", "amplitude_stage", "anomaly_stage", "field_law", "inversion"]
 
@@ -270,12 +270,10 @@ def doubt(beyond2, tile, unit, j):
     slope = real(0.6931471805599453) * (real(2.0) * growth[2, j] * depth + growth[1, j])
     deeper2 = beyond2 / max(slope * slope, real(1e-6))
     tile["displacement_sigma"][2, j] = np.sqrt(sigma * sigma + deeper2)
-    deeper, soft = np.sqrt(deeper2), unit["normal_soft"][j]
-    knee, stiffer = unit["normal_break"][j], unit["normal_stiffer"][j]
-    half = force_with_added(depth + deeper, soft, knee, stiffer)
-    half = (half - force_with_added(depth - deeper, soft, knee, stiffer)) * real(0.5)
-    force = tile["force_sigma"][2, j]
-    tile["force_sigma"][2, j] = np.sqrt(force * force + half * half)
+    deeper, law = np.sqrt(deeper2), at(unit["normal_law"], j)
+    half = (force(depth + deeper, law) - force(depth - deeper, law)) * real(0.5)
+    known = tile["force_sigma"][2, j]
+    tile["force_sigma"][2, j] = np.sqrt(known * known + half * half)
 
 
 def anomaly_stage(parts: Parts) -> Callable:

@@ -228,7 +228,7 @@ atan = _by_type(_atan_single, _atan_double)
 
 @jitable(inline=True)
 def atan2(y, x):
-    """atan2(y, x); 0 at the origin, +pi on the negative x axis whatever the sign of y's zero."""
+    """atan2(y, x); 0 at the origin, +pi on the negative x axis for either sign of y's zero."""
     real = type(x)
     ax = abs(x)
     ay = abs(y)

@@ -1,8 +1,8 @@
 """The kernel of decoding: counts in, forces, temperatures and their uncertainty out.
 
 Units are decoded in blocks of `LANES`, a block after the other: each stage is a loop over the lanes
-of the block, and the wanted rows of the tile go out in the end. The records are told in `records`,
-the stages and their laws stand in `flags`, `temperature`, `normal`, `field` and `tangential`. The
+of the block, and the wanted rows of the tile go out in the end. The records stand in `records`, the
+stages and their laws in `flags`, `temperature`, `normal`, `field` and `tangential`. The
 type of the coefficients, float32 or float64, is the type of all arithmetic.
 """
 
@@ -113,7 +113,7 @@ def prefetch_block(data, span, state):
 
 
 @jitable(inline=True)
-def hand_out(rows, values, flag, span, out, unknown, kept):
+def write_results(rows, values, flag, span, out, unknown, kept):
     """Show rows of the tile, given as its `values` one after the other; not those whose bit is
     `kept`, which show the same already, and nothing of units that are `unknown`, if any is."""
     assume_noalias()
@@ -215,7 +215,7 @@ def decode_python(parts: Parts) -> Callable:
                             continue
                         tangential(unit, counts, background, some, tile, flag, state, advance)
                 kept = (HELD_BITS if steady else 0) | (TANGENTIAL_BITS if rested else 0)
-                hand_out(model.rows, values, flag, span, data.out, found & UNKNOWN, kept)
+                write_results(model.rows, values, flag, span, data.out, found & UNKNOWN, kept)
                 for j in range(size):
                     data.flags[cycle, first + j] = (flag[j] & FLAGS) | limits["note"][j]
                     data.valid[cycle, first + j] = flag[j] & INVALID == 0
@@ -228,4 +228,4 @@ def decode_python(parts: Parts) -> Callable:
 @functools.cache
 def decode(parts: Parts) -> Callable:
     """The kernel for `parts`, compiled."""
-    return compiled(decode_python(parts), fastmath={"contract"})
+    return compiled(decode_python(parts), fastmath={"contract"}, made_by=("decode", parts))

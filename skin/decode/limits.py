@@ -6,7 +6,7 @@ import numpy as np
 
 from bus.status import Status
 from skin.decode import records as k
-from skin.physics.force_law import normal_fall
+from skin.physics.force_law import inverse, normal_law
 from topology import CHANNELS, Topology
 from topology.gel import gel_share, gel_temperature
 
@@ -91,7 +91,7 @@ def frequency_sigma_hz(topology: Topology) -> np.ndarray:
 def tidy_drop(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Range of the frequency's fall, Hz, that is neither a lost tare nor beyond calibration."""
     p = topology.parameters
-    return -PULL_SIGMAS * frequency_sigma_hz(topology), normal_fall(p, p["normal_max_n"])
+    return -PULL_SIGMAS * frequency_sigma_hz(topology), inverse(p["normal_max_n"], normal_law(p))
 
 
 def gel_rail_c(topology: Topology) -> np.ndarray:

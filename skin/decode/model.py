@@ -5,21 +5,22 @@ Scales, offsets and maps are multiplied out here, once, in float64.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records as k
+from skin.decode.bound import check
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
-from skin.decode.passes import check
 from skin.decode.plan import Plan
 from skin.decode.resting import axial_at_rest
 from skin.decode.uncertainty import Neighbours, uncertainty
 from skin.errors import CalibrationError
+from skin.physics.force_law import normal_law_mm, shear_law, stacked
 from topology import THETA_KNOTS, Topology
 from topology.gel import gel_octaves, gel_share
 
@@ -30,10 +31,10 @@ Values = Mapping[str, "np.ndarray | Values"]
 TURN_MAX_RAD = 1.0
 """Largest correction of a direction [derived]: the kernel's sine and cosine hold this far."""
 OVERREACH = 1.1
-"""R from the angle is told to this many times its calibrated range; a lower bound beyond
+"""R from the angle is decoded to this many times its calibrated range; a lower bound beyond
 [assumed]."""
 NO_END_MM = 1e9
-"""mm: R of a unit whose range has no end that could be told."""
+"""mm: R of a unit whose range has no known end."""
 OCTAVES_MARGIN = 0.9
 """Share of `OCTAVES_MAX` that a calibration may need [assumed]."""
 
@@ -62,7 +63,6 @@ class DecodeModel(NamedTuple):
 def model_of(
     topology: Topology,
     plan: Plan,
-    results: Collection[str],
     rest_ut: np.ndarray | None,
     neighbours: Neighbours,
 ) -> DecodeModel:
@@ -72,13 +72,11 @@ def model_of(
     ----------
     topology : Topology
     plan : Plan
-    results : collection of str
-        Of `skin.decode.records.TILE_ROWS`, in the order in which they go out.
     rest_ut : ndarray, shape (3, n), or None
         Field that resting neighbours add, axes of the chips, which the offsets do not hold, as it
         is known without a tare; None where nothing needs it.
     neighbours : Neighbours
-        What they may add beside, likewise.
+        What else they may add, likewise.
 
     Raises
     ------
@@ -104,7 +102,7 @@ def model_of(
     return DecodeModel(
         _blocks(found, k.coefficients(plan.dtype)),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
-        np.array([row for name in results for row in k.tile_rows(name)], np.int64),
+        np.array([row for name in plan.results for row in k.tile_rows(name)], np.int64),
         plan.temperature_every,
     )
 
@@ -217,9 +215,7 @@ def _normal(topology: Topology) -> dict[str, np.ndarray]:
         # within its sigma of an end a reading may well lie inside
         "depth_low": low - sigma,
         "depth_high": high + sigma,
-        "normal_soft": p["normal_soft_n_per_hz"] * slope,
-        "normal_break": p["normal_break_hz"] * per_hz,
-        "normal_stiffer": (p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]) * slope,
+        "normal_law": stacked(normal_law_mm(p)),
         "normal_variance": p["normal_sigma_relative"] ** 2,
         "normal_floor": p["normal_sigma_n"] ** 2,
         "normal_sigma": sigma,
@@ -282,9 +278,7 @@ def _tangential(topology: Topology, angle: bool) -> dict[str, np.ndarray]:
         "angle": p["field_angle_mm"],
         "angle_end": angle_end,
         "theta_correction": np.vstack([knots[:1], bend[:1], np.diff(bend, axis=0)]),
-        "shear_soft": p["shear_soft_n_per_mm"],
-        "shear_break": p["shear_break_mm"],
-        "shear_stiffer": p["shear_stiff_n_per_mm"],
+        "shear_law": stacked(shear_law(p)),
         "shear_gain": p["shear_gain_per_mm"],
         "shear_gain_offset": 1.0 - p["shear_gain_per_mm"] * p["field_reference_mm"],
         "displacement_max": displacement_max,
@@ -294,8 +288,8 @@ def _tangential(topology: Topology, angle: bool) -> dict[str, np.ndarray]:
 def field_angle_ends(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Where the table of R(psi, H) ends for good, over all calibrated depths.
 
-    That is where R has passed the calibrated range by `OVERREACH` at one of the depths, or ceases
-    to grow with the angle.
+    That is where R has passed the calibrated range at every depth, and by `OVERREACH` at one of
+    them, or where it ceases to grow with the angle.
 
     Returns
     -------
@@ -320,9 +314,9 @@ def _table_end(*key: float) -> tuple[float, float]:
     depth = np.linspace(0.0, deepest, 9)
     odd = angle[:, np.newaxis] ** (2 * np.arange(4) + 1)
     displacement = odd @ table @ (depth ** np.arange(4)[:, np.newaxis])
-    over = ((np.diff(displacement, axis=0) <= 0.0) | (displacement[1:] > OVERREACH * most)).any(
-        axis=1
-    )
+    folds = (np.diff(displacement, axis=0) <= 0.0).any(axis=1)
+    covered = (displacement[:-1] >= most).all(axis=1)
+    over = folds | (covered & (displacement[1:] > OVERREACH * most).any(axis=1))
     last = int(np.argmax(over)) if over.any() else len(angle) - 1
     return float(angle[last]), float(displacement[last].min())
 
@@ -366,7 +360,7 @@ def refuse_impossible(topology: Topology) -> None:
 
 
 def _refuse_short_table(topology: Topology, reach_mm: np.ndarray) -> None:
-    """Raise for the first unit whose table does not tell R from the angle over its whole range."""
+    """Raise for the first unit whose table does not give R from the angle over its whole range."""
     limit = topology.parameters["field_angle_max_mm"]
     needed = topology.enabled & ~topology.counts_only
     for unit in np.flatnonzero(needed & (reach_mm < limit)):

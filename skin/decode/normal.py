@@ -12,7 +12,7 @@ from skin.decode.parts import Parts
 from skin.decode.records import FREQUENCY
 from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
-from skin.physics.force_law import force_with_added
+from skin.physics.force_law import at, force, lines
 
 __all__ = ["law_variance", "normal_stage"]
 
@@ -27,7 +27,7 @@ def law_variance(force, relative2, absolute2):
 
 def normal_stage(parts: Parts) -> Callable:
     """The stage that decodes depth and normal force, and their one-sigma."""
-    with_sigma = parts.sigma
+    with_sigma, push_of = parts.sigma, force if parts.cubes else lines
 
     @jitable(inline=True)
     def normal(unit, counts, background, span, tile):
@@ -39,21 +39,20 @@ def normal_stage(parts: Parts) -> Callable:
             depth = unit["depth_scale"][j] * frequency + unit["depth_offset"][j]
             if background is not None:
                 depth -= unit["depth_per_hz"][j] * background[span.cycle, 0, first + j]
-            soft, knee = unit["normal_soft"][j], unit["normal_break"][j]
-            stiffer = unit["normal_stiffer"][j]
-            force = force_with_added(depth, soft, knee, stiffer)
+            law = at(unit["normal_law"], j)
+            push = push_of(depth, law)
             tile["displacement"][2, j] = depth
-            tile["force"][2, j] = force
+            tile["force"][2, j] = push
             if with_sigma:
                 over = max(depth - unit["depth_high"][j], unit["depth_low"][j] - depth)
                 beyond = real(EXTRAPOLATION) * max(over, real(0.0))
                 tile["displacement_sigma"][2, j] = unit["depth_sigma"][j] + beyond
                 # half of what the force changes over the interval of the frequency, and of the law
                 sigma = unit["normal_sigma"][j] + beyond
-                half = force_with_added(depth + sigma, soft, knee, stiffer)
-                half -= force_with_added(depth - sigma, soft, knee, stiffer)
+                half = push_of(depth + sigma, law)
+                half -= push_of(depth - sigma, law)
                 half *= real(0.5)
-                law2 = law_variance(force, unit["normal_variance"][j], unit["normal_floor"][j])
+                law2 = law_variance(push, unit["normal_variance"][j], unit["normal_floor"][j])
                 tile["force_sigma"][2, j] = np.sqrt(half * half + law2)
 
     return normal

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import NamedTuple
 
 from skin.decode.plan import TANGENTIAL, Plan
@@ -46,6 +45,7 @@ class Parts(NamedTuple):
     consistency: bool = False
     theta_correction: bool = False
     film_centre: bool = False
+    cubes: bool = False
     film_compensation: bool = False
     chip_compensation: bool = False
     chip_lags: bool = False
@@ -55,13 +55,13 @@ class Parts(NamedTuple):
     prefetch: bool = False
 
     @classmethod
-    def of(cls, plan: Plan, results: Collection[str], units: int) -> Parts:
-        """What a plan needs for so many units, whose kernel has these results."""
+    def of(cls, plan: Plan, units: int) -> Parts:
+        """What a plan needs for so many units."""
         chosen = {name: getattr(plan, name) for name in cls._fields if hasattr(plan, name)}
-        chosen |= {name: True for name in results if name in cls._fields}
+        chosen |= {name: True for name in plan.results if name in cls._fields}
         chosen |= {
             "angle": plan.estimator == "field-angle"
-            and not set(results).isdisjoint((*TANGENTIAL, "test_ratio")),
+            and not set(plan.results).isdisjoint((*TANGENTIAL, "test_ratio")),
             "hold": plan.temperature_every > 1,
             "look": plan.skip and plan.ambient,
             "prefetch": units >= FAR,

@@ -1,20 +1,28 @@
-"""What a scene needs of the decoder: decided once, from the topology and what is wanted."""
+"""What a scene needs of the decoder: decided once, from the topology and the options.
+
+The estimator `sine` is the paper's, R = asin(|B| / M0) / k (eq. 1); `field-angle` is a polynomial
+of psi = atan2(|B|, Bz) and the depth: it has no crest, and neither the temperature of the magnet
+nor the gain of the chip is in it.
+
+With `skip`, blocks of 16 units of which none is pressed by more than 2.9 sigma show NaN for all
+that is tangential and the flag IDLE; blocks whose counts and flags are those of the cycle before
+keep its results. All else is equal to the bit to a decoder without it that holds temperatures as
+long; except with `ambient`, which then has fewer readings.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from skin.errors import OptionError, check_choice, check_flag, check_number, shown
-from skin.options import DTYPES, ESTIMATORS, wanted
+from skin.errors import OptionError, check_flag, check_number
+from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS
 from topology import CHANNELS, Topology
 
-__all__ = ["HOLD_S", "LOOK_CYCLES", "DecodeOptions", "Plan"]
+__all__ = ["HOLD_S", "LOOK_CYCLES", "QUANTITIES", "TANGENTIAL", "Plan"]
 
 HOLD_S = 0.05
 """How long a temperature is held where blocks without load are skipped [assumed]. A gel that warms
@@ -25,6 +33,8 @@ LOOK_CYCLES = 4
 
 TANGENTIAL = ("force", "tangential", "theta", "displacement")
 FORCES = ("force", "tangential", "theta")
+QUANTITIES = ("temperature", "force", "tangential", "theta", "displacement")
+"""That have a sigma, in the order of the kernel's rows."""
 NEEDS = {
     "temperature": ("gel",),
     **dict.fromkeys(TANGENTIAL, ("frequency", "bx", "by")),
@@ -32,42 +42,6 @@ NEEDS = {
     "field": ("bx", "by"),
     "test_ratio": (),
 }
-
-
-class DecodeOptions(NamedTuple):
-    """What a decoder is asked for.
-
-    Attributes
-    ----------
-    want : collection of str, or None
-        Of `skin.state.UNIT_WANTS`; all of them if None.
-    estimator, dtype, sweeps, ambient, creep
-        As of `skin.options.Options`. The estimator `sine` is the paper's, R = asin(|B| / M0) / k
-        (eq. 1); `field-angle` is a polynomial of psi = atan2(|B|, Bz) and the depth: it has no
-        crest, and neither the temperature of the magnet nor the gain of the chip is in it.
-    skip : bool
-        Leave out what a scene does not need. Blocks of 16 units of which none is pressed by more
-        than 2.9 sigma show NaN for all that is tangential and the flag IDLE; blocks whose counts
-        and flags are those of the cycle before keep its results. All else is what a decoder without
-        it shows that holds temperatures as long, to the bit; but with `ambient`, whose votes are
-        fewer then.
-    consistency : bool or None
-        Hold the field against its model, and flag MAGNETIC_ANOMALY where a magnet or steel bends
-        it; it needs Bz and a table, and is done where all units have them if None.
-    temperature_every : int or None
-        Cycles from one temperature to the next: it is held between, as is what is compensated by
-        it. If None 1, or what `HOLD_S` lasts with `skip`.
-    """
-
-    want: Collection[str] | None = None
-    estimator: str | None = None
-    dtype: str = "float32"
-    consistency: bool | None = None
-    temperature_every: int | None = None
-    skip: bool = False
-    sweeps: int = 1
-    ambient: bool = True
-    creep: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,26 +52,34 @@ class Plan:
     ----------
     quantities : tuple of str
         Of `skin.state.UNIT_WANTS`, without "sigma".
+    results : tuple of str
+        What the kernel computes, sigmas among them, in the order of its rows: all that is wanted,
+        and what the loop over cycles needs. Zeros are followed only while the temperature is
+        steady, where the wire of all units carries it.
     sigma : bool
         One-sigma of each of them, but of the field.
     theta_correction : bool
         Correct directions by tables: a unit has one.
     film_centre : bool
-        Take off where films sit beside their chips' axes: a unit has such a film.
+        Take off where films sit off their chips' axes: a unit has such a film.
+    cubes : bool
+        Force laws stiffen: a unit has one that is more than two lines.
     film_compensation, chip_compensation, chip_lags : bool
         Films, the neighbours' among them, and Hall chip have a drift that matters here; chips
         follow the gel, as the wire does not carry their temperature.
     estimator, consistency, dtype, temperature_every, skip, sweeps, ambient, creep
-        As of `DecodeOptions`, decided; `sweeps` and `ambient` where anything of the field is
-        wanted, `creep` where a force is and a unit has terms.
+        As of `skin.options.Options` and `of`, decided; `sweeps` and `ambient` where anything of
+        the field is wanted, `creep` where a force is and a unit has terms.
     """
 
     quantities: tuple[str, ...]
+    results: tuple[str, ...]
     sigma: bool
     estimator: str
     consistency: bool
     theta_correction: bool
     film_centre: bool
+    cubes: bool
     film_compensation: bool
     chip_compensation: bool
     chip_lags: bool
@@ -109,54 +91,72 @@ class Plan:
     creep: bool
 
     @classmethod
-    def of(cls, topology: Topology, options: DecodeOptions) -> Plan:
+    def of(
+        cls,
+        topology: Topology,
+        options: Options,
+        consistency: bool | None = None,
+        temperature_every: int | None = None,
+    ) -> Plan:
         """The shortest plan for a scene.
+
+        Parameters
+        ----------
+        topology : Topology
+        options : Options
+            Quantities of units alone are wanted.
+        consistency : bool or None
+            Compare the field with its model, and flag MAGNETIC_ANOMALY where a magnet or steel
+            bends it; it needs Bz and a table, and is done where all units have them if None.
+        temperature_every : int or None
+            Cycles from one temperature to the next: it is held between, as is what is compensated
+            by it. If None 1, or what `HOLD_S` lasts with `skip`.
 
         Raises
         ------
         OptionError
-            No such quantity, estimator or type; or the wire of a unit does not carry what is
-            needed.
+            A quantity of the array is wanted, or the wire of a unit does not carry what is needed.
         """
+        from skin.physics.force_law import stiffens  # brings the compiler along
+
         p = topology.parameters
-        names = _wanted(topology, options.want)
-        needed = topology.enabled & ~topology.counts_only
-        estimator, consistent = _inversion(topology, options, needed)
-        if type(options.sweeps) is not int or options.sweeps not in (0, 1, 2):
-            raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(options.sweeps)}")
-        for name in ("skip", "ambient", "creep"):
-            check_flag(name, getattr(options, name))
+        names = _wanted(topology, options.quantities)
+        estimator, consistent = _inversion(topology, options.estimator, consistency)
+        sweeps, ambient = options.sweeps, options.ambient
         if names.isdisjoint((*TANGENTIAL, "field")):
-            options = options._replace(sweeps=0, ambient=False)
-        looped = options.sweeps > 0 or options.ambient
+            sweeps, ambient = 0, False
+        looped = sweeps > 0 or ambient
         tangential = looped or not names.isdisjoint(TANGENTIAL)
-        field = options.ambient or "field" in names
+        field = ambient or "field" in names
         tangential = tangential or (consistent and "test_ratio" in names)
         consistent = consistent and tangential
 
         magnet = tangential and (estimator == "sine" or consistent)
-        gain = p["hall_gain_per_k"].any() and (magnet or field or options.sweeps > 0)
+        gain = p["hall_gain_per_k"].any() and (magnet or field or sweeps > 0)
         drift = any(p[f"hall_drift_{axis}_ut_per_k"].any() for axis in "xyz")
         chip = bool(gain or drift) and (tangential or field)
         gel, own = (topology.wired[CHANNELS.index(name)] for name in ("gel", "hall_temperature"))
         relaxes = any(p[f"{law}_creep_relative"].any() for law in ("normal", "shear"))
-        film = (magnet or options.sweeps) and (p["film_drift_per_k"] * gel).any()
+        film = bool((magnet or sweeps) and (p["film_drift_per_k"] * gel).any())
+        relaxed = options.creep and bool(relaxes) and not names.isdisjoint(FORCES)
         return cls(
             quantities=tuple(name for name in UNIT_WANTS if name in names - {"sigma"}),
+            results=_results(topology, names, sweeps, ambient, relaxed, film, consistent),
             sigma="sigma" in names,
             estimator=estimator,
             consistency=consistent,
             theta_correction=tangential and bool(p["theta_correction_rad"].any()),
             film_centre=tangential and bool(p["film_x_mm"].any() or p["film_y_mm"].any()),
-            film_compensation=bool(film),
+            cubes=not names.isdisjoint(("force", "tangential")) and stiffens(p),
+            film_compensation=film,
             chip_compensation=chip,
             chip_lags=bool(chip and (gel & ~own).any()),
-            dtype=_real(options.dtype),
-            temperature_every=_cycles_held(topology, options),
+            dtype=options.dtype,
+            temperature_every=_cycles_held(topology, temperature_every, options.skip),
             skip=options.skip,
-            sweeps=options.sweeps,
-            ambient=options.ambient,
-            creep=bool(options.creep and relaxes and not names.isdisjoint(FORCES)),
+            sweeps=sweeps,
+            ambient=ambient,
+            creep=relaxed,
         )
 
     @property
@@ -177,7 +177,8 @@ class Plan:
     def __str__(self) -> str:
         """One line for each decision."""
         rows = dataclasses.asdict(self)
-        rows["quantities"] = ", ".join(self.quantities) or "none"
+        for name in ("quantities", "results"):
+            rows[name] = ", ".join(rows[name]) or "none"
         shown = {True: "yes", False: "no"}
         width = max(map(len, rows))
         return "\n".join(
@@ -187,34 +188,65 @@ class Plan:
         )
 
 
-def _inversion(topology: Topology, options: DecodeOptions, needed: np.ndarray) -> tuple[str, bool]:
+def _results(
+    topology: Topology,
+    names: frozenset[str],
+    sweeps: int,
+    ambient: bool,
+    relaxed: bool,
+    film: bool,
+    consistent: bool,
+) -> tuple[str, ...]:
+    """Results in the order of the kernel's rows; see `Plan`."""
+    computed = set(names)
+    computed |= {"force", "tangential"} if relaxed else set()
+    computed |= {"displacement"} if sweeps or ambient else set()
+    if ambient:
+        warm = (topology.wired[CHANNELS.index("gel")] | ~_needed(topology)).all()
+        computed |= {"field", "temperature"} if warm else {"field"}
+    plain = tuple(name for name in QUANTITIES if name in computed)
+    others = {
+        "field": "field" in computed,
+        "test_ratio": consistent and "test_ratio" in computed,
+        "film_above": sweeps > 0 and film,
+    }
+    sigmas = (f"{name}_sigma" for name in plain if "sigma" in names)
+    return (*plain, *sigmas, *(name for name, is_computed in others.items() if is_computed))
+
+
+def _needed(topology: Topology) -> np.ndarray:
+    """Units that are decoded."""
+    return topology.enabled & ~topology.counts_only
+
+
+def _inversion(
+    topology: Topology, estimator: str | None, consistency: bool | None
+) -> tuple[str, bool]:
     """The estimator, and whether the field is held against its model."""
-    upright = topology.wired[CHANNELS.index("bz")] | ~needed
-    tabled = topology.parameters["field_angle_mm"].any(axis=0) | ~needed
+    others = ~_needed(topology)
+    upright = topology.wired[CHANNELS.index("bz")] | others
+    tabled = topology.parameters["field_angle_mm"].any(axis=0) | others
     angled = bool((upright & tabled).all())
-    estimator = options.estimator
     if estimator is None:
         estimator = "field-angle" if angled else "sine"
-    else:
-        check_choice("estimator", estimator, ESTIMATORS)
     if estimator == "field-angle":
         _require_bz(topology, upright, "the estimator 'field-angle'")
-    if options.consistency is not None:
-        check_flag("consistency", options.consistency)
-    if options.consistency:
+    if consistency is not None:
+        check_flag("consistency", consistency)
+    if consistency:
         _require_bz(topology, upright, "consistency")
         if not tabled.all():
             unit = topology.unit_names[int(np.argmin(tabled))]
             raise OptionError(f"{unit}: must have 'field_angle_mm' for consistency; got none")
-    return estimator, angled if options.consistency is None else options.consistency
+    return estimator, angled if consistency is None else consistency
 
 
-def _cycles_held(topology: Topology, options: DecodeOptions) -> int:
+def _cycles_held(topology: Topology, every: int | None, skip: bool) -> int:
     """Cycles from one temperature to the next."""
-    if options.temperature_every is None:
-        return max(1, int(HOLD_S * topology.cycle_rate_hz)) if options.skip else 1
-    check_number("temperature_every", options.temperature_every, 1, 1_000_000, whole=True)
-    return options.temperature_every
+    if every is None:
+        return max(1, int(HOLD_S * topology.cycle_rate_hz)) if skip else 1
+    check_number("temperature_every", every, 1, 1_000_000, whole=True)
+    return every
 
 
 def _require_bz(topology: Topology, upright: np.ndarray, what: str) -> None:
@@ -225,25 +257,14 @@ def _require_bz(topology: Topology, upright: np.ndarray, what: str) -> None:
         )  # fmt: skip
 
 
-def _real(dtype: str) -> str:
-    try:
-        found = np.dtype(dtype).name
-    except (TypeError, ValueError, SyntaxError):
-        raise OptionError.unknown("dtype", dtype, DTYPES) from None
-    if found not in DTYPES:
-        raise OptionError.unknown("dtype", found, DTYPES)
-    return found
-
-
-def _wanted(topology: Topology, want: Collection[str] | None) -> frozenset[str]:
+def _wanted(topology: Topology, found: frozenset[str]) -> frozenset[str]:
     """The wanted quantities, each known and each with its channels on the wire of every unit."""
-    found = wanted(UNIT_WANTS if want is None else want)
     for name in sorted(found.intersection(ARRAY_WANTS)):
         raise OptionError(
             f"want: must be of the units, one of {', '.join(map(repr, UNIT_WANTS))}; "
             f"got {name!r}, which is of the array: use skin.open"
         )
-    needed = topology.enabled & ~topology.counts_only
+    needed = _needed(topology)
     for name in UNIT_WANTS:
         for channel in NEEDS[name] if name in found else ():
             missing = needed & ~topology.wired[CHANNELS.index(channel)]

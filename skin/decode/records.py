@@ -22,6 +22,9 @@ NOT_NEGATIVE = 2**62 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end: it
 would turn every load into a gather to be able to do so."""
 
+LAW_TERMS = 4
+"""Of `skin.physics.force_law.TERMS`, which brings the compiler along."""
+
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(6)
 """Channels: rows of the counts, in the order of `topology.CHANNELS`."""
 CHANNEL_NAMES = ("gel", "frequency", "bx", "by", "bz", "chip")
@@ -49,7 +52,7 @@ RANGE = np.dtype([("low", np.int16, (LANES,)), ("width", np.int16, (LANES,))])
 
 LIMITS = np.dtype([
     ("status", np.int16, (LANES,)),  # before a count has come: DISABLED, NOT_F3T
-    ("note", np.uint16, (LANES,)),  # whatever comes: UNCALIBRATED, UNTARED
+    ("note", np.uint16, (LANES,)),  # in any case: UNCALIBRATED, UNTARED
     *((f"rail_{name}", RANGE) for name in CHANNEL_NAMES),  # off the rails
     *((f"possible_{name}", RANGE) for name in ("gel", "frequency", "chip")),  # of a working unit
     *((f"calibrated_{name}", RANGE) for name in ("gel", "frequency")),
@@ -68,9 +71,8 @@ COEFFICIENT_ROWS = {
     # H in mm = scale * count + offset; mm/Hz; mm; ends of the calibrated range
     "depth_scale": 1, "depth_offset": 1, "depth_per_hz": 1, "depth_sigma": 1, "depth_low": 1,
     "depth_high": 1,
-    # N/mm, mm, N/mm added beyond; relative, N², mm that the frequency is unknown by
-    "normal_soft": 1, "normal_break": 1, "normal_stiffer": 1, "normal_variance": 1,
-    "normal_floor": 1, "normal_sigma": 1,
+    # `skin.physics.force_law`, by mm; relative, N², mm that the frequency is unknown by
+    "normal_law": LAW_TERMS, "normal_variance": 1, "normal_floor": 1, "normal_sigma": 1,
     # share of its lag behind the gel that is left after one step; °C; 1/K
     "film_keep": 1, "film_reference": 1, "film_drift": 1,
     # chip above its reference = scale * count + offset + follows * lagged gel temperature; 1/K
@@ -92,11 +94,11 @@ COEFFICIENT_ROWS = {
     # direction at -pi, slope of the first segment, changes of slope at the knots that follow
     "theta_correction": 1 + KNOTS,
     "film_x": 1, "film_y": 1,  # mm, middle of the film off the chip's axis
-    # N/mm, mm, N/mm added beyond; 1/mm and 1, by depth; relative, N²; mm, end of the range
-    "shear_soft": 1, "shear_break": 1, "shear_stiffer": 1, "shear_gain": 1,
-    "shear_gain_offset": 1, "shear_variance": 1, "shear_floor": 1, "displacement_max": 1,
+    # `skin.physics.force_law`, by mm; 1/mm and 1, by depth; relative, N²; mm, end of the range
+    "shear_law": LAW_TERMS, "shear_gain": 1, "shear_gain_offset": 1, "shear_variance": 1,
+    "shear_floor": 1, "displacement_max": 1,
 }  # fmt: skip
-"""What is told of each unit, and of how many rows each is."""
+"""What is known of each unit, and of how many rows each is."""
 
 # -- what one cycle leaves to the next -------------------------------------------------------------
 # Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a float32
@@ -149,7 +151,7 @@ def _record(rows: dict[str, int], real: npt.DTypeLike) -> np.dtype:
 
 
 def coefficients(real: npt.DTypeLike) -> np.dtype:
-    """The record of what is told of a block's units."""
+    """The record of what is known of a block's units."""
     return _record(COEFFICIENT_ROWS, real)
 
 

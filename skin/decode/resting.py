@@ -1,9 +1,9 @@
 """What neighbours at rest add along z, by magnet theory and by a tare, and what it says of films.
 
-A tare reads Bz of an untouched unit beside its own film (`axial_rest_ut`): what its neighbours at
-rest add, and the ambient field. Theory knows the first as well as films are made as drawn. All
-films of a skin are made alike, so what their fields at rest are off by also says what they are off
-by as they move.
+A tare reads Bz of an untouched unit less that of its own film (`axial_rest_ut`): what its
+neighbours at rest add, and the ambient field. Theory knows the first as well as films are made as
+drawn. All films of a skin are made alike, so what their fields at rest are off by also says what
+they are off by as they move.
 """
 
 from __future__ import annotations

@@ -8,13 +8,10 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records
-from skin.decode.plan import Plan
 from skin.state import UNWANTED, Reading
-from topology import CHANNELS, Topology
 
-__all__ = ["Results", "results_of"]
+__all__ = ["Results"]
 
-QUANTITIES = ("temperature", "force", "tangential", "theta", "displacement")
 FIELDS = {
     "displacement": "displacement_mm", "displacement_sigma": "displacement_sigma_mm",
     "field": "field_ut",
@@ -62,28 +59,3 @@ class Results:
         if "test_ratio" in shown and "test_ratio" not in self.names:
             found["test_ratio"] = np.full_like(self.flags[at], np.nan, self.values.dtype)
         return Reading(**found, status=self.flags[at], valid=self.valid[at])
-
-
-def results_of(plan: Plan, topology: Topology) -> tuple[str, ...]:
-    """Results in the order of the kernel's rows, sigmas among them.
-
-    What the loop over cycles feeds on is there, wanted or not; zeros are followed only while the
-    temperature is steady, where the wire of all units tells it.
-    """
-    needed = set(plan.quantities)
-    if plan.creep:
-        needed |= {"force", "tangential"}
-    if plan.sweeps or plan.ambient:
-        needed |= {"displacement"}
-    if plan.ambient:
-        silent = ~topology.enabled | topology.counts_only
-        warm = (topology.wired[CHANNELS.index("gel")] | silent).all()
-        needed |= {"field", "temperature"} if warm else {"field"}
-    plain = tuple(name for name in QUANTITIES if name in needed)
-    sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
-    last = [
-        ("field", "field" in needed),
-        ("test_ratio", plan.consistency and "test_ratio" in needed),
-        ("film_above", plan.sweeps and plan.film_compensation),
-    ]
-    return (*plain, *sigmas, *(name for name, wanted in last if wanted))

@@ -23,7 +23,7 @@ from skin.decode.parts import Parts
 from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
 from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
-from skin.physics.force_law import force_with_added
+from skin.physics.force_law import at, force, lines
 
 __all__ = ["tangential_stage"]
 
@@ -52,17 +52,22 @@ class Shear(NamedTuple):
     stiffening: float
 
 
-@jitable(inline=True)
-def shear_variance(shear, along, depth_sigma, unit, j):
+def shear_variance_of(parts: Parts) -> Callable:
     """Variance of the tangential force along its direction."""
-    soft, knee, stiffer = unit["shear_soft"][j], unit["shear_break"][j], unit["shear_stiffer"][j]
-    half = force_with_added(shear.radius + along, soft, knee, stiffer)
-    half -= force_with_added(shear.radius - along, soft, knee, stiffer)
-    half *= type(along)(0.5) * shear.stiffening
-    deeper = shear.law * unit["shear_gain"][j] * depth_sigma
-    force = shear.law * shear.stiffening
-    law2 = law_variance(force, unit["shear_variance"][j], unit["shear_floor"][j])
-    return half * half + deeper * deeper + law2
+    push_of = force if parts.cubes else lines
+
+    @jitable(inline=True)
+    def shear_variance(shear, along, depth_sigma, unit, j):
+        law = at(unit["shear_law"], j)
+        half = push_of(shear.radius + along, law)
+        half -= push_of(shear.radius - along, law)
+        half *= type(along)(0.5) * shear.stiffening
+        deeper = shear.law * unit["shear_gain"][j] * depth_sigma
+        push = shear.law * shear.stiffening
+        law2 = law_variance(push, unit["shear_variance"][j], unit["shear_floor"][j])
+        return half * half + deeper * deeper + law2
+
+    return shear_variance
 
 
 @jitable(inline=True)
@@ -90,6 +95,7 @@ def shear_of(parts: Parts) -> Callable:
     with_correction, with_centre = parts.theta_correction, parts.film_centre
     with_force, with_tangential = parts.force, parts.tangential
     with_theta, with_displacement = parts.theta, parts.displacement
+    push_of = force if parts.cubes else lines
 
     @jitable(inline=True)
     def shear(x, y, outer, along, strength, tile, unit, j):
@@ -105,16 +111,15 @@ def shear_of(parts: Parts) -> Callable:
             away = one / max(radius, real(FIELD_MIN))
             x = dx * away
             y = dy * away
-        soft, knee = unit["shear_soft"][j], unit["shear_break"][j]
-        law = force_with_added(radius, soft, knee, unit["shear_stiffer"][j])
+        law = push_of(radius, at(unit["shear_law"], j))
         depth = tile["displacement"][2, j]
         stiffening = unit["shear_gain"][j] * depth + unit["shear_gain_offset"][j]
-        force = law * stiffening
+        push = law * stiffening
         if with_force:
-            tile["force"][0, j] = force * x
-            tile["force"][1, j] = force * y
+            tile["force"][0, j] = push * x
+            tile["force"][1, j] = push * y
         if with_tangential:
-            tile["tangential"][j] = force * share
+            tile["tangential"][j] = push * share
         if with_theta:
             tile["theta"][j] = atan2(y, x)
         if with_displacement:
@@ -129,6 +134,7 @@ def sigma_of(parts: Parts) -> Callable:
     """One-sigma of all that is tangential."""
     with_force, with_tangential = parts.force, parts.tangential
     with_theta, with_displacement = parts.theta, parts.displacement
+    shear_variance = shear_variance_of(parts)
 
     @jitable(inline=True)
     def sigma(shear, each, variance, tile, unit, j):
@@ -150,10 +156,10 @@ def sigma_of(parts: Parts) -> Callable:
             tile["displacement_sigma"][0, j] = component(shear.x, along2, across2)
             tile["displacement_sigma"][1, j] = component(shear.y, along2, across2)
         if with_force or with_tangential:
-            force = shear.law * shear.stiffening
+            push = shear.law * shear.stiffening
             depth_sigma = tile["displacement_sigma"][2, j]
             along2 = shear_variance(shear, along, depth_sigma, unit, j)
-            across2 = force * force * turned2
+            across2 = push * push * turned2
             if with_tangential:
                 tile["tangential_sigma"][j] = np.sqrt(along2)
             if with_force:

@@ -36,7 +36,7 @@ MISS_READINGS = 50.0
 """Readings over which the share is averaged by which the field misses its model [assumed: as many
 as a channel may stand still]."""
 ANOMALY_SHARE = 0.02
-"""Share of the field by which the model of a unit may miss it, beside the sigma of its constants
+"""Share of the field by which the model of a unit may miss it, without the sigma of its constants
 [derived: calibrated films with errors of fabrication are off by 0.4 %, at most 4 % far out, of
 which their sigma holds four fifths]."""
 STRAY_KNOWN_UT = 300.0

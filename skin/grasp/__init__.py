@@ -1,4 +1,4 @@
-"""A grasp as a world: a robot in MuJoCo, its open skin, joint targets to set, and the truth.
+"""A simulated grasp: a robot in MuJoCo, its open skin, joint targets, and the truth.
 
 ::
 

@@ -1,4 +1,4 @@
-"""What differs from one episode to the next, drawn by a seed."""
+"""Random variations of a world per episode, by seed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from skin.errors import MOST_SEED, OptionError, check_number, shown
-from skin.sim.engine.object import GraspObject
+from skin.grasp.object import GraspObject
+from skin.physics.force_law import scaled, stacked
 from skin.sim.mechanics.springs import Springs
 from topology import Topology
 from topology.pose import from_rpy
@@ -20,22 +21,22 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Episode:
-    """How one world differs from what its files say.
+    """Deviations of a world from its files.
 
     Attributes
     ----------
     friction, mass, compliance : float
         Factors of every object's.
     stiffness : ndarray, shape (n,)
-        Factors of the units' own, which their calibration does not know of.
+        Factors of the units' stiffness, unknown to their calibration.
     gain : ndarray, shape (3, n)
-        What units sense of their displacement: 0 where a unit is dead.
+        Factors of the units' displacement: 0 for a dead unit.
     gel : ndarray, shape (n,)
-        Factors of the gels' currents, which their calibration does not know of: 1 % is 0.24 °C.
+        Factors of the gels' currents, unknown to their calibration: 1 % is 0.24 °C.
     noise : float
         Factor of the units' noise.
     offset_m, tilt_rad : ndarray, shape (3, n)
-        How far units stand off where the topology says, and how they are turned, base frame.
+        Errors of the units' positions and rotations, base frame.
     """
 
     friction: float = 1.0
@@ -49,7 +50,7 @@ class Episode:
     tilt_rad: np.ndarray = field(default_factory=lambda: np.zeros((3, 1)))
 
     def check(self, topology: Topology) -> None:
-        """Refuse what is not of these units.
+        """Require the number of units of the topology.
 
         Raises
         ------
@@ -81,11 +82,10 @@ class Episode:
         ]  # fmt: skip
 
     def springs(self, topology: Topology) -> Springs:
-        """True laws of the units: with the stiffness, forces at one displacement grow."""
+        """True laws of the units: the stiffness is a factor of the force at one displacement."""
         own = Springs.of(topology)
-        factor = np.array([np.ones(topology.n)] * 3)
-        factor[:2], factor[2] = 1.0 / self.stiffness, self.stiffness
-        return own._replace(normal=own.normal * factor, shear=own.shear * factor)
+        normal, shear = (stacked(scaled(law, self.stiffness)) for law in (own.normal, own.shear))
+        return own._replace(normal=normal, shear=shear)
 
     def poses(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
         """True poses of the units at home, shapes (3, n) and (3, 3, n)."""
@@ -97,7 +97,7 @@ class Episode:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranges:
-    """From what an episode is drawn, each evenly between two bounds.
+    """Bounds of uniform distributions that episodes are drawn from.
 
     Attributes
     ----------
@@ -106,11 +106,11 @@ class Ranges:
     stiffness, gain, gel : (float, float)
         Factors, unit by unit.
     dead : (float, float)
-        Share of units that feel nothing.
+        Fraction of dead units.
     noise : (float, float)
         Factor of the units' noise.
     offset_m, tilt_rad : (float, float)
-        Error of each coordinate of where the patches are mounted, patch by patch.
+        Error of each coordinate of the patches' poses, per patch.
 
     Examples
     --------

@@ -1,4 +1,5 @@
-"""GraspEnv: a grasp for learning stacks; the one file that imports gymnasium (extra `gym`)."""
+"""GraspEnv: a grasp for reinforcement learning; the only file that imports gymnasium (extra
+`gym`)."""
 
 from __future__ import annotations
 
@@ -10,8 +11,8 @@ import numpy as np
 
 from skin.errors import LibraryError, OptionError, check_number
 from skin.grasp.episode import Ranges
+from skin.grasp.object import GraspObject
 from skin.grasp.world import World, grasp
-from skin.sim.engine.object import GraspObject
 from topology import Topology, load
 
 try:
@@ -25,33 +26,33 @@ except ImportError as error:
 __all__ = ["GraspEnv", "lifted"]
 
 MOST_N = 50.0
-"""Of any force of a unit that is observed."""
+"""Bound of the observed force of a unit."""
 
 
 def lifted(world: World) -> float:
-    """Reward: height of the first object above where it began, metre, less what slips."""
+    """Reward: rise of the first object, metre, minus its slip."""
     return float(world.truth.position[2, 0]) - 1e-3 * float(world.truth.slipping.mean())
 
 
 class GraspEnv(Env):
-    """A grasp as a `gymnasium.Env`: forces as a real skin would decode them, joints, targets.
+    """A grasp as a `gymnasium.Env`: decoded forces, joints, targets.
 
-    Observed are ``force``, shape (3, n), newton, unit frames, and ``joints``, shape (j,), their
-    positions. An action moves the targets of all actuators that have limits, from -1, least, to 1,
-    most. ``info`` has ``dropped`` and the true ``margin``, None where nothing is touched.
+    Observations are ``force``, shape (3, n), newton, unit frames, and ``joints``, shape (j,), their
+    positions. An action sets the targets of all actuators with limits, from -1, least, to 1,
+    largest. ``info`` has ``dropped`` and the true ``margin``, None without contact.
 
     Parameters
     ----------
     topology : Topology, str or Path
     objects : GraspObject, or iterable of them
     ranges : Ranges, optional
-        From what every episode is drawn.
+        Bounds of the episodes.
     reward : callable, optional
         World to number; `lifted` if not given.
     cycles : int
-        Of the skin, for each step.
+        Cycles of the skin per step.
     steps : int
-        After which an episode is truncated.
+        Steps after which an episode is truncated.
     lowest_m : float
         Height of the first object below which an episode ends.
 
@@ -117,12 +118,12 @@ class GraspEnv(Env):
         self._world = self._opened(int(self.np_random.integers(2**31)))
         self._states, self._taken = iter(self._world), 0
         state = next(self._states)
-        return self._seen(state), self._told(self._world)
+        return self._seen(state), self._info(self._world)
 
     def step(
         self, action: np.ndarray
     ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Set the targets and go on by some cycles."""
+        """Set the targets and advance by some cycles."""
         world = self._world
         if world is None:
             raise OptionError("step: must come after reset; got none")
@@ -139,10 +140,10 @@ class GraspEnv(Env):
         for _ in range(self._cycles):
             state = next(self._states)
         self._taken += 1
-        told = self._told(world)
+        info = self._info(world)
         return (
-            self._seen(state), float(self._reward(world)), told["dropped"],
-            self._taken >= self._steps, told,
+            self._seen(state), float(self._reward(world)), info["dropped"],
+            self._taken >= self._steps, info,
         )  # fmt: skip
 
     def close(self) -> None:
@@ -164,7 +165,7 @@ class GraspEnv(Env):
         joints = np.array(list(self._world.joints.values()), np.float32)
         return {"force": np.clip(force, -MOST_N, MOST_N).astype(np.float32), "joints": joints}
 
-    def _told(self, world: World) -> dict[str, Any]:
+    def _info(self, world: World) -> dict[str, Any]:
         dropped = bool(world.truth.position[2, 0] < self._lowest_m)
         margin = world.truth.margin()
         return {"dropped": dropped, "margin": margin if np.isfinite(margin) else None}

@@ -1,4 +1,4 @@
-"""Joints: targets to set by name, and where the joints are."""
+"""Joints: targets and positions by name."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from typing import Any
 import numpy as np
 
 from skin.errors import OptionError, shown
-from skin.sim.engine.plant import Plant
-from skin.sim.engine.spec import name_of
+from skin.grasp.plant import Plant
+from skin.grasp.spec import name_of
 
 __all__ = ["Joints"]
 
 
 class Joints(Mapping[str, float]):
-    """Joints of a plant: reading one gives its position, setting one the target of its actuator.
+    """Joints of a plant: reading one returns its position, setting one sets the target of its
+    actuator.
 
-    An actuator may be named too. Radian and metre; newton and newton metre for motors.
+    Actuators have names as well. Radian and metre; newton and newton metre for motors.
 
     Attributes
     ----------
     targets : dict of str to float
-        As set so far, by actuator.
+        Current targets, by actuator.
     """
 
     def __init__(self, plant: Plant) -> None:

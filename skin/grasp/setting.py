@@ -13,22 +13,22 @@ import numpy as np
 import topology as topology_package
 from skin.errors import MOST_SEED, OptionError, SceneError, check_flag, check_number, shown
 from skin.grasp.episode import Episode
+from skin.grasp.object import GraspObject
+from skin.grasp.plant import Plant
+from skin.grasp.scene import GraspScene
+from skin.grasp.steps import longest_step_s, worst_touch
 from skin.physics.halbach import FELT_M, HalbachField
-from skin.sim.engine.object import GraspObject
-from skin.sim.engine.plant import Plant
-from skin.sim.engine.scene import GraspScene
-from skin.sim.engine.steps import longest_step_s, worst_touch
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
 __all__ = ["grasp_scene"]
 
 APART_M = 10.0
-"""From link to link: beyond what any film is felt at."""
+"""Distance between links: beyond the range of films."""
 
 LEAST_NOISE = 0.5
-"""Share of a unit's own noise: with less, its counts stand still, and it would be FROZEN
-[derived: docs/faults.md]."""
+"""Fraction of a unit's own noise: with less, its counts would be FROZEN [derived:
+docs/guides/faults.md]."""
 
 NOISES = ("frequency_noise_hz", "field_noise_ut", "gel_noise_relative")
 
@@ -44,7 +44,7 @@ def grasp_scene(
     step_s: float | None = None,
     self_touch: bool = True,
 ) -> GraspScene:
-    """A scene that `skin.open(..., simulate=scene)` and `skin.sim.node.Nodes` play.
+    """A scene for `skin.open(..., simulate=scene)` and `skin.sim.node.SimulatedUnits`.
 
     Parameters
     ----------
@@ -53,22 +53,22 @@ def grasp_scene(
     objects : iterable of GraspObject or str
         New ones, and names of bodies of the model.
     model : str or Path, optional
-        MJCF or URDF to simulate, where it is not that of the topology.
+        Model to simulate, MJCF or URDF, if it is not that of the topology.
     episode : Episode, optional
-        How this world differs from what the files say.
+        Deviations of this world from the files.
     seed : int
         Of the noise.
     noise : bool
-        False: only quantisation; units whose counts stand still are no fault then.
+        False: quantisation only; constant counts are no fault then.
     step_s : float, optional
         Longest step of the engine; chosen from stiffness over mass if not given.
     self_touch : bool
-        Whether links feel each other.
+        Whether links touch each other.
 
     Raises
     ------
     OptionError, SceneError, LibraryError, topology.TopologyError
-        What cannot be, with what to do.
+        Invalid arguments; the message says what to do.
     """
     check_number("seed", seed, 0, MOST_SEED, whole=True)
     check_flag("noise", noise)
@@ -113,15 +113,14 @@ def grasp_scene(
 
 
 def _without_watch(topology: Topology) -> Topology:
-    """The same, but that nobody takes counts that stand still for a fault."""
+    """The same without detection of frozen counts."""
     parameters = topology.parameters
     never = np.zeros_like(parameters["frozen_cycles"])
     return dataclasses.replace(topology, parameters={**parameters, "frozen_cycles": never})
 
 
 def _with_distant_links(topology: Topology) -> Topology:
-    """The same with its links far from each other: films feel those of their own link, whose
-    distances stay."""
+    """The same with its links far apart: films act on their own link only, whose distances stay."""
     links = list(topology.patch_links)
     link = np.array([links.index(name) for name in links])[topology.patch]
     position = topology.position.copy()
@@ -143,7 +142,7 @@ def _objects(objects: Any) -> list[GraspObject | str]:
 
 
 def _check_step(plant: Plant, step_s: float) -> None:
-    """Refuse a step that is too long for the worst grasp that these objects allow."""
+    """Require a step that is stable in the worst grasp of these objects."""
     longest_s = longest_step_s(plant, worst_touch(plant))
     is_number = isinstance(step_s, Real) and not isinstance(step_s, bool)
     if not is_number or not 0.0 < step_s <= longest_s * (1.0 + 1e-9):

@@ -1,4 +1,4 @@
-"""World: a grasp in MuJoCo, whose skin is open: one `State` a cycle, and the truth beside it."""
+"""World: a grasp in MuJoCo with an open skin: one `State` a cycle, and the truth."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import skin.opening
 from skin.errors import OptionError, check_number, shown
 from skin.grasp.episode import Episode
 from skin.grasp.joints import Joints
+from skin.grasp.object import GraspObject
+from skin.grasp.scene import GraspScene
 from skin.grasp.setting import grasp_scene
+from skin.grasp.truth import GraspTruth
 from skin.live import Skin
-from skin.sim.engine.object import GraspObject
-from skin.sim.engine.scene import GraspScene
-from skin.sim.engine.truth import GraspTruth
 from skin.state import State
 from topology import Topology
 
@@ -38,7 +38,7 @@ def grasp(
     pace: bool = False,
     **options: Any,
 ) -> World:
-    """Open a skin on a robot that MuJoCo moves, and put objects within its reach.
+    """Open a skin on a robot in MuJoCo, with objects within its reach.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def grasp(
     objects, episode, seed, noise, step_s, self_touch
         See `skin.grasp.setting.grasp_scene`.
     pace : bool
-        Real time; False goes as fast as it can.
+        Real time; False runs at full speed.
     **options
         Of `skin.open`: ``want``, ``estimator``, ``log``, ``record``, …
 
@@ -60,7 +60,7 @@ def grasp(
     Raises
     ------
     OptionError, SceneError, LibraryError, topology.TopologyError
-        What cannot be, with what to do.
+        Invalid arguments; the message says what to do.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class World:
     skin : Skin
     scene : GraspScene
     joints : Joints
-        ``world.joints["left"] = 0.03`` sets a target, from the next cycle on; reading gives the
+        ``world.joints["left"] = 0.03`` sets a target, from the next cycle on; reading returns the
         position.
     """
 
@@ -111,7 +111,7 @@ class World:
 
     @property
     def truth(self) -> GraspTruth:
-        """What is really the matter, as of the last cycle."""
+        """The true state, as of the last cycle."""
         return self.scene.truth
 
     @property
@@ -120,7 +120,7 @@ class World:
         return self.scene.truth.time_s
 
     def push(self, name: str, force_n: Vector, torque_nm: Vector = (0.0, 0.0, 0.0)) -> None:
-        """Push an object at its centre of mass, from the next cycle on, until told otherwise.
+        """Push an object at its centre of mass, from the next cycle on, until the next call.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class World:
         plant.pushes[plant.model.body(name).id] = [*force_n, *torque_nm]
 
     def warm(self, name: str, celsius: float) -> None:
-        """Let the surface of an object be as warm as this, from the next cycle on.
+        """Set the surface temperature of an object, from the next cycle on.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class World:
         self.scene.set_temperature(self._object("warm", name), celsius)
 
     def weigh(self, name: str, mass_kg: float) -> None:
-        """Let an object have this mass, from the next cycle on, spread as it was.
+        """Set the mass of an object, from the next cycle on, with the same distribution.
 
         Raises
         ------
@@ -184,7 +184,7 @@ class World:
         self.close()
 
     def close(self) -> None:
-        """Close the skin; closing twice is fine."""
+        """Close the skin; may be called twice."""
         self.skin.close()
 
     def __repr__(self) -> str:
@@ -193,7 +193,7 @@ class World:
         return f"<World {self.skin.topology.name!r}: {names}, {self.time_s:.3f} s>"
 
     def _moved(self) -> None:
-        """Tell the skin where its joints are, as encoders would."""
+        """Report the joints' positions to the skin, as encoders would."""
         robot = self.skin.topology.robot
         if robot is None or not self._names:
             return

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.physics.force_law import force, inverse, stiffening
+from skin.physics.force_law import force, inverse, normal_law_mm, shear_law, stiffening
 from topology import Topology
 
 __all__ = ["Elastic"]
 
 
 class Elastic:
-    """Elastic laws of n units: piecewise linear, continuous, and invertible in closed form.
+    """Elastic laws of n units (`skin.physics.force_law`), and their inverses.
 
     Every argument may have leading axes; the unit axis is last.
 
@@ -30,25 +30,21 @@ class Elastic:
 
     def __init__(self, topology: Topology) -> None:
         p = topology.parameters
-        per_mm = p["frequency_slope_hz_per_mm"]
-        soft, stiff = (p[f"normal_{part}_n_per_hz"] * per_mm for part in ("soft", "stiff"))
-        self._normal = soft, p["normal_break_hz"] / per_mm, stiff
-        soft = p["shear_soft_n_per_mm"]
-        self._shear = soft, p["shear_break_mm"], soft + p["shear_stiff_n_per_mm"]
+        self._normal, self._shear = normal_law_mm(p), shear_law(p)
         self._deeper = p["shear_gain_per_mm"], p["field_reference_mm"]
 
     def normal(self, depth_mm: np.ndarray | float) -> np.ndarray:
         """Normal force in newton at a pressed depth H (Fig. 3d-e), shape (..., n)."""
-        return force(depth_mm, *self._normal)
+        return force(depth_mm, self._normal)
 
     def depth(self, normal_n: np.ndarray) -> np.ndarray:
         """Pressed depth in millimetre under a normal force: the inverse of `normal`."""
-        return inverse(normal_n, *self._normal)
+        return inverse(normal_n, self._normal)
 
     def tangential(self, displacement_mm: np.ndarray, depth_mm: np.ndarray) -> np.ndarray:
         """Tangential force in newton at a displacement R >= 0 and a depth H (eq. 2-3)."""
-        return stiffening(depth_mm, *self._deeper) * force(displacement_mm, *self._shear)
+        return stiffening(depth_mm, *self._deeper) * force(displacement_mm, self._shear)
 
     def displacement(self, tangential_n: np.ndarray, depth_mm: np.ndarray) -> np.ndarray:
         """Tangential displacement R in millimetre under a force: the inverse of `tangential`."""
-        return inverse(tangential_n / stiffening(depth_mm, *self._deeper), *self._shear)
+        return inverse(tangential_n / stiffening(depth_mm, *self._deeper), self._shear)

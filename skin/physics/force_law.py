@@ -1,12 +1,13 @@
-"""The law between displacement and force: a line up to a knee, and a steeper one beyond.
+"""The law between displacement and force: a line up to a knee, a steeper one beyond, and a cube.
+
+    F(x) = soft x + stiffer r + cubic r³,  r = max(x - knee, 0)
 
 Its form stands here, for numpy arrays and for kernels alike; decoder, contacts, calibration and
-simulator call it (`skin.calibrate.hinge`, which searches for the knee, has its two ramps as
-columns). A law is three numbers: the slope below the knee, the knee, and the slope beyond, or what
-is added to the slope there. Compliances instead of stiffnesses make it a law from force to
-displacement, and its inverse one from displacement to force.
+simulator call it. A law is a tuple of its terms, in the order of `TERMS`: numbers, or arrays that
+broadcast against the displacement. Two lines are a law whose cube is 0; the cube is that of
+Duffing's spring, which only stiffens: elastomers do, the more they are strained.
 
-None is clipped at zero: a pull continues the first line.
+No force is clipped at zero: a pull continues the first line.
 """
 
 from __future__ import annotations
@@ -17,60 +18,106 @@ from typing import Any
 
 import numpy as np
 
-from bus.compiled.elementwise import above_zero, choose, lesser
+from bus.compiled.elementwise import above_zero, anywhere, choose, lesser
 from bus.compiled.jit import jitable
 
 __all__ = [
-    "force", "force_with_added", "inverse", "inverse_integral", "normal_fall", "normal_law",
-    "normal_slope", "secant", "shear_law", "shear_slope", "slope", "stiffening",
+    "STIFFNESSES", "TERMS", "Law", "at", "energy", "force", "in_series", "inverse", "lines",
+    "normal_law", "normal_law_mm", "rescaled", "scaled", "secant", "shear_law", "slope", "stacked",
+    "stiffening", "stiffens",
 ]  # fmt: skip
 
+TERMS = ("soft", "knee", "stiffer", "cubic")
+"""N/mm up to the knee; mm; N/mm added beyond it; N/mm³ beyond it."""
+STIFFNESSES = {
+    "normal": ("normal_soft_n_per_hz", "normal_stiff_n_per_hz", "normal_cubic_n_per_hz3"),
+    "shear": ("shear_soft_n_per_mm", "shear_stiff_n_per_mm", "shear_cubic_n_per_mm3"),
+}
+"""Parameters of `UnitModel` that grow as the force at every displacement does, by law."""
+Law = tuple[Any, Any, Any, Any]
+"""Terms of a law."""
+NEWTON_STEPS = 24
+"""Steps from the lines' inverse to that of a law with a cube, which is below: each leaves at most
+2/3 of the way, and near the end less than its square [derived]."""
+
 
 @jitable(inline=True)
-def force(x, below, knee, beyond):
-    """Force at a displacement, of slopes below the knee and beyond."""
-    return below * lesser(x, knee) + beyond * above_zero(x - knee)
+def at(laws, i):
+    """The law of one unit, of an array of shape (terms, n)."""
+    return laws[0, i], laws[1, i], laws[2, i], laws[3, i]
 
 
 @jitable(inline=True)
-def force_with_added(x, below, knee, added):
-    """`force`, of the slope below the knee and what is added to it beyond: one step less in a
-    kernel, and another rounding."""
-    return below * x + added * above_zero(x - knee)
+def force(x, law):
+    """Force at a displacement."""
+    soft, knee, stiffer, cubic = law
+    beyond = above_zero(x - knee)
+    return soft * x + (stiffer + cubic * beyond * beyond) * beyond
 
 
 @jitable(inline=True)
-def slope(x, below, knee, beyond):
+def lines(x, law):
+    """`force` of a law that is two lines, for kernels whose units all have such."""
+    return law[0] * x + law[2] * above_zero(x - law[1])
+
+
+@jitable(inline=True)
+def slope(x, law):
     """Derivative of `force`; at the knee that of the first line."""
-    return choose(x > knee, beyond, below)
+    soft, knee, stiffer, cubic = law
+    beyond = x - knee
+    return choose(beyond > 0.0, soft + stiffer + 3.0 * cubic * beyond * beyond, soft)
 
 
 @jitable(inline=True)
-def inverse(y, below, knee, beyond):
+def energy(x, law):
+    """Integral of `force` from 0."""
+    soft, knee, stiffer, cubic = law
+    beyond2 = above_zero(x - knee) ** 2
+    return 0.5 * soft * x * x + (0.5 * stiffer + 0.25 * cubic * beyond2) * beyond2
+
+
+@jitable(inline=True)
+def inverse(y, law):
     """Displacement at a force: the inverse of `force`."""
-    at_knee = below * knee
-    return choose(y <= at_knee, y / below, knee + (y - at_knee) / beyond)
+    soft, knee, stiffer, cubic = law
+    at_knee = soft * knee
+    beyond_n, steep = above_zero(y - at_knee), soft + stiffer
+    beyond = beyond_n / steep
+    if anywhere(cubic > 0.0):
+        # from above: the force is convex, so that no step goes below the root
+        for _ in range(NEWTON_STEPS):
+            square = cubic * beyond * beyond
+            beyond = (2.0 * square * beyond + beyond_n) / (3.0 * square + steep)
+    return lesser(y, at_knee) / soft + beyond
 
 
 @jitable(inline=True)
-def inverse_integral(y, below, knee, beyond):
-    """Integral of `inverse` from 0 to a number that is not negative: of compliances, the energy at
-    a displacement."""
-    at_knee = below * knee
-    if y <= at_knee:
-        return 0.5 * y * y / below
-    past = y - at_knee
-    return 0.5 * at_knee * knee + knee * past + 0.5 * past * past / beyond
+def in_series(law, compliance):
+    """The law from the force's displacement to that of a unit with a compliance in series, both of
+    the same form: ``x + compliance F(x)``."""
+    soft, knee, stiffer, cubic = law
+    return 1.0 + compliance * soft, knee, compliance * stiffer, compliance * cubic
 
 
 @jitable(inline=True)
-def secant(square, below, knee, added):
+def scaled(law, factor):
+    """The law of forces that are so many times as large."""
+    soft, knee, stiffer, cubic = law
+    return factor * soft, knee, factor * stiffer, factor * cubic
+
+
+@jitable(inline=True)
+def secant(square, law):
     """Force over displacement at a vector of this squared length, and how much the slope along the
     vector is above that; across it the slope is the secant."""
+    soft, knee, stiffer, cubic = law
     if square > knee * knee:
-        steeper = added * knee / math.sqrt(square)
-        return below + (added - steeper), steeper
-    return below, 0.0
+        size = math.sqrt(square)
+        beyond, lines = size - knee, stiffer * knee / size
+        bent = cubic * beyond * beyond / size
+        return soft + (stiffer - lines) + bent * beyond, lines + bent * (2.0 * size + knee)
+    return soft, 0.0
 
 
 @jitable(inline=True)
@@ -79,48 +126,37 @@ def stiffening(depth_mm, gain_per_mm, reference_mm):
     return 1.0 + gain_per_mm * (depth_mm - reference_mm)
 
 
-def normal_law(p: Mapping[str, Any], fall_hz: np.ndarray) -> np.ndarray:
-    """Normal force at a fall of the frequency (Fig. 3e).
-
-    Parameters
-    ----------
-    p : mapping
-        Parameters of `UnitModel`, numbers or arrays.
-    fall_hz : ndarray
-        Broadcast against them.
-
-    Returns
-    -------
-    ndarray
-        Newton.
-    """
-    return force(fall_hz, *_normal(p))
+def stiffens(p: Mapping[str, Any]) -> bool:
+    """Whether a law of any unit is more than two lines, of parameters of `UnitModel`."""
+    return any(bool(np.any(law[3] != 0.0)) for law in (normal_law(p), shear_law(p)))
 
 
-def normal_slope(p: Mapping[str, Any], fall_hz: np.ndarray) -> np.ndarray:
-    """Derivative of `normal_law`, N/Hz."""
-    return slope(fall_hz, *_normal(p))
+def rescaled(law: Law, per_x: Any) -> Law:
+    """The law of a displacement of which one is so many of those that it is of."""
+    soft, knee, stiffer, cubic = law
+    return soft * per_x, knee * (1.0 / per_x), stiffer * per_x, cubic * per_x**3
 
 
-def normal_fall(p: Mapping[str, Any], normal_n: np.ndarray) -> np.ndarray:
-    """Fall of the frequency under a normal force, Hz: the inverse of `normal_law`."""
-    return inverse(normal_n, *_normal(p))
+def normal_law(p: Mapping[str, Any]) -> Law:
+    """Law of the normal force by the fall of the frequency in Hz (Fig. 3e), of parameters of
+    `UnitModel`, numbers or arrays."""
+    soft = p["normal_soft_n_per_hz"]
+    stiffer = p["normal_stiff_n_per_hz"] - soft
+    return soft, p["normal_break_hz"], stiffer, p["normal_cubic_n_per_hz3"]
 
 
-def shear_law(p: Mapping[str, Any], displacement_mm: np.ndarray) -> np.ndarray:
-    """Tangential force at a displacement and the reference depth, N; `p` as of `normal_law`."""
-    return force_with_added(displacement_mm, *_shear(p))
+def normal_law_mm(p: Mapping[str, Any]) -> Law:
+    """Law of the normal force by the depth in millimetre."""
+    return rescaled(normal_law(p), p["frequency_slope_hz_per_mm"])
 
 
-def shear_slope(p: Mapping[str, Any], displacement_mm: np.ndarray) -> np.ndarray:
-    """Derivative of `shear_law`, N/mm."""
-    below, knee, added = _shear(p)
-    return slope(displacement_mm, below, knee, below + added)
+def shear_law(p: Mapping[str, Any]) -> Law:
+    """Law of the tangential force by the displacement in millimetre, at the reference depth."""
+    names = "shear_soft_n_per_mm", "shear_break_mm", "shear_stiff_n_per_mm", "shear_cubic_n_per_mm3"
+    soft, knee, stiffer, cubic = (p[name] for name in names)
+    return soft, knee, stiffer, cubic
 
 
-def _normal(p: Mapping[str, Any]) -> tuple[Any, Any, Any]:
-    return p["normal_soft_n_per_hz"], p["normal_break_hz"], p["normal_stiff_n_per_hz"]
-
-
-def _shear(p: Mapping[str, Any]) -> tuple[Any, Any, Any]:
-    return p["shear_soft_n_per_mm"], p["shear_break_mm"], p["shear_stiff_n_per_mm"]
+def stacked(law: Law) -> np.ndarray:
+    """The laws of n units as an array, shape (terms, n), as `at` takes them."""
+    return np.stack(np.broadcast_arrays(*law))

@@ -49,8 +49,8 @@ class HalbachField:
     reach_m : float
         Films are felt by units whose centres are nearer than this; 0: only the own film.
     felt : tuple of ndarray, optional
-        Whose films each unit feels beside its own, in place of `reach_m`: compressed rows, shapes
-        (n + 1,) and (m,), int32.
+        Whose films each unit feels in addition to its own, in place of `reach_m`: compressed rows,
+        shapes (n + 1,) and (m,), int32.
     surroundings : Surroundings, optional
         Ambient field and tools; none if not given.
 
@@ -129,7 +129,7 @@ class HalbachField:
         Raises
         ------
         SkinError
-            A film has come to where no table tells its field.
+            A film has come to where no table has its field.
         """
         n = len(self._names)
         *lead, _ = shape = np.shape(depth_mm)
@@ -158,7 +158,7 @@ class HalbachField:
         chip, film : ndarray, shape (m,), int64
             The unit that feels, and the one whose film it is.
         field_ut : ndarray, shape (3, m), float64
-            In the axes of the chip; not finite where it is inside or beside the film.
+            In the axes of the chip; not finite where it is inside or next to the film.
         """
         start, film, at_rest = self._arrays.start, self._arrays.index, self._arrays.rest_ut
         chip = np.repeat(np.arange(len(start) - 1), np.diff(start))
@@ -204,7 +204,7 @@ class HalbachField:
         if np.isfinite(own).all():
             return SkinError(
                 f"{self._names[i]}: must keep its chip clear of its neighbours' films; got one "
-                "of them inside or beside a film"
+                "of them inside or next to a film"
             )
         (x, y), (u, v) = displacement[t, :, i], tilt[t, :, i]
         return SkinError(

@@ -13,11 +13,13 @@ import numpy as np
 
 from skin.errors import ScanError
 
-__all__ = ["Fit", "check_levels", "check_samples", "gauss_newton", "least_squares"]
+__all__ = ["Fit", "check_levels", "check_samples", "gauss_newton", "least_squares", "robust_sigma"]
 
 RANK = 1e-7
-"""Singular value, of a matrix with columns of length 1, below which a column tells nothing new."""
+"""Singular value, of a matrix with columns of length 1, below which a column adds nothing new."""
 STEPS = 40
+NORMAL_MAD = 1.4826
+"""Sigma of a normal distribution over its median absolute deviation [derived]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class Fit:
         return float(self.values[self.names.index(name)])
 
     def derived(self, names: Sequence[str], values: np.ndarray, jacobian: np.ndarray) -> Fit:
-        """The same fit told in other parameters, `jacobian` being d values / d self.values."""
+        """The same fit in other parameters, `jacobian` being d values / d self.values."""
         return Fit(
             tuple(names), np.asarray(values, float), jacobian @ self.covariance @ jacobian.T,
             self.residual_rms, self.chi2, self.samples,
@@ -98,7 +100,7 @@ def check_levels(name: str, values: np.ndarray, least: int, distance: float) -> 
             levels, last = levels + 1, value
     if levels < least:
         raise ScanError(
-            f"{name}: must have {least} levels or more, {distance:g} apart, to tell its effect; "
+            f"{name}: must have {least} levels or more, {distance:g} apart, to show its effect; "
             f"got {levels} between {ordered[0]:.4g} and {ordered[-1]:.4g}"
         )
 
@@ -126,19 +128,19 @@ def least_squares(
     Raises
     ------
     ScanError
-        Fewer samples than parameters, or parameters that the samples do not tell apart; the
+        Fewer samples than parameters, or parameters that the samples do not distinguish; the
         message names these.
     """
     samples, count = matrix.shape
     if samples < count:
-        raise ScanError(f"scan: must have {count} samples or more to tell {count} parameters "
+        raise ScanError(f"scan: must have {count} samples or more to determine {count} parameters "
                         f"({names[0]} … {names[-1]}); got {samples}")  # fmt: skip
     weight = 1.0 / np.broadcast_to(np.asarray(sigma, float), values.shape)
     weighted = matrix * weight[:, np.newaxis]
     length = np.linalg.norm(weighted, axis=0)
     if not length.all():
         silent = [name for name, size in zip(names, length, strict=True) if size == 0.0]
-        raise ScanError(f"scan: must have samples that tell {', '.join(silent)}; got none")
+        raise ScanError(f"scan: must have samples that determine {', '.join(silent)}; got none")
     # the values as a last column: what the factor makes of it is all that is needed of Q
     both = np.asarray(np.linalg.qr(np.column_stack([weighted / length, values * weight]), mode="r"))
     r, turned = both[:count, :count], both[:count, count]
@@ -148,8 +150,8 @@ def least_squares(
         share = np.linalg.norm(rows[lost], axis=0)
         mixed = np.flatnonzero(share > 0.1 * share.max()).tolist()
         raise ScanError(
-            f"scan: must tell {', '.join(names[i] for i in mixed)} apart; got samples in which "
-            "they have one and the same effect"
+            f"scan: must determine {', '.join(names[i] for i in mixed)} apart; got samples in "
+            "which they have one and the same effect"
         )
     inverse = np.linalg.inv(r)
     solution = inverse @ turned / length
@@ -208,3 +210,8 @@ def gauss_newton(
         f"scan: must settle on {', '.join(names)}; got steps that do not come to rest after "
         f"{STEPS} (last: {dict(zip(names, found.tolist(), strict=True))})"
     )
+
+
+def robust_sigma(values: np.ndarray) -> float:
+    """Scatter about the median, one sigma, that outliers do not move."""
+    return NORMAL_MAD * float(np.median(np.abs(values - np.median(values))))

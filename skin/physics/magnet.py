@@ -182,7 +182,7 @@ def _components(tables, units, i, table, at, azimuth, series):
 
 @_inlined
 def _film_field(tables, units, i, x, y, z, series):
-    """Field of film i at (x, y, z) of its frame; NaN in the film and beside it."""
+    """Field of film i at (x, y, z) of its frame; NaN in the film and next to it."""
     rho2 = x * x + y * y
     r2 = rho2 + z * z
     rho = np.sqrt(rho2)
@@ -339,7 +339,7 @@ def skin_fields_python(tables, units, rest, turn, point, films, out):
         Millimetre, skin frame.
     films : Films
     out : ndarray, shape (t, 3), float64
-        Microtesla; NaN where the point is in or beside a film.
+        Microtesla; NaN where the point is in or next to a film.
     """
     depth, strength = films.depth_mm, films.strength
     cycles, n = depth.shape

@@ -1,8 +1,8 @@
 """The field of a film outside the film, as a few multipoles on its axis.
 
 A film looks the same from every side, so its field outside the sphere around it is a sum of axial
-multipoles, ``Phi = sum over l of a_l P_l(cos theta) / r^(l + 1)``, whatever it is made of. At 12 mm
-six of them tell the field of films of any radius, wavelength, thickness and remanence profile
+multipoles, ``Phi = sum over l of a_l P_l(cos theta) / r^(l + 1)``, of any material. At 12 mm
+six of them describe the field of films of any radius, wavelength, thickness and remanence profile
 within 0.1 % of the film's own (`tests/skin/physics/test_multipoles.py`). These few numbers, one set
 for all films of a skin, are what a stencil from magnet theory can be wrong in.
 """
@@ -22,7 +22,7 @@ __all__ = ["ORDERS", "STRENGTH", "FilmDrawing", "films_as_made", "multipole_fiel
 ORDERS = 8
 """Multipoles, from the dipole on: each is half to two thirds of the one before at 12 mm."""
 SCALE_MM = 6.0
-"""Length in which the multipoles are told: the film's radius, so that they are alike in size."""
+"""Length in which the multipoles are given: the film's radius, so that they are alike in size."""
 NODES = 8
 """Of the quadratures over a film, a sector and the thickness: exact to 1e-6 here."""
 

@@ -17,7 +17,7 @@ def film_at_rest_ut(topology: Topology) -> np.ndarray:
     """Field of each unit's own film at rest, its temperature that of the reference.
 
     On the axis of the chip it is axial: ``field_vertical_ratio * M0(H = 0)``. A film that sits
-    beside that axis adds what its displacement by ``film_x_mm, film_y_mm`` makes (eq. 1).
+    next to that axis adds what its displacement by ``film_x_mm, film_y_mm`` makes (eq. 1).
 
     Returns
     -------

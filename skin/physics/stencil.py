@@ -233,7 +233,7 @@ class Stencil:
         return found
 
     def _check(self) -> None:
-        """Refuse arrays that do not fit each other: compiled code would read beside them."""
+        """Refuse arrays that do not fit each other: compiled code would read outside of them."""
         n, m, (k, _, terms) = self.n, self.neighbour.size, self.coefficients.shape
         shapes = {
             "start": (n + 1,), "neighbour": (m,), "kind": (m,), "apart_m": (m,),
@@ -347,7 +347,7 @@ class Stencil:
             raise TooDenseError(
                 f"{topology.unit_names[units[0]]}: must keep its chip clear of its neighbours' "
                 f"films, which move by {DISPLACEMENT_MAX_MM:g} mm; got one that comes into it or "
-                f"beside it, as with {len(units)} units of {topology.name}",
+                f"next to it, as with {len(units)} units of {topology.name}",
                 [int(u) for u in units],
             )
         stray = scan_stray(topology, pairs.seen, moved)

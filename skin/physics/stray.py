@@ -62,7 +62,7 @@ def monomials(displacement_mm: np.ndarray, degree: int) -> np.ndarray:
 
 
 def near(topology: Topology, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of units nearer than a radius, whatever frames they are on, each once."""
+    """Pairs of units nearer than a radius, on any frames, each once."""
     n = topology.n
     return neighbour_pairs(topology.position, np.full(n, radius_m), np.zeros(n, int))
 
@@ -186,7 +186,7 @@ def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.n
 
 
 def blocked(kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Kinds of pairs of which the film comes into the chip or beside it, shape (k,), bool.
+    """Kinds of pairs of which the film comes into the chip or next to it, shape (k,), bool.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def moving_ut2(
     spread = np.einsum("t,kta->ak", share, (stray - middle[:, np.newaxis]) ** 2)
 
     def told(values: np.ndarray, power: int) -> np.ndarray:
-        """At the distance of each pair; what falls with a power is told times that power."""
+        """At the distance of each pair; what falls with a power is given times that power."""
         return np.interp(d, distance, values * distance**power) / d**power
 
     def added(values: np.ndarray) -> np.ndarray:

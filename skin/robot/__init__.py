@@ -1,1 +1,1 @@
-"""A skin on a robot: patches on links that move, and where they sit on the model."""
+"""A skin on a robot: patches on moving links, and their places on the model."""

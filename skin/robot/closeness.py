@@ -1,8 +1,8 @@
-"""Films of other links that have come near: what they add at a unit's chip, by magnet theory.
+"""Films of other links near a unit: their field at its chip, by magnet theory.
 
-A decoder takes off what neighbours of a unit's own link add, whose places do not change. Films of
-other links come and go with the joints. What they add is told here, and who feels it; it is not
-taken off.
+A decoder subtracts the field of neighbours on a unit's own link, whose places are fixed. Films of
+other links move with the joints. Their field, and the affected units, are reported here; it is not
+subtracted.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from topology.neighbours import compressed_rows, pairs_within
 __all__ = ["NEAR_M", "SAME_M", "CloseFilm", "Closeness"]
 
 NEAR_M = 0.06
-"""Units of other links that are looked at [derived: from there on a film adds less than 5 µT, far
-below what one cycle tells]."""
+"""Number of units of other links per unit [derived: further films add less than 5 µT, far below the
+noise of one cycle]."""
 SAME_M = 2e-4
-"""Units that have moved less since they were looked at last feel the same [derived: at 15 mm a film
-adds a field that changes by 4 % over it, less than its own sigma]."""
+"""Movement below which the field is not computed again [derived: at 15 mm a film's field changes by
+4 % over it, less than its own sigma]."""
 
 
 @dataclass(frozen=True)
 class CloseFilm:
-    """A unit that feels films of other links more than it is sure of its own field.
+    """A unit with a field of other links' films above the sigma of its own field.
 
     Attributes
     ----------
     unit, other : str
-        The unit that feels, and the one whose film it feels most.
+        The affected unit, and the one whose film contributes most.
     link, other_link : str
-        Frames or links that carry them.
+        Frames or links of both.
     distance_mm : float
         Of the middles of their sensing faces.
     field_ut : float
-        What films of other links add more than they did at home, where zeros are taken; infinite
-        where the chip is within or beside one.
+        Field of films of other links minus that at home, where zeros are taken; infinite where the
+        chip is within or next to one.
     sigma_ut : float
         One sigma of the unit's own field: noise of a cycle, and of its constants.
     """
@@ -61,7 +61,7 @@ class CloseFilm:
 
 
 class Closeness:
-    """Looks for films of other links that are near.
+    """Finds units near films of other links.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ class Closeness:
     Attributes
     ----------
     field_ut : ndarray, shape (3, n), float64
-        What all films of other links add at each chip more than at home, in the axes of the chip;
-        as of the last look, films at rest.
+        Field of all films of other links at each chip minus that at home, in the axes of the chip;
+        as of the last call, films at rest.
     """
 
     def __init__(self, topology: Topology) -> None:
@@ -88,7 +88,7 @@ class Closeness:
         self.field_ut = np.zeros((3, topology.n))
 
     def look(self, position: np.ndarray, rotation: np.ndarray) -> tuple[CloseFilm, ...]:
-        """Units that feel films of other links at these poses, those that feel most first.
+        """Affected units at these poses, the largest field first.
 
         Parameters
         ----------

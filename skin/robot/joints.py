@@ -1,4 +1,4 @@
-"""Joints: the coordinates of a robot, and the poses of links and units that follow from them."""
+"""Joints: the coordinates of a robot, and the resulting poses of links and units."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Joints:
     topology : Topology
         With a robot.
     geometry : Geometry, optional
-        Of contacts; kept where the units are.
+        Of contacts; updated with the units.
 
     Attributes
     ----------
     robot : RobotModel
     q : ndarray, shape (J,), float64
-        Coordinates as they are, rad or m, in the order of ``robot.joint_names``.
+        Current coordinates, rad or m, in the order of ``robot.joint_names``.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class Joints:
         )  # fmt: skip
         self._tables = tables(self.robot, topology)
         scratch = np.empty((3, 3, 3))
-        move(*self._tables, self.q, kept, scratch)  # at home, whatever poses contacts have
+        move(*self._tables, self.q, kept, scratch)  # at home, for any poses of contacts
         self._move = Bound(move, *self._tables, self._asked, self._poses, scratch)
 
     @property
@@ -98,7 +98,7 @@ class Joints:
         self.q[:] = asked
 
     def _take_named(self, q: Mapping[str, float]) -> None:
-        """Take some coordinates by name; the others as they are."""
+        """Set some coordinates by name."""
         asked, index = self._asked, self._index
         asked[:] = self.q
         name, value = "", None
@@ -111,7 +111,7 @@ class Joints:
             raise OptionError(f"q[{name!r}]: must be a number; got {shown(value)}") from None
 
     def _take(self, q: np.ndarray) -> None:
-        """Take coordinates in the model's order."""
+        """Set coordinates in the model's order."""
         try:
             shape = np.shape(q)
             if shape == self.q.shape:
@@ -143,16 +143,16 @@ class Joints:
         )
 
     def close_films(self) -> tuple[CloseFilm, ...]:
-        """Units that feel films of other links more than they are sure of their own field.
+        """Units with a field of other links' films above the sigma of their own field.
 
-        Looked at anew where units have moved, which takes milliseconds: not in every cycle. What
-        they add is told, and not taken off. ``closeness.field_ut`` has all of it by unit.
+        Computed again where units have moved, which takes milliseconds: not for every cycle. The
+        field is reported, not subtracted. ``closeness.field_ut`` has it for every unit.
         """
         return self.closeness.look(*self.unit_poses)
 
     @cached_property
     def closeness(self) -> Closeness:
-        """Who looks for them."""
+        """Computes these fields."""
         return Closeness(self._topology)
 
     def link_pose(self, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +175,7 @@ class Joints:
     def wrench_in(
         self, link: str, wrench: Contact | np.ndarray
     ) -> tuple[np.ndarray, np.ndarray] | np.ndarray:
-        """A wrench in the frame of a link, as it is now: its axes, moments about its origin.
+        """A wrench in the frame of a link as it is now: its axes, torques about its origin.
 
         Parameters
         ----------

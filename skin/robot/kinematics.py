@@ -47,7 +47,7 @@ class Mounted(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Where everything is, in the skin frame."""
+    """Poses in the skin frame."""
 
     link_rotation: np.ndarray  # (L, 3, 3)
     link_position: np.ndarray  # (L, 3), m
@@ -119,7 +119,7 @@ def _times(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 
 @jitable(inline=True)
 def _add_turned(at: np.ndarray, turn: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
-    """What is at v in a frame, in the frame around it."""
+    """A point of a frame, in the frame around it."""
     for i in range(3):
         out[i] = at[i] + (turn[i, 0] * v[0] + turn[i, 1] * v[1] + turn[i, 2] * v[2])
 
@@ -181,7 +181,7 @@ def _rebase(base: int, poses: Poses, scratch: np.ndarray) -> None:
 
 @jitable
 def _units(mounted: Mounted, poses: Poses) -> None:
-    """Poses of all units, and the same for contacts, where there are any."""
+    """Poses of all units, and of contacts, if there are any."""
     n, link = mounted.link.size, mounted.link
     own, own_turn = mounted.position, mounted.rotation
     turn, at = poses.link_rotation, poses.link_position
@@ -217,7 +217,7 @@ def move_python(
     q : ndarray, shape (J,), float64
         Radian or metre.
     poses : Poses
-        Out; left as it is where a coordinate is refused.
+        Written; unchanged where a coordinate is refused.
     scratch : ndarray, shape (3, 3, 3), float64
 
     Returns

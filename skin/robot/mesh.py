@@ -1,4 +1,4 @@
-"""Meshes of a robot's links, read by trimesh: the one file that imports it (extra `mesh`)."""
+"""Meshes of a robot's links, read by trimesh: the only file that imports it (extra `mesh`)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from skin.errors import LibraryError, SkinError
 
-__all__ = ["read_mesh"]
+__all__ = ["primitive_mesh", "read_mesh"]
 
 
 def read_mesh(path: Path) -> np.ndarray:
@@ -20,7 +20,7 @@ def read_mesh(path: Path) -> np.ndarray:
     LibraryError
         trimesh is not installed.
     SkinError
-        The file is not there, or no mesh.
+        The file does not exist, or is not a mesh.
     """
     if not path.is_file():
         raise SkinError(f"{path}: must be a mesh; got no such file")
@@ -33,9 +33,45 @@ def read_mesh(path: Path) -> np.ndarray:
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
         triangles = np.array(mesh.triangles, float)
-    except Exception as error:  # anything may come of reading what is damaged
+    except Exception as error:  # a damaged file may raise anything
         reason = str(error) or type(error).__name__
         raise SkinError(f"{path}: must be a mesh that trimesh reads; got: {reason}") from None
     if triangles.ndim != 3 or not len(triangles) or not np.isfinite(triangles).all():
         raise SkinError(f"{path}: must be a mesh of finite triangles; got {len(triangles)} of them")
     return triangles
+
+
+def primitive_mesh(kind: str, size: tuple[float, ...]) -> np.ndarray:
+    """Triangles of a primitive, shape (f, 3, 3), float64, metre, for pictures; none of a plane.
+
+    Parameters
+    ----------
+    kind, size
+        As of `topology.robot.model.Geom`.
+
+    Raises
+    ------
+    LibraryError
+        trimesh is not installed.
+    """
+    try:
+        creation = import_module("trimesh.creation")
+    except ImportError as error:
+        raise LibraryError(
+            f"trimesh: must be installed for shapes (pip install 'f3t-skin[mesh]'); got: {error}"
+        ) from None
+    if kind == "plane":
+        return np.zeros((0, 3, 3))
+    if kind == "box":
+        mesh = creation.box(2.0 * np.array(size))
+    elif kind == "cylinder":
+        mesh = creation.cylinder(size[0], 2.0 * size[1], sections=48)
+    elif kind == "capsule":
+        mesh = creation.capsule(2.0 * size[1], size[0], count=[24, 24])
+    else:
+        mesh = creation.icosphere(3, size[0] if kind == "sphere" else 1.0)
+        if kind == "ellipsoid":
+            mesh.apply_scale(size)
+    triangles = np.array(mesh.triangles, float)
+    # a capsule of some versions stands on its end
+    return triangles - 0.5 * (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1)))

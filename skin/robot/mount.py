@@ -1,4 +1,4 @@
-"""Whether the units of a skin sit on the surfaces of their links, and what to do if not."""
+"""Checks whether the units of a skin sit on the surfaces of their links, with advice."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from topology.robot.model import Geom, RobotModel
 __all__ = ["DISTANCE_MM", "TILT_DEG", "PatchMount", "check_model", "check_patches"]
 
 DISTANCE_MM = 10.0
-"""From its link's surface a unit's sensing face may be so far [assumed: the height of a unit and
-what holds it]."""
+"""Tolerance of the distance of a unit's sensing face to its link's surface [assumed: the height of
+a unit and its mount]."""
 TILT_DEG = 30.0
-"""And its normal so much off the surface's [assumed: a unit of 12 mm on a finger's rounding]."""
+"""Tolerance of its normal to the surface's [assumed: a unit of 12 mm on a finger's rounding]."""
 INVERTED_DEG = 150.0
-"""A unit that is tilted by more looks into its link [assumed]."""
+"""Tilt above which a unit faces into its link [assumed]."""
 LARGEST_M = 10.0
-"""A robot that is larger is one in millimetres [assumed: no hand or humanoid is]."""
+"""Size above which a robot is in millimetres [assumed: no hand or humanoid is larger]."""
 LARGEST_MESH_M = 3.0
-"""And so is a mesh of a link that is larger [assumed]."""
+"""The same for a mesh of a link [assumed]."""
 
 
 class PatchMount(msgspec.Struct, frozen=True, kw_only=True):
-    """How a patch sits on its link."""
+    """Fit of a patch on its link."""
 
     name: str
     link: str
-    """Empty where it hangs on the skin frame."""
+    """Empty on the skin frame."""
     units: int
     distance_mm: tuple[float, float] | None
-    """Least and largest distance to the surface, negative inside; None where there is none."""
+    """Smallest and largest distance to the surface, negative inside; None without one."""
     tilt_deg: float | None
     """Largest angle between a unit's outward normal and the surface's."""
     problems: tuple[str, ...]
 
 
 def check_model(robot: RobotModel) -> tuple[str, ...]:
-    """What is wrong with a model, whatever skin is on it: scale, masses, meshes; with what to do.
+    """Faults of a model, independent of the skin: scale, masses, meshes; with advice.
 
     Parameters
     ----------
@@ -65,17 +65,17 @@ def check_model(robot: RobotModel) -> tuple[str, ...]:
                 f"{robot.mass[link]:g}: give its <inertial> the mass that the link has, or leave "
                 "it out"
             )
-    told = set()
+    reported = set()
     for geom in robot.geoms:
-        if geom.mesh is not None and geom.mesh not in told:
-            told.add(geom.mesh)
+        if geom.mesh is not None and geom.mesh not in reported:
+            reported.add(geom.mesh)
             found += _mesh_problems(robot, geom)
     return tuple(found)
 
 
 def _carried(robot: RobotModel) -> np.ndarray:
-    """What each joint that moves carries, with all that is fixed to its link, shape (L,), kg; NaN
-    where a model does not say, and for links that do not move of themselves."""
+    """Mass carried by each joint that moves, with all links fixed to it, shape (L,), kg; NaN where
+    the model does not give it, and for fixed links."""
     carrier = list(range(len(robot.parent)))
     mass = np.where(np.isnan(robot.mass), 0.0, robot.mass)
     carried = np.full(len(carrier), np.nan)
@@ -112,16 +112,16 @@ def _mesh_problems(robot: RobotModel, geom: Geom) -> list[str]:
 def check_patches(
     topology: Topology, *, distance_mm: float = DISTANCE_MM, tilt_deg: float = TILT_DEG
 ) -> list[PatchMount]:
-    """How each patch sits on its link.
+    """Fit of each patch on its link.
 
-    Links are told by their collision shapes, and where they have none by what is seen of them.
+    Links are represented by their collision shapes, or by their visual ones if they have none.
 
     Parameters
     ----------
     topology : Topology
         With a robot.
     distance_mm, tilt_deg : float
-        What is accepted.
+        Tolerances.
     """
     robot = topology.robot
     if robot is None:
@@ -153,7 +153,7 @@ def check_patches(
 
 
 def _surfaces(robot: RobotModel, link: int) -> list[tuple[Geom, Surface]]:
-    """Shapes of a link that can be read, those that touch before those that are only seen."""
+    """Readable shapes of a link, collision shapes first."""
     own = [geom for geom in robot.geoms if geom.link == link]
     chosen = [geom for geom in own if not geom.visual] or own
     found = []
@@ -166,7 +166,7 @@ def _surfaces(robot: RobotModel, link: int) -> list[tuple[Geom, Surface]]:
         except ImportError:
             raise
         except SkinError:
-            continue  # `check_model` says so
+            continue  # `check_model` reports it
         mirrored = np.prod(geom.scale) < 0.0
         found.append((geom, from_mesh(triangles[:, ::-1] if mirrored else triangles)))
     return found

@@ -1,4 +1,4 @@
-"""A patch that is moved by itself, as a rigid body, away from where its file has it."""
+"""A single patch moved as a rigid body from its pose in the file."""
 
 from __future__ import annotations
 

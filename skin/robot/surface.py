@@ -1,4 +1,4 @@
-"""Where a point is against the surface of a shape: signed distance, and the outward normal.
+"""Signed distance of a point to the surface of a shape, and the outward normal.
 
 Primitives exactly, by their own formula; meshes by the nearest triangle. Points have shape (3, n),
 metre, in the shape's own frame; a distance is positive outside.
@@ -16,9 +16,9 @@ Surface = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """From points (3, n) to distances (n,), metre, and outward normals (3, n)."""
 
 AT_ONCE = 4_000_000
-"""Pairs of points and triangles that are looked at together: some 500 MB [numeric]."""
+"""Pairs of points and triangles processed at once: some 500 MB [numeric]."""
 STEPS = 120
-"""Halvings that find the nearest point of an ellipsoid: to the last digit [numeric]."""
+"""Bisections for the nearest point of an ellipsoid: to the last digit [numeric]."""
 
 
 def primitive(kind: str, size: tuple[float, ...]) -> Surface:
@@ -57,8 +57,8 @@ def _plane(_: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rounded(over: np.ndarray, outward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of a convex shape of faces: how far a point is beyond each (m, n), and where each looks to
-    (m, 3, n). Outside, faces that are square to each other add up; inside the nearest counts."""
+    """Distance and normal for a convex polyhedron: distances beyond each face (m, n), and normals
+    (m, 3, n). Outside, perpendicular faces combine; inside the nearest counts."""
     beyond = np.maximum(over, 0.0)
     outside, _ = _unit(beyond)
     nearest = np.argmax(over, axis=0)
@@ -85,8 +85,8 @@ def _cylinder(size: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ellipsoid(size: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest point is at ``a² p / (t + a²)``, with t the root that lies on the surface, told
-    from its least value on, minus the least of a²."""
+    """The nearest point is at ``a² p / (t + a²)``, with t the root on the surface; it is found as
+    its difference to minus the least of a²."""
     square = size[:, np.newaxis] ** 2
     least = size.min()
     beyond = square - least**2
@@ -116,9 +116,8 @@ _PRIMITIVES: dict[str, Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.n
 
 
 def from_mesh(triangles: np.ndarray) -> Surface:
-    """The surface of triangles, shape (f, 3, 3): vertices of each, metre, seen from outside in
-    mathematical order. Of several triangles at the same distance, the one that faces the point
-    counts."""
+    """The surface of triangles, shape (f, 3, 3): vertices of each, metre, anticlockwise from
+    outside. Of several triangles at the same distance, the one that faces the point counts."""
     a, b, c = np.moveaxis(np.asarray(triangles, float), 1, 0)
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1)

@@ -1,6 +1,6 @@
-"""Units of a skin written into a copy of a robot's model: links of a URDF, sites of an MJCF.
+"""Writes the units of a skin into a copy of a robot's model: links of a URDF, sites of an MJCF.
 
-The text of the model stays as it is; what is new is put in where it belongs.
+The text of the model is unchanged; new elements are inserted.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from skin.errors import SkinError
 from skin.robot.kinematics import tables
@@ -23,21 +24,21 @@ __all__ = ["unit_link_name", "write_mounted"]
 
 
 def unit_link_name(unit: str) -> str:
-    """Name of a unit in a model: "palm/r3c4" is "palm_r3c4", as ROS takes no slash there."""
+    """Name of a unit in a model: "palm/r3c4" is "palm_r3c4", since ROS allows no slash."""
     return unit.replace("/", "_")
 
 
 def write_mounted(topology: Topology, out: Path) -> None:
     """Write a copy of the model, with a link (URDF) or site (MJCF) for each unit.
 
-    Its axes are the unit's: z into the skin. It takes its name's place when all is written, and is
-    read back before.
+    Its axes are the unit's: z into the skin. The file is written completely, read back, and then
+    renamed.
 
     Raises
     ------
     SkinError
         There is no robot, `out` is the model itself or in another folder, a name is taken, or a
-        body stands in a file that the model includes.
+        body is in a file that the model includes.
     """
     robot = topology.robot
     if robot is None:
@@ -47,8 +48,8 @@ def write_mounted(topology: Topology, out: Path) -> None:
         raise SkinError(f"{out}: must be another file than the model; got the model itself")
     if out.resolve().parent != model.resolve().parent or out.suffix != model.suffix:
         raise SkinError(
-            f"{out}: must be a {model.suffix} file beside the model, which names its meshes from "
-            f"there; got another than {model.parent}/NAME{model.suffix}"
+            f"{out}: must be a {model.suffix} file in the folder of the model, for its meshes; "
+            f"got another than {model.parent}/NAME{model.suffix}"
         )
     text = model.read_bytes()
     try:
@@ -61,14 +62,14 @@ def write_mounted(topology: Topology, out: Path) -> None:
     mark = f'name="{unit_link_name(topology.unit_names[0])}"'.encode()
     own = Kind("a copy of the model with this skin", lambda path: mark in path.read_bytes())
     check_over(out, own)
-    beside = out.with_name(f".{out.stem}.check{out.suffix}")
+    draft = out.with_name(f".{out.stem}.check{out.suffix}")
     try:
-        with whole_file(beside) as file:
+        with whole_file(draft) as file:
             file.write(new)
-        read_model(beside)
-        beside.replace(out)
+        read_model(draft)
+        draft.replace(out)
     finally:
-        beside.unlink(missing_ok=True)
+        draft.unlink(missing_ok=True)
 
 
 def _check_names(topology: Topology, robot: RobotModel, root: Element) -> None:
@@ -128,7 +129,7 @@ def _mjcf(topology: Topology, robot: RobotModel, root: Element, text: bytes) -> 
 
 
 def _inserted(text: bytes, new: dict[Element, str]) -> bytes:
-    """A text with more at the end of some elements; in ASCII, as any encoding of it has."""
+    """A text with insertions at the end of some elements; ASCII, valid in any encoding of it."""
     for element, more in sorted(new.items(), key=lambda pair: -pair[0].end):
         at, added = element.end, more.encode("ascii", "xmlcharrefreplace")
         if text[at : at + 2] == b"</":
@@ -145,7 +146,7 @@ def _numbers(values: np.ndarray) -> str:
 
 
 def _rpy(rotation: np.ndarray) -> np.ndarray:
-    """Roll, pitch and yaw of a rotation, rad; roll takes all where pitch is ±90°."""
+    """Roll, pitch and yaw of a rotation, rad; yaw is 0 where pitch is ±90°."""
     pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
     if math.hypot(rotation[0, 0], rotation[1, 0]) < 1e-9:
         roll = math.atan2(-rotation[1, 2], rotation[1, 1])
@@ -155,12 +156,5 @@ def _rpy(rotation: np.ndarray) -> np.ndarray:
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternion (w, x, y, z): the row of largest norm of 4 q qᵀ, which is exact near π."""
-    r = rotation
-    t = np.trace(r)
-    square = np.empty((4, 4))
-    square[0] = [1 + t, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
-    square[1:, 0] = square[0, 1:]
-    square[1:, 1:] = r + r.T + (1 - t) * np.eye(3)
-    row = square[np.argmax(np.diag(square))]
-    return row / np.linalg.norm(row)
+    """Unit quaternion (w, x, y, z)."""
+    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)

@@ -1,6 +1,6 @@
-"""Simulated units: scenes of known truth, through the physics of a unit, to frames on a bus.
+"""Simulated units: scenes with known truth, the physics of a unit, frames on a bus.
 
-The forward direction, written from the physics alone: nothing here is shared with `skin.decode`.
+The forward direction, from the physics alone: no code is shared with `skin.decode`.
 
 ::
 
@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any
 from skin.sim import scenes
 
 if TYPE_CHECKING:
+    from skin.grasp.object import GraspObject
     from skin.grasp.world import grasp
-    from skin.sim.engine.object import GraspObject
     from skin.sim.scenes.load import load_scene, open_scene
 
 __all__ = ["GraspObject", "grasp", "load_scene", "open_scene", "scenes"]
 
 _HOMES = {
-    "GraspObject": "skin.sim.engine.object",
+    "GraspObject": "skin.grasp.object",
     "grasp": "skin.grasp.world",
     "load_scene": "skin.sim.scenes.load",
     "open_scene": "skin.sim.scenes.load",

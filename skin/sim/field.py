@@ -1,4 +1,4 @@
-"""The magnetic film as its Hall chip sees it: displacement to field."""
+"""Field of the magnetic film at its Hall chip, by displacement."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class Field(Protocol):
 
 
 NEAR_MM = 1e-9
-"""A displacement as good as none."""
+"""Displacement that counts as 0."""
 REACH_SHARE, PULLED_MM, PRESSED_MM = 1.1, 0.5, 3.5
-"""Where the table of angles ends: share of its range of R, and depths."""
+"""Ends of the table of angles: fraction of its range of R, and depths."""
 STEPS = 5
-"""Of Newton's method, from the angle of a small displacement: 1e-12 rad within the range."""
+"""Newton iterations, from the angle of a small displacement: 1e-12 rad within the range."""
 
 
 def lever_python(displacement_mm, depth_mm, table, reach_mm):
-    """R / tan psi in mm, where R is that of psi by the table: finite at R = 0.
+    """R / tan psi in mm, where the table maps psi to R: finite at R = 0.
 
     Parameters
     ----------
@@ -89,8 +89,8 @@ class SineField:
     """The paper's law, eq. 1: M_r = M0(T, H) sin(k R) along the displacement.
 
     M0 grows exponentially as the film nears the chip and falls linearly with its temperature. Bz is
-    such that the angle of the field is that of `field_angle_mm`, so that either law of a unit model
-    holds to rounding; a unit without that table has Bz ~ M0 cos(k R).
+    such that the angle of the field is that of `field_angle_mm`, so that both laws of a unit model
+    hold to rounding; a unit without that table has Bz ~ M0 cos(k R).
     """
 
     def __init__(self, topology: Topology) -> None:
@@ -134,8 +134,8 @@ class SineField:
 
 
 class StrayField:
-    """A `Field` plus the ambient field of surroundings, which may change between calls; their tools
-    are left out."""
+    """A `Field` plus the ambient field of surroundings, which may change between calls; without
+    tools."""
 
     def __init__(self, topology: Topology, field: Field, surroundings: Surroundings) -> None:
         self._field, self._surroundings = field, surroundings

@@ -13,7 +13,7 @@ RUNNING = STATES.index("running")
 
 
 class Heartbeats:
-    """The heartbeats of simulated boards, spread over the second so that no cycle has them all.
+    """The heartbeats of simulated boards, spread evenly over each second.
 
     Parameters
     ----------
@@ -37,5 +37,5 @@ class Heartbeats:
         return len(due)
 
     def most(self, bus: int) -> int:
-        """Most heartbeats of one cycle."""
+        """Largest number of heartbeats of one cycle."""
         return -(-len(self._nodes[bus]) // self._period)

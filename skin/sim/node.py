@@ -28,52 +28,52 @@ from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
-__all__ = ["Nodes", "Served"]
+__all__ = ["Served", "SimulatedUnits"]
 
 POLL_S = 0.05
-"""How long a bus is waited for before looking whether to stop."""
+"""Poll interval of a bus, for the stop flag."""
 
 
 @dataclass
 class Served:
-    """What simulated nodes have done."""
+    """Totals of simulated units."""
 
     seconds: float = 0.0
     """Wall-clock time."""
     cycles: int = 0
-    """Cycles that were sampled."""
+    """Sampled cycles."""
     frames: int = 0
-    """Frames that the buses took."""
+    """Frames sent."""
     send_failures: int = 0
-    """Frames that they would not take."""
+    """Frames that the buses refused."""
     skipped: int = 0
-    """Cycles of free-running units that were left out because this machine was late."""
+    """Cycles of free-running units that were skipped because this machine was late."""
     configured: int = 0
-    """Configuration frames that were obeyed."""
+    """Configuration frames that were executed."""
     refused: int = 0
-    """Those that were not: an unknown command, a value or a board that cannot be."""
+    """Those that were not: an unknown command, or an invalid value or board."""
 
 
-class Nodes:
+class SimulatedUnits:
     """All units of a topology, with their boards, on all its buses.
 
-    Cycle `c` is the instant c / cycle rate of the scene, on every bus; on a bus with SYNC its
-    number is the counter of the SYNC, counted on without wrapping. All data frames of a bus answer
-    a SYNC, in the order of their priority, with its counter as their sequence number. Boards do
-    what configuration frames (`bus.configure`) tell them.
+    Cycle `c` is the instant c / cycle rate of the scene, on every bus; on a bus with SYNC it is the
+    unwrapped counter of the SYNC. All data frames of a bus answer a SYNC, in the order of their
+    priority, with its counter as their sequence number. Boards execute configuration frames
+    (`bus.configure`).
 
     Parameters
     ----------
     topology : Topology
     scene : Scene, optional
-        What happens to the skin; the ready-made "demo" if not given. It may bring along its
-        `units`; else they have Halbach films that feel each other.
+        What happens to the skin; "demo" if not given. It may have its own `units`; otherwise they
+        have Halbach films with cross-talk.
     seed : int
         Seed of the noise.
     noise : bool
-        False: only quantisation.
+        False: quantisation only.
     history : int or None
-        Cycles that `truth_at` remembers; None remembers all, 0 none.
+        Cycles for which `truth_at` works; None for all, 0 for none.
     """
 
     def __init__(
@@ -107,8 +107,8 @@ class Nodes:
 
     @property
     def exact(self) -> bool:
-        """Whether the units' constants are exactly the parameters of the topology: no scene has
-        given the films errors of fabrication."""
+        """Whether the units' constants equal the parameters of the topology: the scene has no
+        errors of fabrication."""
         non_ideal = getattr(self.scene, "non_ideal", None)
         return non_ideal is None or not non_ideal.fabrication
 
@@ -120,29 +120,35 @@ class Nodes:
         return self._sampled.history[-1][1]
 
     def truth_at(self, cycle: int) -> Truth:
-        """Truth of a cycle among the last `history` ones; SkinError if it is not among them."""
+        """Truth of one of the last `history` cycles; SkinError for others."""
         return self._sampled.truth_at(cycle)
 
     @property
     def history(self) -> tuple[tuple[int, Truth], ...]:
-        """Remembered cycles and their truths, oldest first."""
+        """Stored cycles and their truths, oldest first."""
         return tuple(self._sampled.history)
 
     def time_ns(self, bus: int = 0) -> int:
-        """Of the scene, at the latest cycle of a bus: by it the faults of a scene go."""
+        """Time of the scene at the latest cycle of a bus, by which its faults are scheduled."""
         return round(1e9 * self._sent[bus] / self.topology.cycle_rate_hz)
+
+    @property
+    def ends_s(self) -> float:
+        """When the scene is over, in its time, second; infinite for one without an end."""
+        ends_s: float = getattr(self.scene, "ends_s", math.inf)
+        return ends_s
 
     # -- frames ------------------------------------------------------------------------------------
 
     def respond(self, records: np.ndarray, out: FrameBatch, bus: int = 0) -> int:
-        """Append the answers to every SYNC among `records`; return how many frames.
+        """Append the answers to every SYNC among `records`; returns the number of frames.
 
         Parameters
         ----------
         records : ndarray, shape (m,), FRAME_DTYPE
             Frames of one bus.
         out : FrameBatch
-            Appended to; the answers bear the time stamp of their SYNC. IndexError if it is full.
+            Output; the answers have the stamp of their SYNC. IndexError if it is full.
         bus : int
             Index of the bus.
         """
@@ -166,22 +172,22 @@ class Nodes:
         self.served.refused += not is_taken
 
     def tick(self, cycle: int, out: FrameBatch, bus: int = 0, stamp_ns: int = 0) -> int:
-        """Append the frames of a cycle of free-running units; return how many."""
+        """Append the frames of a cycle of free-running units; returns their number."""
         count = out.count
         with self._lock:
             self._append(cycle, out, bus, stamp_ns)
         return out.count - count
 
     def foresee(self, cycle: int, cycles: int) -> int:
-        """Sample up to `cycles` cycles together, from `cycle` on, which is after all that were
-        sampled, for whoever goes through them without waiting; return how many."""
+        """Sample up to `cycles` cycles at once, from `cycle` on, which must be after all sampled
+        ones; for callers that do not wait between cycles. Returns their number."""
         with self._lock:
             count = self._sampled.foresee(cycle, cycles)
             self.served.cycles = self._sampled.cycles
         return count
 
     def _is_heard(self, records: np.ndarray, bus: int) -> np.ndarray:
-        """Which frames are a SYNC, or configuration."""
+        """Mask of SYNC and configuration frames."""
         sync_id = self.topology.buses[bus].sync_id
         heard = (records["id"] == IDENTIFIER) & self._understands[bus]
         if sync_id is not None:
@@ -189,14 +195,14 @@ class Nodes:
         return heard & ((records["origin"] & ECHO) == 0)
 
     def _unwrapped(self, counter: int, bus: int) -> int:
-        """Cycle that a SYNC counter means: the next one of its bus, which may be behind another."""
+        """Cycle of a SYNC counter: the next one of its bus, which may be behind another bus."""
         newest, last = self._sampled.cycle, self._sent[bus]
         if newest < 0:
             return counter
-        if last < 0:  # as near as can be to where the others are
+        if last < 0:  # closest to the cycle of the other buses
             return newest - 128 + (counter - newest + 128) % 256
         cycle = last + (counter - last) % 256
-        # a bus that was silent while others went around
+        # a bus that was silent while the counter wrapped
         return cycle + max(0, newest - cycle) // 256 * 256
 
     def _append(self, cycle: int, out: FrameBatch, bus: int, stamp_ns: int) -> None:
@@ -207,17 +213,17 @@ class Nodes:
         self._heartbeats.append(since, out, bus=bus, stamp_ns=stamp_ns)
 
     def _batch(self, bus: int) -> FrameBatch:
-        """A batch that has room for one cycle of a bus."""
+        """A batch with room for one cycle of a bus."""
         data = int(np.sum(self.topology.frames.bus == bus))
         return FrameBatch(data + self._heartbeats.most(bus))
 
     # -- buses -------------------------------------------------------------------------------------
 
     def attach(self, transports: Sequence[MemoryTransport]) -> None:
-        """Answer on in-process buses, in the thread of whoever sends SYNC, before it goes on.
+        """Answer on in-process buses, in the thread that sends SYNC, before `send` returns.
 
-        There is no waiting and no other thread, so a skin runs as fast as it asks. On buses without
-        SYNC the units send at their own pace, from a thread of their own, until `close`.
+        There is no waiting and no other thread, so a skin runs at full speed. On buses without SYNC
+        the units send at the cycle rate, from a thread of their own, until `close`.
         `transports` are the units' end of each bus, in order.
         """
         self._check(transports)
@@ -236,30 +242,30 @@ class Nodes:
         stop: threading.Event | None = None,
         watch: Callable[[Served], None] | None = None,
     ) -> Served:
-        """Answer SYNC, or send at the cycle rate, on any buses, until told to stop.
+        """Answer SYNC, or send at the cycle rate, on any buses, until stopped.
 
         Parameters
         ----------
         transports : sequence of Transport
-            The units' end of each bus, in order. Those that can be polled are served by one thread,
-            so that answering one bus never waits for Python to turn to another; each other one, and
-            each without SYNC, by a thread of its own.
+            The units' end of each bus, in order. One thread serves those that can be polled, so
+            that no answer waits for a thread switch; each other bus, and each without SYNC, has a
+            thread of its own.
         seconds : float, optional
-            When to stop.
+            Duration.
         stop : threading.Event, optional
-            Set by the caller to stop sooner, and when all is done.
+            Set by the caller to stop earlier, and by this method at the end.
         watch : callable, optional
             Called with the totals so far, about once a second.
 
         Returns
         -------
         Served
-            Totals since these nodes were made.
+            Totals since the units were created.
 
         Raises
         ------
         BusClosedError, SkinError
-            A bus is gone; not as many transports as buses.
+            A bus is closed or unplugged; not as many transports as buses.
         """
         self._check(transports)
         self._stop = stop or threading.Event()
@@ -285,7 +291,7 @@ class Nodes:
         return self.served
 
     def close(self) -> None:
-        """Stop all threads; closing twice is fine."""
+        """Stop all threads; may be called twice."""
         self._stop.set()
         threads, self._threads = self._threads, []
         for thread in threads:
@@ -295,10 +301,10 @@ class Nodes:
         self, started: float, seconds: float | None, watch: Callable[[Served], None] | None
     ) -> None:
         end = math.inf if seconds is None else started + seconds
-        told = started
+        reported = started
         while (now := time.monotonic()) < end and not self._stop.wait(min(POLL_S, end - now)):
-            if watch is not None and now - told >= 1.0:
-                told = now
+            if watch is not None and now - reported >= 1.0:
+                reported = now
                 watch(self.served)
 
     def _check(self, transports: Sequence[Transport]) -> None:
@@ -327,7 +333,7 @@ class Nodes:
             self._send(transport, out)
 
     def _send(self, transport: Transport, out: FrameBatch) -> None:
-        if not out.count:  # nothing to say to a configuration frame, or not this board's turn
+        if not out.count:  # a configuration frame has no answer, or no board is due
             return
         taken = transport.send(out.frames)
         with self._lock:
@@ -354,7 +360,7 @@ class Nodes:
                     taken += heard.count
                     self._answer(transport, out, bus, heard.frames)
             if not taken and arrival.poll(1e3 * POLL_S):
-                # a bus in trouble is always ready, and has nothing to say
+                # a bus with an error is always ready, without frames
                 self._stop.wait(0.0)
 
     def _send_freely(self, transport: Transport, bus: int) -> None:

@@ -1,4 +1,4 @@
-"""A scene, sampled cycle by cycle: what units counted, and the truth behind it."""
+"""A scene, sampled cycle by cycle: the counts of units, and the truth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from topology import CHANNELS
 __all__ = ["RECENT", "SampledScene"]
 
 RECENT = 16
-"""Cycles whose counts are kept for a bus that is behind another one."""
+"""Cycles whose counts are stored for buses that lag."""
 
 
 class SampledScene:
@@ -26,16 +26,16 @@ class SampledScene:
     scene : Scene
     units : UnitSimulator
     history : int or None
-        Truths that are remembered; None remembers all, 0 none.
+        Number of stored truths; None for all, 0 for none.
 
     Attributes
     ----------
     cycle, first : int
         The last and the first cycle; -1 before it.
     cycles : int
-        How many were sampled.
+        Number of sampled cycles.
     history : deque of (int, Truth)
-        Remembered cycles and their truths, oldest first.
+        Stored cycles and their truths, oldest first.
     """
 
     def __init__(self, scene: Scene, units: UnitSimulator, history: int | None) -> None:
@@ -51,8 +51,8 @@ class SampledScene:
         self._start = self._begun()
 
     def _begun(self) -> Truth:
-        """Go to the first instant, whatever cycle it will be, and look at it without noise: whoever
-        asks for that cycle does not wait until the scene and its units have compiled kernels."""
+        """Sample the first instant, whichever cycle it is, without noise: compiles the kernels of
+        scene and units before the first cycle."""
         truth = self.scene.at(0.0)
         self.units.quantities(
             truth.depth_mm, truth.displacement_mm, truth.temperature, truth.film_temperature,
@@ -61,16 +61,16 @@ class SampledScene:
         return truth
 
     def counts(self, cycle: int) -> np.ndarray:
-        """Counts of a cycle, shape (c, n), int16; of the last one where it is not kept."""
+        """Counts of a cycle, shape (c, n), int16; those of the last one if it is not stored."""
         if cycle > self.cycle:
             self._sample(cycle)
         slot = cycle % RECENT
-        if self._cycles[slot] != cycle:  # no bus had it in its turn; the scene has gone on
+        if self._cycles[slot] != cycle:  # it was skipped by all buses; the scene is past it
             slot = self.cycle % RECENT
         return self._counts[slot]
 
     def recent(self, last: int) -> np.ndarray:
-        """Counts of the cycles that end with `last`, as far as they are kept, shape (m, c, n)."""
+        """Stored counts of the cycles that end with `last`, shape (m, c, n)."""
         slots = [
             slot
             for slot, cycle in enumerate(self._cycles)
@@ -79,7 +79,7 @@ class SampledScene:
         return self._counts[slots]
 
     def foresee(self, cycle: int, cycles: int) -> int:
-        """Sample up to `cycles` cycles from `cycle` on, which has not come yet; return how many."""
+        """Sample up to `cycles` future cycles from `cycle` on; returns their number."""
         count = min(cycles, self._at_once)
         if count == 1:
             self._sample(cycle)
@@ -89,18 +89,18 @@ class SampledScene:
         return count
 
     def truth_at(self, cycle: int) -> Truth:
-        """Truth of a remembered cycle; SkinError where it is not."""
+        """Truth of a stored cycle; SkinError for others."""
         for number, truth in reversed(self.history):
             if number == cycle:
                 return truth
         known = f"{self.history[0][0]} to {self.history[-1][0]}" if self.history else "none"
-        raise SkinError(f"cycle: must be one that is remembered ({known}); got {cycle}")
+        raise SkinError(f"cycle: must be a stored one ({known}); got {cycle}")
 
     def _sample(self, cycle: int) -> None:
         self._counts[cycle % RECENT] = self.units.counts(self._go_on(cycle))
 
     def _go_on(self, cycle: int) -> Truth:
-        """Go on to a cycle; its counts are yet to be taken."""
+        """Advance to a cycle without taking its counts."""
         if self.first < 0:
             self.first, truth = cycle, self._start
         else:

@@ -1,4 +1,4 @@
-"""What the host has told simulated boards: their tare and their rate."""
+"""Settings of simulated boards by the host: tare and rate."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class BoardSettings:
     Parameters
     ----------
     topology : Topology
-        What it says of a unit at rest is what a tare leads to.
+        Units at rest as it describes them are the goal of a tare.
     lowest, highest : ndarray, shape (c, n), int32
-        Rails of the counts, which no tare moves.
+        Rails of the counts, which a tare does not move.
     """
 
     def __init__(self, topology: Topology, lowest: np.ndarray, highest: np.ndarray) -> None:
@@ -35,36 +35,36 @@ class BoardSettings:
         self._node = node_numbers(topology)
         self._rate = np.ones(len(frames), np.int64)
         self._base = np.zeros(len(frames), np.int64)
-        """Added to the number of a frame, so that a change of rate leaves no gap in them."""
+        """Added to the number of a frame, so that a change of rate leaves no gap."""
         self._tare = np.zeros((len(CHANNELS), topology.n), np.int32)
         self._rows = [frames.bus == bus for bus in range(len(topology.buses))]
         self._synced = [bus.sync_id is not None for bus in topology.buses]
         self._as_made = [True] * len(topology.buses)
-        """Of each bus: all its boards answer every cycle, with its number."""
+        """Of each bus: whether all its boards answer every cycle, with its number."""
         self._scratch = FrameBatch(max(1, len(frames)))
 
     def obey(self, record: np.void, bus: int, cycle: int, recent: np.ndarray) -> bool:
-        """Do what a configuration frame says; False: it is ignored.
+        """Execute a configuration frame; False if it is ignored.
 
         Parameters
         ----------
         record : FRAME_DTYPE
         bus : int
         cycle : int
-            The last one that was sent on the bus.
+            The last one sent on the bus.
         recent : ndarray, shape (m, c, n), int16
             The last counts, without tare.
         """
-        told = read(record)
-        if told is None or not told.valid:
+        order = read(record)
+        if order is None or not order.valid:
             return False
-        asked = self._node > 0 if told.node == ALL_NODES else self._node == told.node
+        asked = self._node > 0 if order.node == ALL_NODES else self._node == order.node
         asked = asked & self._rows[bus]
-        if not asked.any() or (told.command == Command.TARE and not len(recent)):
+        if not asked.any() or (order.command == Command.TARE and not len(recent)):
             return False
-        if told.command == Command.RATE:
-            self._base[asked] += cycle // self._rate[asked] - cycle // told.value
-            self._rate[asked] = told.value
+        if order.command == Command.RATE:
+            self._base[asked] += cycle // self._rate[asked] - cycle // order.value
+            self._rate[asked] = order.value
             rate, base = self._rate[self._rows[bus]], self._base[self._rows[bus]]
             self._as_made[bus] = bool(np.all(rate == 1) and (self._synced[bus] or not base.any()))
         else:
@@ -74,7 +74,7 @@ class BoardSettings:
         return True
 
     def _excess(self, counts: np.ndarray) -> np.ndarray:
-        """Counts above those of rest, shape (c, n), int32."""
+        """Counts above those at rest, shape (c, n), int32."""
         topology, p = self._topology, self._topology.parameters
         scale = np.where(topology.wired, topology.scale, 1.0)
         chip = np.where(
@@ -89,7 +89,7 @@ class BoardSettings:
         return np.where(topology.wired, np.rint(excess), 0.0).astype(np.int32)
 
     def counts(self, counts: np.ndarray) -> np.ndarray:
-        """What boards send instead of these counts, shape (c, n), int16."""
+        """Counts that boards send in place of these, shape (c, n), int16."""
         if not self._tare.any():
             return counts
         tared = np.clip(counts - self._tare, self._lowest, self._highest)
@@ -100,7 +100,7 @@ class BoardSettings:
         self, packer: Packer, counts: np.ndarray, out: FrameBatch, *, cycle: int, bus: int,
         stamp_ns: int,
     ) -> None:  # fmt: skip
-        """Append the frames of the boards of a bus whose turn it is."""
+        """Append the frames of the boards of a bus that are due."""
         counts = self.counts(counts)
         if self._as_made[bus]:
             packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)

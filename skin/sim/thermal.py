@@ -1,7 +1,7 @@
-"""Heat on its way through a unit: from what touches the gel to film, elastomer and chip.
+"""Heat conduction through a unit: from the contact to gel, film, elastomer and chip.
 
-Each layer is a first-order lag behind the one above it. Between two steps, what touches and the
-room are as constant as they are given, and the update is exact, however long the step.
+Each layer is a first-order lag behind the one above it. Between two steps contact and room are
+constant, and the update is exact for any step.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LAYERS = ("gel", "film", "elastomer", "chip")
 """From the outside in: rows of all temperatures."""
 
 CONTACT_LAG_S = 4.0
-"""Lag of the gel behind what touches it."""
+"""Lag of the gel behind the contact."""
 
 FREE_LAG_S = 60.0
 """Lag of the untouched gel behind the room [assumed]."""
@@ -30,11 +30,11 @@ ELASTOMER_LAG_S = 60.0
 """Lag of the elastomer: the part of the chip's that lies between film and elastomer [assumed]."""
 
 STEADY_SHARES = (0.99, 0.974, 0.86, 0.76)
-"""What is left in each layer, after long contact, of the difference between what touches it and the
-room: 1-D heat model, the elastomer's in the middle between its neighbours' [assumed]."""
+"""Steady-state fraction of the difference between contact and room in each layer: 1-D heat model,
+the elastomer's half-way between its neighbours' [assumed]."""
 
 SHORTEST_S = 1e-6
-"""A lag of 0 is taken for this."""
+"""Lower bound of a lag."""
 
 
 class ThermalChain:
@@ -43,13 +43,13 @@ class ThermalChain:
     Parameters
     ----------
     topology : Topology
-        Its `film_lag_s` is the film's lag behind the gel, `hall_lag_s` the chip's, also behind the
-        gel: the mean delay of a change on its way.
+        Its `film_lag_s` is the film's lag behind the gel, `hall_lag_s` the chip's lag behind the
+        gel: mean delays of a change.
     ambient : float
-        Temperature of everything at the start, degree Celsius.
+        Initial temperature of all layers, degree Celsius.
     direct : bool
-        Each layer follows the gel itself, with its whole lag, instead of the layer above it, and no
-        heat is lost on its way: what the decoder believes.
+        Each layer follows the gel itself, with its whole lag, instead of the layer above it,
+        without loss of heat: the model of the decoder.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class ThermalChain:
     Raises
     ------
     OptionError
-        A chip's lag leaves no room for that of the elastomer.
+        The lag of a chip is too short for that of the elastomer.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class ThermalChain:
                 )
         shares = np.array([1.0, *((1.0,) * len(LAYERS) if direct else STEADY_SHARES)])
         self.temperature = np.full((len(LAYERS), topology.n), float(ambient))
-        # units of the same lags share a row
+        # units with the same lags share a row
         lags, self._kind = np.unique(np.stack(own), axis=1, return_inverse=True)
         self._flows = np.stack(
             [
@@ -102,17 +102,17 @@ class ThermalChain:
         source: float | np.ndarray,
         ambient: float | np.ndarray,
     ) -> np.ndarray:
-        """Go on by `dt_s` seconds; return `temperature`, which is updated in place.
+        """Advance by `dt_s` seconds; returns `temperature`, updated in place.
 
         Parameters
         ----------
         dt_s : float
         contact : ndarray, shape (n,), bool
-            Which units are touched during the step.
+            Units in contact during the step.
         source, ambient : float or ndarray, shape (n,)
-            Temperature of what touches them, and of the room, degree Celsius.
+            Temperature of the contact, and of the room, degree Celsius.
         """
-        # differences of times are never the same to the last bit
+        # differences of times differ in the last bit
         if not math.isclose(dt_s, self._dt_s, rel_tol=1e-9):
             self._update = np.ascontiguousarray(expm(dt_s * self._flows)[:, :, : len(LAYERS)])
             self._dt_s = dt_s

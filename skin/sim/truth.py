@@ -1,4 +1,4 @@
-"""Truth: what is really the matter with every unit at one instant."""
+"""Truth: the true state of every unit at one instant."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Truth:
     temperature, film_temperature, hall_temperature : ndarray, shape (n,)
         Degree Celsius: gel, magnetic film, Hall chip.
     wrench : ndarray, shape (6,)
-        Force in newton and moment in newton metre about the origin of the skin frame: of all
-        units together, each force acting in the middle of its unit's face.
+        Force in newton and torque in newton metre about the origin of the skin frame: sum over all
+        units, each force at the middle of its unit's face.
     centroid : ndarray, shape (3,)
         Mean position of the units, weighted by normal load, metre, skin frame; NaN without load.
     """
@@ -72,7 +72,7 @@ class Truth:
         return cls(*(np.stack([getattr(t, field.name) for t in many]) for field in fields(cls)))
 
     def copy(self) -> Truth:
-        """A truth of its own, that the scene no longer writes to."""
+        """A copy that the scene does not overwrite."""
         values = (getattr(self, field.name) for field in fields(self))
         return Truth(*(v.copy() if isinstance(v, np.ndarray) else v for v in values))
 
@@ -95,12 +95,12 @@ def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
 
 
 def sum_wrench_python(to_wrench, position, force, wrench, centroid):
-    """What forces on n units are together.
+    """Sum of forces on n units.
 
     Parameters
     ----------
     to_wrench : ndarray, shape (6, 3 n)
-        As from `wrench_map`.
+        From `wrench_map`.
     position : ndarray, shape (3, n)
         Metre, skin frame.
     force : ndarray, shape (3, n)

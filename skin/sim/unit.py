@@ -1,4 +1,4 @@
-"""Simulated units: what is the matter with a unit, as its electronics would count it."""
+"""Simulated units: from their true state to counts."""
 
 from __future__ import annotations
 
@@ -27,24 +27,25 @@ class UnitSimulator:
     Parameters
     ----------
     topology : Topology
-        Its `parameters` are the true parameters of the units.
+        Its `parameters` are the true ones of the units.
     seed : int
         Seed of the noise.
     noise : bool
-        False: only quantisation.
+        False: quantisation only.
     field : Field, optional
-        The film's field; the paper's sine law if not given.
+        Field of the film; the paper's sine law if not given.
     counter : Counter, optional
-        How the timer's periods are counted; if not given, its frequency is known at once.
+        Counter of the timer's periods; if not given, the frequency is known instantaneously.
     divider : Divider, optional
-        How the gel is measured; if not given, its current is known.
+        Measurement of the gel; if not given, its current is known.
     converter : HallConverter, optional
-        Step and range of the Hall chips; if not given, the wire's alone.
+        Step and range of the Hall chips; if not given, only those of the wire.
 
     Attributes
     ----------
     lowest, highest : ndarray, shape (c, n), int32
-        Rails of the counts: what fits the wire's bits; 0 where the wire lacks the channel.
+        Rails of the counts: the range of the wire's bits; 0 where the wire does not carry the
+        channel.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class UnitSimulator:
         self._gel_noise = p["gel_noise_relative"]
         self._noise = np.stack([p["frequency_noise_hz"], *3 * [p["field_noise_ut"]]])
         self._random = np.random.default_rng(seed) if noise else None
-        # of its own, so that many instants at once are the same as one after the other
+        # separate, so that a batch of instants equals single ones
         self._phase = np.random.default_rng((seed, 1)) if noise else None
         self._scale = np.where(topology.wired, topology.scale, 1.0)
         self._offset = topology.offset
@@ -94,7 +95,7 @@ class UnitSimulator:
         displacement_mm : ndarray, shape (..., 2, n)
             Tangential displacement, unit frame.
         temperature, film_temperature, hall_temperature : ndarray, shape (..., n)
-            Degree Celsius; film and Hall chip are as warm as the gel where theirs are not given.
+            Degree Celsius; film and Hall chip have the gel's temperature if theirs are not given.
 
         Returns
         -------
@@ -120,7 +121,8 @@ class UnitSimulator:
         return values
 
     def measure(self, values: np.ndarray) -> np.ndarray:
-        """What the board's counter and converters make of `values`, shape (..., c, n), in place."""
+        """Readings of the board's counter and converters, for `values`, shape (..., c, n), in
+        place."""
         if self._counter is not None:
             frequency = values[..., FREQUENCY, :]
             phase = 0.5 if self._phase is None else self._phase.random(frequency.shape)
@@ -133,8 +135,8 @@ class UnitSimulator:
         return values
 
     def quantise(self, values: np.ndarray) -> np.ndarray:
-        """Counts as the wire carries them, int16: rounded, and held at the rails. From and to
-        shape (..., c, n)."""
+        """Counts on the wire, int16: rounded and clipped at the rails. From and to shape (..., c,
+        n)."""
         counts = np.rint((values - self._offset) / self._scale)
         return np.clip(counts, self.lowest, self.highest).astype(np.int16)
 
@@ -143,10 +145,10 @@ class UnitSimulator:
         return self.quantise(self.values(truth))
 
     def values(self, truth: Truth) -> np.ndarray:
-        """One sample of all units as the boards have it before the wire rounds it.
+        """One sample of all units on the boards, before the wire rounds it.
 
-        With a `counter`, the frequency is its mean over the gate that ends now, for which the truth
-        of one instant after the other must be given.
+        With a `counter`, the frequency is its mean over the gate that ends now, which needs the
+        truth of consecutive instants.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What a person sees: a live table in the terminal, a live view in a browser, pictures of a run."""
+"""Views for people: a live table in the terminal, a live view in a browser, pictures of a run."""
 
 from __future__ import annotations
 

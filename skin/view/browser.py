@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skin.errors import check_number
+from skin.sinks import WorkerSink
 from skin.state import State
+from skin.view.layout import described_layout
 from skin.view.server import check_installed
 from skin.view.snapshot import RATE_HZ, Snapshots, snapshot_dtype
-from skin.worker import RingBuffer, Worker
+from skin.worker import RingBuffer
 
 if TYPE_CHECKING:
     from skin.live import Skin
@@ -20,84 +22,82 @@ __all__ = ["HOST", "View", "show"]
 
 HOST = "127.0.0.1"
 SLOTS = 8
-"""Snapshots that may wait for the view: a quarter of a second."""
+"""Snapshots that may wait for the view, as a time span: a quarter of a second."""
 KEPT_S = 60.0
 MOST_BYTES = 2**28
-"""Of the snapshots that are kept."""
-TOLD = 6
-"""Units that were refused and are named."""
+"""Time span of the stored snapshots."""
+LISTED = 6
+"""Refused units that are named."""
 
 
-class View:
-    """A view of a running skin; made by `show`.
+class View(WorkerSink):
+    """A view of a running skin, a sink; made by `show`. It stays after the skin is closed.
 
     Attributes
     ----------
     address : str
-        For a browser.
+        To open in a browser.
     snapshots : Snapshots
-        `taken` and `missed` count.
+        Counters `taken` and `missed`.
     """
 
     def __init__(self, source: Any, host: str, port: int | None) -> None:
         check_installed()
-        self._source, topology = source, source.topology
         pipeline: Pipeline = source.pipeline
+        super().__init__("view", pipeline)
+        self._source, topology = source, source.topology
         timing = getattr(source, "timing", None)
-        dtype = snapshot_dtype(topology.n)
-        ring = RingBuffer(dtype, SLOTS)
-        self.snapshots = Snapshots(ring, pipeline, timing)
-        self._ring, self._calls, self._zeros = ring, 0, _summary(pipeline)
-        self._worker = Worker("skin.view.process", ring, {
-            "host": host, "port": port, "title": topology.name, "area": topology.area.tolist(),
-            "names": list(topology.unit_names), "rate_hz": topology.cycle_rate_hz,
-            "can_tare": timing is not None,
+        dtype = snapshot_dtype(topology)
+        self._ring = RingBuffer(dtype, SLOTS)
+        self.snapshots = Snapshots(self._ring, pipeline, timing, getattr(source, "transports", ()))
+        self._calls, self._zeros = 0, _summary(pipeline)
+        self.address: str = self.start("skin.view.process", self._ring, {
+            "host": host, "port": port, "layout": described_layout(topology),
+            "rate_hz": topology.cycle_rate_hz, "is_live": timing is not None,
             "kept": min(round(KEPT_S * RATE_HZ), max(60, MOST_BYTES // dtype.itemsize)),
-        })  # fmt: skip
-        try:
-            self.address: str = self._worker.ask("address")["address"]
-        except BaseException:
-            self._worker.close()
-            raise
-        pipeline.watch(self._look)
+        }, "address")["address"]  # fmt: skip
 
-    def _look(self, state: State) -> None:
-        """See a cycle, in the skin's own loop."""
-        if not self.snapshots.look(state):
+    def state(self, state: State) -> None:
+        """Take a snapshot when due, within the skin's loop; see `Sink.state`."""
+        if self.failure is not None or not self.snapshots.look(state):
             return
-        pipeline: Pipeline = self._source.pipeline
-        calls = self._ring.calls
+        self.look()
+        pipeline, calls = self.pipeline, self._ring.calls
         if calls != self._calls:
             self._calls = calls
             pipeline.retake_zeros()
             self._zeros = _summary(pipeline)
         elif (zeros := _summary(pipeline)) != self._zeros:
             self._zeros = zeros
-            self._worker.tell("zeros", text=_told(pipeline))
+            self._worker.send("zeros", text=_tare_report(pipeline))
 
     @property
-    def process_id(self) -> int:
-        """Of the view's own process."""
-        return self._worker.process_id
+    def lost(self) -> int:
+        """Snapshots dropped because the ring was full."""
+        return self.snapshots.missed
+
+    def left_out(self) -> int:
+        """Snapshots dropped so far."""
+        return self.snapshots.missed
+
+    def described_loss(self) -> str:
+        """The same as text."""
+        return f"{self.snapshots.missed} snapshots"
 
     @property
     def waiting(self) -> int:
-        """Snapshots that the view has not seen yet."""
+        """Snapshots that the view has not read yet."""
         return self._ring.waiting
 
-    @property
-    def alive(self) -> bool:
-        """Whether the view is still served."""
-        return self._worker.alive
-
     def export(self, file: str | os.PathLike[str], seconds: float = 10.0) -> None:
-        """Write what is seen, and the seconds before it, as one HTML file; waits for it.
+        """Write the current picture, and the seconds before it, as one HTML file; blocks until
+        done.
 
         Parameters
         ----------
         file : path
         seconds : float
-            0 for the moment alone.
+            0 for a single snapshot.
 
         Raises
         ------
@@ -106,11 +106,6 @@ class View:
         """
         check_number("seconds", seconds, 0.0, KEPT_S)
         self._worker.ask("export", file=str(Path(file).absolute()), seconds=float(seconds))
-
-    def close(self) -> None:
-        """End the view; the skin goes on. Closing twice is fine."""
-        self._source.pipeline.unwatch(self._look)
-        self._worker.close()
 
     def __enter__(self) -> View:
         return self
@@ -126,15 +121,15 @@ def show(source: Skin | Any, *, host: str = HOST, port: int | None = None) -> Vi
     """Show a skin in a browser, while it is iterated over.
 
     The view is a process of its own: the skin's loop copies a snapshot 30 times a second. Browsers
-    may come and go. It ends with `View.close`, or with this process.
+    may connect and leave. It ends with `View.close`, or with this process.
 
     Parameters
     ----------
     source : Skin or DecodedLog
-        Or anything else with a `topology` and a `pipeline` that states come from.
+        Or another object with a `topology` and a `pipeline` that its states come from.
     host : str
-        Address of this machine to listen on; by default nobody else can reach it. Whoever reaches
-        it sees the skin and can tare it.
+        Address of this machine to listen on; by default only this machine can connect. Every client
+        sees the skin and can tare it.
     port : int, optional
         The first free one from 8080 on if not given.
 
@@ -143,7 +138,7 @@ def show(source: Skin | Any, *, host: str = HOST, port: int | None = None) -> Vi
     LibraryError
         viser is not installed.
     SkinError
-        The port is in use, or the host is none of this machine.
+        The port is in use, or the host is not an address of this machine.
 
     Examples
     --------
@@ -156,7 +151,9 @@ def show(source: Skin | Any, *, host: str = HOST, port: int | None = None) -> Vi
     """
     if port is not None:
         check_number("port", port, 0, 65535, whole=True)
-    return View(source, host, port)
+    view = View(source, host, port)
+    source.pipeline.attach(view)
+    return view
 
 
 def _summary(pipeline: Pipeline) -> tuple[object, ...]:
@@ -165,14 +162,14 @@ def _summary(pipeline: Pipeline) -> tuple[object, ...]:
     return () if zeros is None else (len(zeros.taken), id(zeros.refused))
 
 
-def _told(pipeline: Pipeline) -> str:
-    """Whose zeros were taken, and whose were refused, and why."""
+def _tare_report(pipeline: Pipeline) -> str:
+    """Units whose zeros were taken, and refused units with the reason."""
     assert pipeline.zeros is not None
     report = pipeline.zeros.report()
     refused = report["refused"]
     text = f"{len(report['tared'])} units tared"
     if refused:
-        named = "; ".join(f"{name}: {why}" for name, why in list(refused.items())[:TOLD])
+        named = "; ".join(f"{name}: {why}" for name, why in list(refused.items())[:LISTED])
         text += f", {len(refused)} refused: {named}"
-        text += f"; and {len(refused) - TOLD} more" if len(refused) > TOLD else ""
+        text += f"; and {len(refused) - LISTED} more" if len(refused) > LISTED else ""
     return text

@@ -1,4 +1,4 @@
-"""Report of a calibration: one HTML file with tables and plots, that fetches nothing."""
+"""Report of a calibration: one self-contained HTML file with tables and plots."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skin.calibrate.bench.fit import UnitResult
+from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.run import Outcome
 from skin.view.kinds import REPORT
 from skin.view.picture import Chart, charts_svg
@@ -21,7 +21,7 @@ STYLE = """body { font: 14px/1.45 system-ui, sans-serif; color: #1b1f24; margin:
 td, th { padding: .15em .9em .15em 0; text-align: left; border-bottom: 1px solid #e3e6ea;
  vertical-align: top } .fault { color: #b00020 } svg { width: 100%; height: auto }
 h2 { margin-top: 1.8em } code { font-size: 12px; color: #6b7280 }"""
-TOLD = {
+FIGURES = {
     "lag_s": ("lag of the reference", "s"), "lag_sigma_s": ("its sigma", "s"),
     "drift_ppm": ("drift of its clock", "ppm"), "touch_mm": ("touch above the tare", "mm"),
     "temperature_rms_c": ("temperature, residual", "°C"),
@@ -40,10 +40,10 @@ TOLD = {
 
 
 def write_report(path: Path, outcome: Outcome) -> None:
-    """Write the report of a calibration, whole or not at all.
+    """Write the report of a calibration, atomically.
 
-    Of each unit: what was found, what was kept as the model has it and why, and plots of the laws
-    with their residuals, of hysteresis, temperature and what the recording covers.
+    For each unit: the results, the parameters kept from the model and why, and plots of the laws
+    with their residuals, of hysteresis, temperature and the coverage of the recording.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def write_report(path: Path, outcome: Outcome) -> None:
 def _unit(outcome: Outcome, result: UnitResult) -> str:
     serial = outcome.serials.get(result.unit, "")
     score = outcome.scores.get(result.unit)
-    facts = [(label, f"{result.goodness[key]:.4g} {unit}") for key, (label, unit) in TOLD.items()
+    facts = [(label, f"{result.goodness[key]:.4g} {unit}") for key, (label, unit) in FIGURES.items()
              if key in result.goodness]  # fmt: skip
     if score is not None:
         facts.append(("force against the reference, rms", f"{score.force_rmse_n:.4f} N"))
@@ -140,8 +140,8 @@ def _charts(result: UnitResult) -> list[Chart]:
                            {f"{key}, by the terms": (at, law)
                             for key, (at, _, law) in steps.items()}))  # fmt: skip
     if "warming" in plots:
-        time, gel, told = plots["warming"]
-        found.append(Chart("temperature", "time / s", "°C", {"reference": (time, told)},
+        time, gel, reference = plots["warming"]
+        found.append(Chart("temperature", "time / s", "°C", {"reference": (time, reference)},
                            {"by the gel": (time, gel)}))  # fmt: skip
     if "coverage" in plots:
         x, y, depth = plots["coverage"]

@@ -1,8 +1,8 @@
-"""Colours of units: what is shown, on which scale, and what stands outside of it.
+"""Colours of units: quantity, scale, and the colour of units that are not valid.
 
-The scale is cividis: it runs from dark blue to yellow, and looks nearly the same to the
-colour-blind (Nuñez, Anderton, Renslow 2018, doi:10.1371/journal.pone.0199239). Units that must not
-be trusted have a colour that is not on it for anybody, and a cross.
+The scale is cividis: it runs from dark blue to yellow, and colour-blind readers see nearly the same
+(Nuñez, Anderton, Renslow 2018, doi:10.1371/journal.pone.0199239). Units that are not valid have a
+colour that is not on the scale for any reader, and a cross.
 """
 
 from __future__ import annotations
@@ -12,42 +12,49 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.state import INVALID
+from skin.cividis import cividis
+from skin.state import INVALID, Status
 from topology import CHANNELS
 
-__all__ = ["CIVIDIS", "INVALID_COLOUR", "QUANTITIES", "Quantity", "Range", "colours", "valid"]
-
-CIVIDIS = np.array([
-    (0, 34, 78), (0, 40, 91), (0, 46, 106), (5, 51, 113), (26, 56, 111),
-    (39, 62, 110), (50, 67, 109), (59, 73, 108), (67, 78, 108), (75, 84, 108),
-    (83, 90, 109), (90, 95, 110), (97, 101, 111), (104, 106, 113), (111, 112, 115),
-    (118, 118, 118), (125, 124, 120), (132, 130, 121), (140, 136, 120), (147, 142, 120),
-    (155, 148, 118), (163, 154, 116), (171, 160, 114), (180, 167, 111), (188, 174, 108),
-    (196, 180, 104), (205, 187, 99), (213, 194, 94), (222, 201, 88), (231, 209, 80),
-    (240, 216, 70), (249, 224, 58), (254, 232, 56),
-], np.uint8)  # fmt: skip
-"""Colours at even steps of the scale."""
+__all__ = [
+    "INVALID_COLOUR",
+    "OFF_COLOUR",
+    "QUANTITIES",
+    "Quantity",
+    "Range",
+    "colours",
+    "is_on",
+    "valid",
+]
 
 INVALID_COLOUR = (120, 220, 240)
-"""Of units that must not be trusted."""
+"""Colour of units that are not valid."""
+OFF_COLOUR = (96, 102, 110)
+"""Colour of units that the topology switches off."""
 
 
 class Quantity(NamedTuple):
-    """Something that units are coloured by."""
+    """A quantity that units are coloured by."""
 
     label: str
     unit: str
     values: Callable[[np.void], np.ndarray]
-    """From a snapshot, shape (n,)."""
+    """From a snapshot to values, shape (n,)."""
     least: float
-    """Width of the scale, at least."""
+    """Smallest width of the scale."""
     from_zero: bool
-    """Whether the scale begins at 0."""
+    """Whether the scale starts at 0."""
 
 
 def valid(record: np.void) -> np.ndarray:
-    """Units that may be trusted, shape (n,), bool."""
+    """Valid units, shape (n,), bool."""
     return record["status"] & int(INVALID) == 0
+
+
+def is_on(status: np.ndarray) -> np.ndarray:
+    """Units that are enabled in the topology, shape (n,), bool."""
+    on: np.ndarray = status & int(Status.DISABLED) == 0
+    return on
 
 
 def _shear(record: np.void) -> np.ndarray:
@@ -64,7 +71,7 @@ QUANTITIES = {
         Quantity("load", "N", lambda record: record["force"][2], 1.0, True),
         Quantity("shear", "N", _shear, 0.5, True),
         Quantity("temperature", "°C", lambda record: record["temperature"], 4.0, False),
-        Quantity("sigma of the load", "N", lambda record: record["sigma"], 0.01, True),
+        Quantity("sigma of the load", "N", lambda record: record["force_sigma"][2], 0.01, True),
         Quantity("test ratio", "", lambda record: record["test_ratio"], 1.0, True),
         Quantity("validity", "", lambda record: valid(record).astype(np.float32), 1.0, True),
         *(
@@ -73,11 +80,11 @@ QUANTITIES = {
         ),
     )
 }
-"""By the label that the view shows."""
+"""By their labels in the view."""
 
 
 class Range:
-    """The scale of a quantity: wide enough for all that was shown, between round numbers.
+    """The scale of a quantity, which grows with the values shown, between round numbers.
 
     Examples
     --------
@@ -93,12 +100,12 @@ class Range:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was shown."""
+        """Reset to the smallest width."""
         self.low, self.high = 0.0, self._quantity.least
         self._is_fresh = not self._quantity.from_zero
 
     def widen(self, values: np.ndarray) -> bool:
-        """Take in values, shape (m,), of units that may be trusted; True where that changed it."""
+        """Include values, shape (m,), of valid units; True where the scale changed."""
         is_wide = not self._is_fresh and values.size > 0
         if (
             is_wide
@@ -130,7 +137,7 @@ STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10)
 
 
 def round_above(value: float) -> float:
-    """The least of 1, 1.5, 2, 3, 4, 5, 6, 8, 10 that is not below a value, in any decade.
+    """The smallest of 1, 1.5, 2, 3, 4, 5, 6, 8, 10 that is not below a value, in any decade.
 
     Examples
     --------
@@ -150,9 +157,9 @@ def colours(values: np.ndarray, is_valid: np.ndarray, low: float, high: float) -
     ----------
     values : ndarray, shape (n,)
     is_valid : ndarray, shape (n,), bool
-        Others have `INVALID_COLOUR`, and so has a value that is NaN.
+        Others, and NaN, have `INVALID_COLOUR`.
     low, high : float
-        Ends of the scale; what is beyond them has the colour of the end.
+        Ends of the scale; values beyond are clipped.
 
     Returns
     -------
@@ -161,8 +168,6 @@ def colours(values: np.ndarray, is_valid: np.ndarray, low: float, high: float) -
     """
     is_shown = is_valid & np.isfinite(values)
     share = np.clip((np.where(is_shown, values, low) - low) / (high - low), 0.0, 1.0)
-    at = share * (len(CIVIDIS) - 1)
-    whole = np.minimum(at.astype(int), len(CIVIDIS) - 2)
-    rest = (at - whole)[:, np.newaxis]
-    mixed = (1.0 - rest) * CIVIDIS[whole] + rest * CIVIDIS[whole + 1]
-    return np.where(is_shown[:, np.newaxis], np.rint(mixed), INVALID_COLOUR).astype(np.uint8)
+    return np.where(is_shown[:, np.newaxis], np.rint(cividis(share)), INVALID_COLOUR).astype(
+        np.uint8
+    )

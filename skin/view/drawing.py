@@ -1,7 +1,7 @@
-"""What is drawn of a snapshot, as plain arrays: discs, arrows, labels.
+"""Geometry of a snapshot as plain arrays: discs, arrows, labels.
 
-Lengths are those of the picture, in which every skin is as large as 1; the origin is the middle of
-the units. Arrows end where the force acts: a press comes from outside.
+Lengths are relative to the picture, in which every skin has size 1; the origin is the middle of the
+units. Arrows end where the force acts: a press comes from outside.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skin.contact.record import Flag, SlipState
+from skin.io.messages.record import contacts_of
 from skin.view.colour import valid
 from skin.view.history import Pose
 
@@ -21,37 +22,49 @@ __all__ = [
     "contact_arrows",
     "contact_labels",
     "cross",
+    "directions",
     "disc",
     "frame_of",
+    "picked",
     "quaternions",
+    "rim",
+    "tag_places",
     "unit_arrows",
 ]
 
-SIGMAS = 3.0
-"""A force is drawn if it exceeds this many of its sigmas [assumed] …"""
+LEAST_MISFIT = 30.7
+"""Squared force over sigma, summed over its axes, that a force must exceed to be drawn [derived:
+noise does once in a million units and pictures, by chi-squared of three axes] …"""
 VISIBLE = 0.02
-"""… and this share of the longest arrow."""
+"""… and its smallest fraction of the longest arrow."""
+BESIDE = 1.25
+"""Distance of an arrow from the middle of its unit, in radii of the disc, along the diagonal of
+the unit's x and y: between the discs of a grid [derived: half its diagonal is 1.41 / 0.92]."""
+ALL_AROUND = 0.3
+"""Length of the mean normal below which a skin faces all around [assumed]."""
+TAG_GAP = 0.05
+"""Distance of the name of a patch from its units."""
 UNIT_LENGTH, CONTACT_LENGTH, NORMAL_LENGTH = 0.2, 0.4, 0.16
-"""Of an arrow at the end of its scale, and of every normal."""
+"""Length of an arrow at the end of its scale, and of every normal."""
 SLIP_COLOURS = {
-    SlipState.NONE: (235, 238, 242), SlipState.STICK: (235, 238, 242),
+    SlipState.UNKNOWN: (235, 238, 242), SlipState.STICK: (235, 238, 242),
     SlipState.INCIPIENT: (230, 159, 0), SlipState.GROSS: (213, 94, 0),
 }  # fmt: skip
-"""Of contacts, by what they do; the label says it, too. Okabe and Ito."""
+"""Colours of contacts by slip state, which labels state as well. Okabe and Ito."""
 HUES = np.array([SLIP_COLOURS[state] for state in SlipState], np.uint8)
-"""The same by the number of what they do."""
+"""The same by the number of the state."""
 
 
 class Frame(NamedTuple):
-    """From the skin frame to the picture."""
+    """Transform from the skin frame to the picture."""
 
     middle: np.ndarray
     """Metre, shape (3,)."""
     scale: float
-    """Of the picture, per metre."""
+    """Picture units per metre."""
 
     def points(self, position: np.ndarray) -> np.ndarray:
-        """Points of the picture, shape (m, 3), of positions, shape (3, m), metre."""
+        """Points of the picture, shape (m, 3), for positions, shape (3, m), metre."""
         return ((position.T - self.middle) * self.scale).astype(np.float32)
 
 
@@ -63,7 +76,7 @@ def frame_of(pose: Pose, radius_m: np.ndarray) -> Frame:
 
 
 def radii(position: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Radius of the disc of each unit, metre, shape (n,): that of its area, or less where units
+    """Radius of the disc of each unit, metre, shape (n,): that of its area, or less where discs
     would touch."""
     radius = np.sqrt(area / np.pi)
     if position.shape[1] < 2:
@@ -102,6 +115,79 @@ def cross() -> tuple[np.ndarray, np.ndarray]:
     return vertices.astype(np.float32), np.array(faces, np.uint32)
 
 
+def rim(sides: int = 32) -> tuple[np.ndarray, np.ndarray]:
+    """A ring around the top of the disc, vertices and faces alike."""
+    angle = 2.0 * np.pi * np.arange(sides) / sides
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    height = np.full((2 * sides, 1), -0.02)
+    vertices = np.hstack([np.concatenate([0.94 * circle, 1.05 * circle]), height])
+    here, there = np.arange(sides), (np.arange(sides) + 1) % sides
+    faces = np.concatenate([
+        np.stack([here, there, there + sides], axis=1),
+        np.stack([here, there + sides, here + sides], axis=1),
+    ])  # fmt: skip
+    return vertices.astype(np.float32), faces.astype(np.uint32)
+
+
+def picked(
+    origin: np.ndarray,
+    direction: np.ndarray,
+    points: np.ndarray,
+    axes: np.ndarray,
+    radius: np.ndarray,
+) -> int | None:
+    """The first unit whose disc a ray meets; None where it meets none.
+
+    Parameters
+    ----------
+    origin, direction : ndarray, shape (3,)
+    points : ndarray, shape (n, 3)
+        Middles of the discs.
+    axes : ndarray, shape (3, n)
+        Their z axes.
+    radius : ndarray, shape (n,)
+    """
+    along = direction @ axes
+    away = np.einsum("na,an->n", points - origin, axes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = away / along
+    hits = origin + distance[:, np.newaxis] * direction
+    off = np.linalg.norm(hits - points, axis=1)
+    met = np.isfinite(distance) & (distance > 0.0) & (off <= radius)
+    return int(np.where(met, distance, np.inf).argmin()) if met.any() else None
+
+
+def tag_places(points: np.ndarray, pose: Pose, patch: np.ndarray, count: int) -> np.ndarray:
+    """Places for the names of patches, shape (p, 3): in the plane of a patch beyond its units, away
+    from the middle of the skin; below a patch in the middle.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    pose : Pose
+    patch : ndarray, shape (n,), int
+    count : int
+        Number of patches, p.
+    """
+    whole = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    up = directions(pose)[1]
+    places = np.full((count, 3), np.nan, np.float32)
+    for at in range(count):
+        own = points[patch == at]
+        if not len(own):
+            continue
+        middle = own.mean(axis=0)
+        normal = pose.rotation[:, 2, patch == at].mean(axis=1)
+        normal /= max(float(np.linalg.norm(normal)), 1e-9)
+        away = middle - whole
+        away -= (away @ normal) * normal
+        if np.linalg.norm(away) < TAG_GAP:
+            away = (up @ normal) * normal - up
+        away /= max(float(np.linalg.norm(away)), 1e-9)
+        places[at] = middle + away * (((own - middle) @ away).max() + TAG_GAP)
+    return places
+
+
 def quaternions(rotation: np.ndarray) -> np.ndarray:
     """Unit quaternions (w, x, y, z), shape (n, 4), of rotations, shape (3, 3, n)."""
     from scipy.spatial.transform import Rotation
@@ -111,68 +197,84 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
     return np.roll(xyzw, 1, axis=1).astype(np.float32)
 
 
-def unit_arrows(record: np.void, pose: Pose, frame: Frame, full_n: float) -> np.ndarray:
-    """Arrows of the forces on units, shape (m, 2, 3): tail and head.
+def unit_arrows(
+    record: np.void, pose: Pose, frame: Frame, radius: np.ndarray, full_n: float
+) -> np.ndarray:
+    """Arrows of the forces on units, shape (m, 2, 3): tail and head, next to the discs.
 
-    Of units that may be trusted and whose force exceeds its noise; `full_n` newton are
-    `UNIT_LENGTH` long.
+    For valid units whose force exceeds its noise; `full_n` newton are `UNIT_LENGTH` long. `radius`
+    is that of the discs in the picture, shape (n,).
     """
-    force = record["force"]
-    size = np.sqrt(np.einsum("an,an->n", force, force))
-    least = np.fmax(SIGMAS * record["sigma"], VISIBLE * full_n)  # the latter of an unknown sigma
-    shown = np.flatnonzero(valid(record) & (size > least))  # a NaN is not
-    turned = np.einsum("abm,bm->ma", pose.rotation[:, :, shown], force[:, shown])
+    force, sigma = record["force"], record["force_sigma"]
+    squared = np.einsum("an,an->n", force, force)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        misfit = np.einsum("an,an->n", force / sigma, force / sigma)
+    is_noise = misfit <= LEAST_MISFIT  # False where sigma is unknown
+    large = squared > (VISIBLE * full_n) ** 2  # a NaN is not shown
+    shown = np.flatnonzero(valid(record) & large & ~is_noise)
+    turn = pose.rotation[:, :, shown]
+    turned = np.einsum("abm,bm->ma", turn, force[:, shown])
+    diagonal = (turn[:, 0] + turn[:, 1]) * (np.sqrt(0.5) * BESIDE * radius[shown])
     arrows = np.empty((shown.size, 2, 3), np.float32)
-    arrows[:, 1] = frame.points(pose.position[:, shown])
+    arrows[:, 1] = frame.points(pose.position[:, shown]) + diagonal.T
     arrows[:, 0] = arrows[:, 1] - turned * (UNIT_LENGTH / full_n)
     return arrows
 
 
 def contact_arrows(record: np.void, frame: Frame, full_n: float) -> tuple[np.ndarray, ...]:
-    """Arrows of contacts, whose centre is known: forces and normals, both shape (k, 2, 3), the
-    colours of the forces, shape (k, 3), and which contacts they are, shape (k,)."""
-    count = int(record["contacts"])
-    centre = record["contact_centroid"][:count]
+    """Arrows of contacts with a known centre: forces and normals, both shape (k, 2, 3), the colours
+    of the forces, shape (k, 3), and the indices of these contacts, shape (k,)."""
+    contacts = contacts_of(record)
+    centre = contacts["centroid"]
     known = np.flatnonzero(np.isfinite(centre).all(axis=1))
     forces, normals = np.empty((2, known.size, 2, 3), np.float32)
     forces[:, 1] = normals[:, 0] = head = frame.points(centre[known].T)
-    forces[:, 0] = head - record["contact_wrench"][known, :3] * (CONTACT_LENGTH / full_n)
-    normal = record["contact_normal"][known]
+    forces[:, 0] = head - contacts["wrench"][known, :3] * (CONTACT_LENGTH / full_n)
+    normal = contacts["normal"][known]
     normals[:, 1] = head + NORMAL_LENGTH * np.where(np.isnan(normal), 0.0, normal)
-    return forces, normals, HUES[record["contact_slip"][known]], known
+    return forces, normals, HUES[contacts["slip"][known]], known
 
 
 def contact_labels(record: np.void) -> list[str]:
-    """What is shown of each contact: identity, load, what it does, margin, whether a unit that
-    touches it is silent."""
+    """Label of each contact: identity, load, slip state, margin, and whether one of its units is
+    silent."""
     texts = []
-    for k in range(int(record["contacts"])):
-        text = f"contact {record['contact_id'][k]}   {record['contact_load'][k]:.2f} N"
-        slip = SlipState(int(record["contact_slip"][k]))
+    for contact in contacts_of(record):
+        text = f"contact {contact['id']}   {contact['load']:.2f} N"
+        slip = SlipState(int(contact["slip"]))
         if slip:
             text += f"   {slip.name.lower()}" + (" slip" if slip > SlipState.STICK else "")
-        margin = float(record["contact_margin"][k])
+        margin = float(contact["margin"])
         if np.isfinite(margin):
-            text += f"   margin {100 * margin:.0f} %"
-        if record["contact_flags"][k] & Flag.UNSEEN:
+            least = "≥ " if contact["flags"] & Flag.NO_FRICTION else ""
+            text += f"   margin {least}{100 * margin:.0f} %"
+        if contact["flags"] & Flag.UNSEEN:
             text += "   not whole"
         texts.append(text)
     return texts
 
 
-def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where to look from, where to, and what is up there: over the side that most units face. The
-    skin stands left of the middle, beside the panel."""
+def directions(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where most units face, up in the picture, and right, seen from there: unit vectors. A skin
+    that faces all around is seen from -y."""
     outward = -pose.rotation[:, 2].mean(axis=1)
     length = float(np.linalg.norm(outward))
-    faces_up = length < 0.3 or abs(outward[2]) > 0.7 * length
-    if length < 0.3:  # all around
-        return np.array([0.7, -0.95, 0.55]), np.array([0.14, 0.1, 0.0]), np.array([0.0, 0.0, 1.0])
+    if length < ALL_AROUND:
+        return np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
     outward /= length
-    up = np.array([0.0, 1.0, 0.0]) if faces_up else np.array([0.0, 0.0, 1.0])
+    up = np.array([0.0, 1.0, 0.0]) if abs(outward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     up -= (up @ outward) * outward
     up /= np.linalg.norm(up)
-    side = np.cross(up, outward)
+    return outward, up, np.cross(up, outward)
+
+
+def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Camera position, target and up direction: a view onto the side that most units face. The skin
+    is left of the middle, next to the panel."""
+    if float(np.linalg.norm(pose.rotation[:, 2].mean(axis=1))) < ALL_AROUND:
+        return np.array([0.7, -0.95, 0.55]), np.array([0.14, 0.1, 0.0]), np.array([0.0, 0.0, 1.0])
+    outward, up, side = directions(pose)
+    faces_up = abs(outward[2]) > 0.7
     return (
         0.84 * outward - 0.6 * up + 0.25 * side,
         0.16 * side - 0.05 * up,

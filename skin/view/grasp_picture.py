@@ -27,7 +27,7 @@ class Shots(NamedTuple):
         Loads by pad.
     margin, true_margin, belief : ndarray
     slipping : ndarray
-        Units whose face really slips.
+        Units whose face slips, by the truth.
     height_m, hand_m, gap_m : ndarray
         Of the object, of the hand, and between the pads.
     half_m : tuple of float
@@ -51,7 +51,7 @@ class Shots(NamedTuple):
 
 
 def save_grasp(path: Path, shots: Shots, title: str) -> None:
-    """Draw a grasp and write it to `path` as a PNG file, whole or not at all.
+    """Draw a grasp and write it to `path` as a PNG file, atomically.
 
     Raises
     ------

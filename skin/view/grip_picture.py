@@ -1,4 +1,4 @@
-"""Picture of a grip that follows what pulls, as the paper's Fig. 4c: decoded beside the truth."""
+"""Picture of a grip under changing pulls, as the paper's Fig. 4c: decoded and true values."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class GripCurves(NamedTuple):
         Tangential load of both pads.
     margin, friction, slid_m : ndarray
     slipping : ndarray
-        Units whose face really slips.
+        Units whose face slips, by the truth.
     decisions : list of (float, str)
-        Time, and what was decided.
+        Time and text of each decision.
     """
 
     clock_s: np.ndarray
@@ -52,7 +52,7 @@ class GripCurves(NamedTuple):
 
 
 def save_grip(path: Path, curves: GripCurves, title: str) -> None:
-    """Draw a run and write it to `path` as a PNG file, whole or not at all.
+    """Draw a run and write it to `path` as a PNG file, atomically.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _draw_margin(axes: Any, curves: GripCurves) -> None:
 
 
 def _draw_slide(axes: Any, curves: GripCurves) -> None:
-    axes.plot(curves.clock_s, 1e3 * curves.slid_m, color=HUES[0], label="way along the pads")
+    axes.plot(curves.clock_s, 1e3 * curves.slid_m, color=HUES[0], label="slide along the pads")
     axes.set_ylabel("slide\nmm")
     axes.set_ylim(bottom=0.0)
     right = axes.twinx()

@@ -1,4 +1,4 @@
-"""The last minute of snapshots, as the view keeps them."""
+"""The last minute of snapshots, stored for the view."""
 
 from __future__ import annotations
 
@@ -8,22 +8,24 @@ import numpy as np
 
 __all__ = ["History", "Moment", "Pose"]
 
-NOT_KEPT = ("position", "rotation", "work_us", "works")
-"""Fields of a snapshot that are taken out as it comes; they stand at its end."""
+NOT_KEPT = ("works", "work_us", "pose", "padding")
+"""Fields of a snapshot that are not stored; they are at its ends."""
 
 
 class Pose(NamedTuple):
-    """Where the units are: position, shape (3, n), metre; rotation, shape (3, 3, n)."""
+    """Pose of the units: position, shape (3, n), metre; rotation, shape (3, 3, n); and the joints
+    that it is of, shape (J,), rad or m, NaN where unknown."""
 
     position: np.ndarray
     rotation: np.ndarray
+    q: np.ndarray = np.zeros(0)
 
 
 class Moment(NamedTuple):
-    """One snapshot that is kept."""
+    """A stored snapshot."""
 
     record: np.void
-    """Fields of `skin.view.snapshot.snapshot_dtype`, but those of `NOT_KEPT`."""
+    """Fields of `skin.view.snapshot.snapshot_dtype` except those of `NOT_KEPT`."""
     pose: Pose
 
     @property
@@ -33,21 +35,24 @@ class Moment(NamedTuple):
 
 
 class History:
-    """A ring of snapshots, oldest first.
+    """A ring buffer of snapshots, oldest first.
 
     Parameters
     ----------
     dtype : dtype
-        Of the snapshots that come.
+        Of the incoming snapshots.
     length : int
-        Snapshots that are kept.
+        Capacity in snapshots.
     """
 
     def __init__(self, dtype: np.dtype[Any], length: int) -> None:
+        fields: Any = dtype.fields or {}
         names = [name for name in dtype.names or () if name not in NOT_KEPT]
-        kept = np.dtype([(name, dtype[name]) for name in names])
-        if names != list(dtype.names or ())[: len(names)]:
-            raise ValueError(f"dtype: must have {', '.join(NOT_KEPT)} at its end; got {dtype}")
+        kept = np.dtype([(name, fields[name][0]) for name in names])
+        self._first, last = fields[names[0]][1], fields[names[-1]][1]
+        ends: Any = kept.fields
+        if last != self._first + ends[names[-1]][1]:
+            raise ValueError(f"dtype: must have {', '.join(NOT_KEPT)} at its ends; got {dtype}")
         self._ring = np.zeros(length, kept)
         self._bytes = self._ring.view(np.uint8).reshape(length, kept.itemsize)
         self._poses: list[Pose | None] = [None] * length
@@ -58,12 +63,13 @@ class History:
         return min(self.count, len(self._ring))
 
     def add(self, snapshot: np.void) -> None:
-        """Keep one more; of a full ring the oldest goes."""
+        """Store a snapshot; a full ring drops the oldest."""
         if snapshot["moved"] != self._moved:
             self._moved = int(snapshot["moved"])
-            self._pose = Pose(snapshot["position"].copy(), snapshot["rotation"].copy())
+            pose = snapshot["pose"].astype(np.float32)
+            self._pose = Pose(pose[:3], pose[3:].reshape(3, 3, -1), snapshot["q"].copy())
         at = self.count % len(self._ring)
-        self._bytes[at] = np.frombuffer(snapshot, np.uint8, self._bytes.shape[1])
+        self._bytes[at] = np.frombuffer(snapshot, np.uint8, self._bytes.shape[1], self._first)
         self._poses[at] = self._pose
         self.count += 1
 
@@ -82,14 +88,20 @@ class History:
         length = len(self) if last is None else min(last, len(self))
         return self._ring[name][(self.count - length + np.arange(length)) % len(self._ring)]
 
+    def of_unit(self, name: str, unit: int, last: int) -> np.ndarray:
+        """A field of one unit in the `last` snapshots, oldest first, shape (m, …); a copy."""
+        length = min(last, len(self))
+        at = (self.count - length + np.arange(length)) % len(self._ring)
+        return self._ring[name][at, ..., unit]
+
     def back(self, seconds: float) -> Moment:
-        """The snapshot that many seconds before the newest, or the next later one."""
+        """The snapshot so many seconds before the newest, or the next later one."""
         stamps = self.values("stamp_ns")
         at = int(np.searchsorted(stamps, stamps[-1] - round(1e9 * seconds)))
         return self[min(at, len(self) - 1)]
 
     def stretch(self, until: Moment, seconds: float) -> list[Moment]:
-        """Snapshots of that many seconds up to a moment, the moment included."""
+        """Snapshots of so many seconds up to and including one."""
         stamps = self.values("stamp_ns")
         end = int(until.record["stamp_ns"])
         first, last = np.searchsorted(stamps, [end - round(1e9 * seconds), end])

@@ -1,4 +1,4 @@
-"""Kinds of files that views write, and may write over."""
+"""Kinds of files that views write, and may overwrite."""
 
 from __future__ import annotations
 

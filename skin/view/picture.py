@@ -17,7 +17,7 @@ __all__ = ["Chart", "Run", "charts_svg", "save_run"]
 
 @dataclass
 class Run:
-    """A recorded run of t cycles over n units, with the truth beside it.
+    """A recorded run of t cycles over n units, and its truth.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class Run:
 
 
 def save_run(path: Path, topology: Topology, run: Run) -> None:
-    """Draw `run` and write it to `path` as a PNG file, whole or not at all.
+    """Draw `run` and write it to `path` as a PNG file, atomically.
 
-    Where cycles were left out, lines are broken.
+    Lines are broken where cycles are missing.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
 
 
 def _torn(run: Run, period_s: float) -> Run:
-    """The run with its lines broken where cycles were left out."""
+    """The run with its lines broken where cycles are missing."""
     time_s, *others = (getattr(run, each.name) for each in fields(run))
     return Run(*torn(time_s, period_s, *others))
 

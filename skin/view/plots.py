@@ -1,7 +1,7 @@
-"""Plots for reports: a map of forces, the way of a contact, a series with its sigma.
+"""Plots for reports: a map of forces, the path of a contact, a series with its sigma.
 
-Each draws on axes that the caller has made (`figure` makes one in this package's style) and returns
-what it has drawn. ``pip install 'f3t-skin[plot]'`` brings matplotlib.
+Each draws on axes of the caller (`figure` makes one in this package's style) and returns the
+artists. ``pip install 'f3t-skin[plot]'`` brings matplotlib.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ __all__ = [
 INK = "#1b1f24"
 MUTED = "#6b7280"
 HUES = ("#0072b2", "#d55e00", "#009e73")
-"""Colours that colour-blind eyes tell apart (Okabe and Ito)."""
+"""Colours for colour-blind readers (Okabe and Ito)."""
 UNTRUSTED = "#ffffff"
 TOUCHED = 0.02
-"""Share of the scale from which a unit has an arrow [assumed]."""
+"""Smallest fraction of the scale at which a unit has an arrow [assumed]."""
 ARROW = 1.4
 """Length of the longest arrow, in diameters of a unit [assumed]."""
 
@@ -67,7 +67,7 @@ def figure(size: tuple[float, float]) -> Iterator[Any]:
 
 
 def save_png(made: Any, path: Path, *, dpi: int) -> None:
-    """Write a figure as a PNG file, whole or not at all, over no file but a picture from here."""
+    """Write a figure as a PNG file, atomically; overwrites only a picture of this package."""
     with whole_file(path, over=PICTURE) as file:
         made.savefig(file, dpi=dpi, format="png", metadata={"Software": SOFTWARE})
 
@@ -87,7 +87,7 @@ def force_map(
     most_n: float | None = None,
     most_shear_n: float | None = None,
 ) -> Any:
-    """Draw units where they are, coloured by normal force, with arrows of tangential force.
+    """Draw units in place, coloured by normal force, with arrows of tangential force.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def force_map(
     force : ndarray, shape (3, n)
         Newton, unit frames, as of `skin.Reading`.
     valid : ndarray, shape (n,), bool, optional
-        Units to be trusted; the others are empty circles with a cross.
+        Valid units; the others are empty circles with a cross.
     centroid : ndarray, shape (3,), optional
         Centre of pressure, metre, skin frame; a cross.
     most_n, most_shear_n : float, optional
@@ -154,7 +154,7 @@ def force_map(
 def contact_path(
     axes: Axes, topology: Topology, path_m: np.ndarray, covariance: np.ndarray | None = None
 ) -> Any:
-    """Draw the way of a contact's centre over the units.
+    """Draw the path of a contact's centre over the units.
 
     Parameters
     ----------
@@ -187,15 +187,15 @@ def contact_path(
     ))  # fmt: skip
     centres = path_m[:, flat] * 1e3
     (line,) = axes.plot(*centres.T, color=HUES[0], linewidth=1.2)
-    told = centres[np.isfinite(centres).all(axis=1)]
-    if told.size:
-        axes.plot(*told[-1], marker="o", color=HUES[0], markersize=4)
+    known = centres[np.isfinite(centres).all(axis=1)]
+    if known.size:
+        axes.plot(*known[-1], marker="o", color=HUES[0], markersize=4)
         if covariance is not None:
             values, vectors = np.linalg.eigh(covariance[np.ix_(flat, flat)] * 1e6)
             long, short = 2.0 * np.sqrt(np.maximum(values[::-1], 0.0))
             turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
             axes.add_collection(EllipseCollection(
-                [long], [short], [turn], units="xy", offsets=told[-1:],
+                [long], [short], [turn], units="xy", offsets=known[-1:],
                 offset_transform=axes.transData, facecolors=HUES[0], alpha=0.3,
             ))  # fmt: skip
     _around(axes, topology, flat)
@@ -218,7 +218,7 @@ def series(
     axes : matplotlib Axes
     time_s : ndarray, shape (t,)
     values, sigma : ndarray, shape (t, m)
-        NaN breaks a line; see `torn` for cycles that were left out.
+        NaN breaks a line; see `torn` for missing cycles.
     names : sequence of str
         m names, for the legend.
     unit : str
@@ -230,7 +230,7 @@ def series(
     Raises
     ------
     CountsError
-        Arrays that do not fit each other, or more than three values.
+        Arrays of different lengths, or more than three values.
     """
     shape = (np.size(time_s), len(names))
     if values.shape != shape or (sigma is not None and sigma.shape != shape):
@@ -250,9 +250,9 @@ def series(
 
 
 def torn(time_s: np.ndarray, period_s: float, *values: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Times and values with a row of NaN, where lines end, in each place of cycles left out.
+    """Times and values with a row of NaN, where lines end, at each gap of cycles.
 
-    Times are whole periods, so that halfway between one and two tells a gap from rounding.
+    Times are whole periods, so a threshold of one and a half periods separates gaps from rounding.
     """
     gaps = 1 + np.flatnonzero(np.diff(time_s) > 1.5 * period_s)
     return tuple(np.insert(each, gaps, np.nan, axis=0) for each in (time_s, *values))

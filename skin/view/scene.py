@@ -1,4 +1,4 @@
-"""The skin in three dimensions, on a server of viser."""
+"""The skin in three dimensions, on a viser server."""
 
 from __future__ import annotations
 
@@ -6,49 +6,67 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.view.colour import QUANTITIES, Range, valid
+from skin.io.messages.record import CONTACTS, contacts_of
+from skin.view.colour import OFF_COLOUR, QUANTITIES, Range, is_on, valid
 from skin.view.drawing import (
     Frame,
     camera,
     contact_arrows,
     contact_labels,
     cross,
+    directions,
     disc,
     frame_of,
+    picked,
     quaternions,
     radii,
+    rim,
+    tag_places,
     unit_arrows,
 )
 from skin.view.history import Moment, Pose
-from skin.view.snapshot import CONTACTS
+from skin.view.layout import Layout
+from skin.view.links import Links
 from skin.view.tone import AMBIENT, DIRECTED, given, given_colours
 
-__all__ = ["BACKGROUND", "Scales", "Scene", "Shown"]
+__all__ = ["BACKGROUND", "Scales", "Scene", "Shown", "described_force"]
 
 BACKGROUND = (66, 72, 80)
 FORCE_COLOUR = np.array([240, 242, 245], np.uint8)
 NORMAL_COLOUR = np.array([150, 160, 172], np.uint8)
 CROSS_COLOUR = (1, 1, 1)
+RIM_COLOUR = np.array([186, 194, 204], np.uint8)
+"""Of the rim of a unit: 3 to 1 and more against the background (WCAG 2.2, 1.4.11), which an idle
+unit, dark blue, does not have."""
+CHOSEN_COLOUR = np.array([255, 92, 205], np.uint8)
+"""Of the chosen unit: not on the scale, nor a colour of a contact."""
+CHOSEN_SIZE = 1.16
+AXES = 0.07
+"""Length of the axes at the corner of the skin."""
 BLANK = "contact 0   0.00 N   stick   margin 00 %"
-"""Text of a label before there is a contact: the client measures its box by the first one."""
+"""Text of a label without a contact: the client sizes its box by the first text."""
 LIFT = 0.03
-"""Of a label above its arrow."""
+"""Height of a label above its arrow."""
 NOWHERE = np.float32(1e-6)
-"""Size of what is not to be seen: an instance cannot be left out."""
+"""Size of a hidden instance: instances cannot be removed."""
 STAYS = 0.001
-"""By how much a label may be off its place: less than a pixel of most pictures [assumed]."""
+"""Tolerance of the place of a label: less than a pixel of most pictures [assumed]."""
 
 
 class Shown(NamedTuple):
-    """What a person chose to see."""
+    """Display options chosen by a person."""
 
     quantity: str = "load"
     forces: bool = True
     contacts: bool = True
+    links: bool = True
+    names: bool = True
+    unit: int | None = None
+    """The chosen one."""
 
 
 class Scales:
-    """Scales of all quantities and of both kinds of arrows, which grow with what is shown."""
+    """Scales of all quantities and of both kinds of arrows, which grow with the values shown."""
 
     def __init__(self) -> None:
         self.of = {label: Range(quantity) for label, quantity in QUANTITIES.items()}
@@ -56,42 +74,42 @@ class Scales:
         self.contact = Range(QUANTITIES["load"])
 
     def widen(self, moment: Moment, quantity: str) -> bool:
-        """Take in what a moment has; True where the scale of the quantity changed."""
+        """Include the values of a snapshot; True where the scale of the quantity changed."""
         record = moment.record
-        heard, count = valid(record), int(record["contacts"])
+        heard = valid(record)
         self.unit.widen(_lengths(record["force"])[heard])
-        self.contact.widen(_lengths(record["contact_wrench"][:count, :3].T))
+        self.contact.widen(_lengths(contacts_of(record)["wrench"][:, :3].T))
         return self.of[quantity].widen(QUANTITIES[quantity].values(record)[heard])
 
     def ends(self, quantity: str) -> tuple[object, ...]:
-        """All that a legend tells of a quantity and of the arrows."""
+        """The contents of the legend of a quantity and of the arrows."""
         scale = self.of[quantity]
         return quantity, scale.low, scale.high, self.unit.high, self.contact.high
 
     def reset(self) -> None:
-        """Forget all that was shown."""
+        """Reset all scales."""
         for scale in (*self.of.values(), self.unit, self.contact):
             scale.reset()
 
 
 class Scene:
-    """Everything in the picture; made from the first moment, which has the poses.
+    """All objects of the picture; made from the first snapshot, which has the poses.
 
     Parameters
     ----------
     server : viser.ViserServer
-    area : ndarray, shape (n,)
-        Square metre.
+    layout : Layout
     first : Moment
     """
 
-    def __init__(self, server: Any, area: np.ndarray, first: Moment) -> None:
-        self._server, self._scene = server, server.scene
+    def __init__(self, server: Any, layout: Layout, first: Moment) -> None:
+        self._server, self._scene, self._layout = server, server.scene, layout
         self._pose: Pose = first.pose
-        radius = radii(first.pose.position, area)
+        radius = radii(first.pose.position, layout.area)
         self.frame: Frame = frame_of(first.pose, radius)
         self._radius = (radius * self.frame.scale).astype(np.float32)
-        self._n = area.size
+        self._n = layout.area.size
+        self._links: Links | None = None
         self._set_up()
         points, turns = self.frame.points(first.pose.position), quaternions(first.pose.rotation)
         size = np.repeat(self._radius[:, np.newaxis], 3, axis=1)
@@ -100,6 +118,11 @@ class Scene:
             batched_colors=np.full((self._n, 3), 90, np.uint8), cast_shadow=False,
             receive_shadow=False, flat_shading=True,
         )  # fmt: skip
+        self._rims = self._scene.add_batched_meshes_simple(
+            "/rims", *rim(), turns, points, batched_scales=size, lod="off", side="double",
+            batched_colors=self._rim_colours(None), cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+        self._chosen: int | None = None
         self._crosses = self._scene.add_batched_meshes_simple(
             "/flags", *cross(), turns, points, batched_scales=NOWHERE * size, lod="off",
             side="double", batched_colors=CROSS_COLOUR, cast_shadow=False, receive_shadow=False,
@@ -108,7 +131,7 @@ class Scene:
         shaft = min(0.006, 0.16 * float(self._radius.mean()))
         self._forces = self._arrows("/forces", none, FORCE_COLOUR, shaft)
         self._normals = self._arrows("/normals", none, NORMAL_COLOUR, 0.004)
-        self._wrenches = self._arrows("/wrenches", none, np.zeros((0, 3), np.uint8), 0.011)
+        self._wrenches = self._arrows("/wrenches", none, np.zeros((0, 3), np.uint8), 0.008)
         self._hues, self._heard = np.zeros((0, 3), np.uint8), np.ones(self._n, bool)
         self._sent: dict[tuple[int, str], np.ndarray] = {}
         self._texts: list[str] = [""] * CONTACTS
@@ -117,22 +140,61 @@ class Scene:
             self._scene.add_label(f"/contacts/{k}", BLANK, visible=False, anchor="bottom-center")
             for k in range(CONTACTS)
         ]
+        self._unit_label = self._scene.add_label(
+            "/chosen", "", visible=False, anchor="bottom-left", font_screen_scale=0.9
+        )
+        self._unit_text = ""
+        self._add_names(points)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Corners of what is drawn: units and links, picture units, shape (m, 3)."""
+        points = self.frame.points(self._pose.position)
+        return points if self._links is None else np.concatenate([points, self._links.extent])
+
+    @property
+    def extent(self) -> np.ndarray:
+        """The same, with the axes where they are shown."""
+        if not self._axes.visible:
+            return self.points
+        tips = np.array(self._axes.position) + 1.25 * AXES * np.vstack([np.zeros(3), np.eye(3)])
+        return np.concatenate([self.points, tips])
+
+    @property
+    def pose(self) -> Pose:
+        """As last drawn."""
+        return self._pose
+
+    def pick(self, origin: Any, direction: Any) -> int | None:
+        """The unit that a ray meets first; see `skin.view.drawing.picked`."""
+        pose = self._pose
+        return picked(
+            np.array(origin), np.array(direction), self.frame.points(pose.position),
+            pose.rotation[:, 2], self._radius,
+        )  # fmt: skip
 
     def draw(self, moment: Moment, shown: Shown, scales: Scales, *, words: bool = True) -> None:
-        """Show a moment; without `words`, labels that are there already keep their texts."""
+        """Draw a snapshot; without `words`, existing labels keep their texts."""
         record = moment.record
+        self._show_links(moment.pose, shown.links)
         if moment.pose is not self._pose:
             self._move(moment.pose)
+        for node in self._named:
+            if node.visible is not shown.names:
+                node.visible = shown.names
         heard, scale = valid(record), scales.of[shown.quantity]
         values = QUANTITIES[shown.quantity].values(record)
         seen = given_colours(values, heard, scale.low, scale.high)
+        on = is_on(record["status"])
+        if not on.all():
+            seen = np.where(on[:, np.newaxis], seen, given(np.array(OFF_COLOUR, np.uint8)))
         self._assign(self._discs, "batched_colors", seen)
-        if not np.array_equal(heard, self._heard):
-            self._heard = heard
-            size = np.where(heard, NOWHERE, self._radius)
+        if not np.array_equal(heard | ~on, self._heard):
+            self._heard = heard | ~on
+            size = np.where(self._heard, NOWHERE, self._radius)
             self._crosses.batched_scales = np.repeat(size[:, np.newaxis], 3, axis=1)
         if shown.forces:
-            arrows = unit_arrows(record, moment.pose, self.frame, scales.unit.high)
+            arrows = unit_arrows(record, moment.pose, self.frame, self._radius, scales.unit.high)
         else:
             arrows = np.zeros((0, 2, 3), np.float32)
         self._put(self._forces, arrows)
@@ -141,11 +203,96 @@ class Scene:
             forces, normals, hues, known = forces[:0], normals[:0], hues[:0], known[:0]
         self._put(self._normals, normals)
         self._put(self._wrenches, forces, hues)
-        self._tell(record, dict(zip(known.tolist(), forces[:, 0], strict=True)), words)
+        self._label(record, dict(zip(known.tolist(), forces[:, 0], strict=True)), words)
+        self._choose(record, shown.unit, words)
 
-    def _tell(self, record: np.void, tails: dict[int, np.ndarray], words: bool) -> None:
-        """Put labels to the tails of arrows; what stays is not touched, which costs as much as a
-        change."""
+    def _choose(self, record: np.void, unit: int | None, words: bool) -> None:
+        """Mark the chosen unit by its rim and a label."""
+        if unit != self._chosen:
+            self._chosen, self._unit_text = unit, ""
+            size = self._radius.copy()
+            if unit is not None:
+                size[unit] *= CHOSEN_SIZE
+            self._rims.batched_scales = np.repeat(size[:, np.newaxis], 3, axis=1)
+            self._rims.batched_colors = self._rim_colours(unit)
+            self._unit_label.visible = unit is not None
+            if unit is not None:
+                self._place_unit_label()
+        if unit is not None and (words or not self._unit_text):
+            text = f"{self._layout.names[unit]}  {described_force(record, unit)}"
+            if text != self._unit_text:
+                self._unit_text = self._unit_label.text = text
+
+    def _place_unit_label(self) -> None:
+        assert self._chosen is not None
+        point = self.frame.points(self._pose.position[:, [self._chosen]])[0]
+        outward = -self._pose.rotation[:, 2, self._chosen]
+        self._unit_label.position = point + 1.5 * self._radius[self._chosen] * outward
+
+    def _rim_colours(self, unit: int | None) -> np.ndarray:
+        colours = np.repeat(RIM_COLOUR[np.newaxis], self._n, axis=0)
+        if unit is not None:
+            colours[unit] = CHOSEN_COLOUR
+        return given(colours)
+
+    def _show_links(self, pose: Pose, shown: bool) -> None:
+        """Add the links once their shapes are read; place and show them."""
+        shapes = self._layout.links
+        if shapes is None or (self._links is None and not shapes.is_ready):
+            return
+        if self._links is None:
+            self._links = Links(self._scene, shapes, self.frame)
+            self._links.move(pose)
+            self._place_axes()
+            self._widen()
+        elif pose is not self._pose:
+            self._links.move(pose)
+        if self._links.visible is not shown:
+            self._links.visible = shown
+
+    def _place_axes(self) -> None:
+        """Place the axes next to the lowest corner of all that is drawn, as high as it."""
+        away = np.full(3, float(self._radius.max()) + 0.5 * AXES)
+        away[np.abs(directions(self._pose)[0]).argmax()] = 0.0
+        self._axes.position = self.points.min(axis=0) - away
+
+    def _widen(self) -> None:
+        """Let the initial camera see the links, too."""
+        points = self.points
+        low, high = points.min(axis=0), points.max(axis=0)
+        view, size = self._server.initial_camera, max(1.0, float((high - low).max()))
+        place, look, _ = camera(self._pose)
+        middle = 0.5 * (low + high)
+        view.position, view.look_at = middle + size * place, middle + size * look
+
+    def _add_names(self, points: np.ndarray) -> None:
+        """Names of patches next to them, and the axes of the skin frame at a corner."""
+        scene, layout = self._scene, self._layout
+        places = tag_places(points, self._pose, layout.patch, len(layout.patch_names))
+        self._tags = {
+            at: scene.add_label(
+                f"/patches/{at}", name, position=place, anchor="center-center",
+                font_screen_scale=0.85,
+            )
+            for at, (name, place) in enumerate(zip(layout.patch_names, places, strict=True))
+            if np.isfinite(place).all()
+        }  # fmt: skip
+        self._axes = scene.add_frame(
+            "/axes", axes_length=AXES, axes_radius=0.035 * AXES, origin_radius=0.0
+        )
+        self._place_axes()
+        tips = [
+            scene.add_label(
+                f"/axes/{name}", name, position=1.25 * AXES * np.eye(3)[at],
+                anchor="center-center", font_screen_scale=0.8,
+            )
+            for at, name in enumerate("xyz")
+        ]  # fmt: skip
+        self._named = (self._axes, *tips, *self._tags.values())
+
+    def _label(self, record: np.void, tails: dict[int, np.ndarray], words: bool) -> None:
+        """Place labels at the tails of arrows; unchanged ones are skipped, since setting them costs
+        as much as a change."""
         texts = contact_labels(record) if words or any(not self._texts[k] for k in tails) else []
         for k, label in enumerate(self._labels):
             if k not in tails:
@@ -155,15 +302,21 @@ class Scene:
             if (words or not self._texts[k]) and self._texts[k] != texts[k]:
                 self._texts[k] = label.text = texts[k]
                 label.visible = True
-            if not (np.abs(tails[k] - self._tails[k]) < STAYS).all():  # a NaN is not
+            if not (np.abs(tails[k] - self._tails[k]) < STAYS).all():  # True for NaN
                 self._tails[k] = tails[k]
                 label.position = tails[k] + LIFT * self._up
 
     def _move(self, pose: Pose) -> None:
         self._pose = pose
         points, turns = self.frame.points(pose.position), quaternions(pose.rotation)
-        for meshes in (self._discs, self._crosses):
+        for meshes in (self._discs, self._rims, self._crosses):
             meshes.batched_positions, meshes.batched_wxyzs = points, turns
+        layout = self._layout
+        places = tag_places(points, self._pose, layout.patch, len(layout.patch_names))
+        for at, tag in self._tags.items():
+            tag.position = places[at]
+        if self._chosen is not None:
+            self._place_unit_label()
 
     def _arrows(self, name: str, points: np.ndarray, hues: Any, shaft: float) -> Any:
         return self._scene.add_arrows(
@@ -172,7 +325,7 @@ class Scene:
         )  # fmt: skip
 
     def _put(self, arrows: Any, points: np.ndarray, hues: np.ndarray | None = None) -> None:
-        """Give other points to arrows; none of them is no arrow, not one without length."""
+        """Set the points of arrows; with none of them, an invisible arrow."""
         arrows.visible = len(points) > 0
         if len(points):
             self._assign(arrows, "points", points)
@@ -180,10 +333,10 @@ class Scene:
                 self._hues, arrows.colors = hues, given(hues)
 
     def _assign(self, node: Any, name: str, values: np.ndarray) -> None:
-        """Give other values to a node: an array of the right type, which stays as it is.
+        """Set a property of a node: an array of the right type, which stays the same object.
 
-        An assignment would look up the types of all properties, compare, and copy twice, which
-        takes longer than the message; 30 times a second only the message is made.
+        A plain assignment looks up the types of all properties, compares, and copies twice, which
+        takes longer than the message; 30 times a second only the message is sent.
         """
         before = self._sent.get((id(node), name))
         if before is not None and np.array_equal(before, values):
@@ -196,7 +349,7 @@ class Scene:
             send(name, values)
 
     def _set_up(self) -> None:
-        """Light that does not bleach the colours, and where to look from."""
+        """Lights that keep the colours, and the initial camera."""
         scene = self._scene
         scene.configure_default_lights(False)
         scene.configure_environment_map(None)
@@ -210,6 +363,17 @@ class Scene:
         view = self._server.initial_camera
         view.position, view.look_at, view.up = place, look, up
         view.near, view.far = 0.01, 50.0
+
+
+def described_force(record: np.void, unit: int) -> str:
+    """Size of the force on a unit, with its sigma along the force."""
+    force, sigma = record["force"][:, unit].astype(float), record["force_sigma"][:, unit]
+    size = float(np.sqrt(force @ force))
+    if not np.isfinite(size):
+        return "no force"
+    along = force / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+    error = float(np.sqrt(np.sum((along * sigma) ** 2)))
+    return f"{size:.2f} N" if np.isnan(error) else f"{size:.2f} ± {error:.2f} N"
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:

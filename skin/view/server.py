@@ -1,4 +1,4 @@
-"""A server of viser that is seen on this machine only, unless somebody says otherwise."""
+"""A viser server that only this machine can reach by default."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from skin.errors import LibraryError, SkinError, shown
 __all__ = ["address_of", "check_installed", "free_port", "open_server"]
 
 FIRST_PORT, PORTS = 8080, 100
-"""Ports that are tried where none is asked for."""
+"""Ports that are tried where none is given."""
 LOOPBACK = re.compile(r"https?://(localhost|127(\.\d+){3}|\[::1\])(:\d+)?")
-"""Where pages that may talk to a view on loopback come from. Pages of others, which a browser on
-this machine may show as well, could press its buttons otherwise."""
+"""Origins of pages that may talk to a view on loopback. Pages of other origins in a browser on this
+machine could otherwise press its buttons."""
 MISSING = "view: must have viser; not installed: pip install 'f3t-skin[view]'"
 
 
 def check_installed() -> None:
-    """Refuse to go on without viser.
+    """Raise if viser is missing.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def check_installed() -> None:
 
 
 def open_server(host: str, port: int | None, label: str, *, checks_origin: bool = False) -> Any:
-    """A server of viser on a port that is free.
+    """A viser server on a free port.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ def open_server(host: str, port: int | None, label: str, *, checks_origin: bool 
     port : int, optional
         The first free one from 8080 on if not given; 0 for any.
     label : str
-        On top of the panel.
+        Title of the panel.
     checks_origin : bool
-        Refuse pages of other places. It is of the whole process, from then on.
+        Refuse pages of other origins. Affects the whole process, from then on.
 
     Raises
     ------
     SkinError
-        The port is in use, or the host is none of this machine.
+        The port is in use, or the host is not an address of this machine.
     LibraryError
         viser is not installed.
     """
@@ -66,10 +66,10 @@ def open_server(host: str, port: int | None, label: str, *, checks_origin: bool 
         raise LibraryError(MISSING) from error
 
     class Server(viser.ViserServer):
-        """Has no way out of this machine: a page cannot ask for one either."""
+        """Never exposed beyond this machine: a page cannot request it either."""
 
         def request_share_url(self, verbose: bool = True) -> str | None:
-            """Never: it would open the skin to whoever has the link."""
+            """Never: it would expose the skin to everybody with the link."""
             return None
 
     chosen = free_port(host, port)
@@ -88,12 +88,12 @@ def open_server(host: str, port: int | None, label: str, *, checks_origin: bool 
 
 
 def free_port(host: str, port: int | None) -> int:
-    """A port that can be listened on.
+    """A port to listen on.
 
     Raises
     ------
     SkinError
-        The port is in use, or the host is none of this machine.
+        The port is in use, or the host is not an address of this machine.
     """
     tried = range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,)
     for one in tried:
@@ -135,7 +135,7 @@ def is_loopback(host: str) -> bool:
 
 
 def address_of(host: str, port: int) -> str:
-    """What to type into a browser.
+    """URL for a browser.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Picture of a story: temperature, forces and what else is told over time, beside the truth."""
+"""Picture of a story: temperature, forces and other measurements over time, and the truth."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["Reel", "Span", "save_story"]
 
 TRUTH: Any = {"color": MUTED, "linewidth": 3, "alpha": 0.5}
 LEAST_LABEL = 0.035
-"""Share of the whole time from which on a span has its name in it."""
+"""Smallest fraction of the whole time at which a span is labelled."""
 
 SHADES = {"heating": HUES[1], "cooling": HUES[0], "high": HUES[1], "low": HUES[2],
           "micro": HUES[0]}  # fmt: skip
-"""Colours of phases and flows; those that are not named have none."""
+"""Colours of phases and flows; others have none."""
 
 
 class Span(NamedTuple):
-    """Something that lasts from a time to a time, second."""
+    """A named interval of time, second."""
 
     name: str
     from_s: float
@@ -30,19 +30,19 @@ class Span(NamedTuple):
 
 
 class Reel(NamedTuple):
-    """A story: columns of shape (t,) by name, in the units of their names.
+    """Data of a story: columns of shape (t,) by name, in the units of their names.
 
     Attributes
     ----------
     columns : mapping of str to ndarray
-        As in `skin.tasks.play.COLUMNS`.
+        See `skin.demos.play.COLUMNS`.
     steps : sequence of Span
     felt : sequence of Span
         Phases of heating and cooling, or flows.
     levels_c : mapping of str to float
         Temperatures that are drawn as lines.
     fills : bool
-        Whether something is poured; else it is shaken.
+        Whether a vessel is filled; otherwise it is shaken.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -53,7 +53,7 @@ class Reel(NamedTuple):
 
 
 def save_story(path: Path, reel: Reel, title: str) -> None:
-    """Draw a story and write it to `path` as a PNG file, whole or not at all.
+    """Draw a story and write it to `path` as a PNG file, atomically.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def _draw_steps(axes: Any, reel: Reel) -> None:
 
 
 def _shade(axes: Any, reel: Reel) -> None:
-    """What is felt, as colour behind the lines."""
+    """Detected phases, as background colours."""
     named = set()
     for span in reel.felt:
         if span.name in SHADES:
@@ -150,7 +150,7 @@ def _draw_pouring(flow: Any, amount: Any, reel: Reel) -> None:
 
 def _draw_shaking(lift: Any, often: Any, reel: Reel) -> None:
     columns, time_s = reel.columns, reel.columns["time_s"]
-    lift.plot(time_s, 1e3 * columns["lift_m"], color=INK, linewidth=0.8, label="hand, as told")
+    lift.plot(time_s, 1e3 * columns["lift_m"], color=INK, linewidth=0.8, label="hand, set point")
     lift.set_ylabel("height, mm")
     often.plot(time_s, columns["frequency_hz"], color=HUES[0], linewidth=1, label="felt")
     often.axhline(1.0, label="truth, shaken", **TRUTH)

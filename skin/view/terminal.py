@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 import time
@@ -11,24 +12,26 @@ from typing import TextIO
 import numpy as np
 
 from bus.cycle import WRONG_FRAMES
-from skin.state import INVALID, State
-from skin.view.health import flagged, is_on
+from skin.contact.record import Flag
+from skin.state import INVALID, State, if_wanted
+from skin.view.colour import is_on
+from skin.view.health import flagged
 from topology import Topology
 
 __all__ = ["LiveTable", "unit_map"]
 
 REFRESH_S = 0.2
-"""A person reads no faster, and the cycle must not wait for a terminal."""
+"""Interval of updates: readable, and the cycle must not wait for a terminal."""
 
 SHADES = " .:-=+*#%@"
 RAMP = (236, 23, 29, 35, 71, 107, 143, 179, 173, 167, 161)
-"""Colours of the 256-colour terminal palette, from no load to full load."""
+"""Colours of the 256-colour palette, from no load to full load."""
 
 FULL_SCALE_N = 6.0
 """Load of the brightest cell."""
 
 CONTACTS = 3
-"""Contacts that are shown."""
+"""Number of contacts shown."""
 
 CLEAR_DOWN = "\x1b[J"
 
@@ -75,13 +78,13 @@ def _pitch(topology: Topology) -> float:
 
 
 class LiveTable:
-    """Draws states over each other at most every 0.2 s; a file that is no terminal gets nothing.
+    """Draws states in place at most every 0.2 s; writes nothing to a file that is not a terminal.
 
     Parameters
     ----------
     topology : Topology
     stream : text file
-        Where to draw; standard output if not given.
+        Output; standard output if not given.
     """
 
     def __init__(self, topology: Topology, *, stream: TextIO | None = None) -> None:
@@ -92,9 +95,10 @@ class LiveTable:
         self._lines = 0
         self._work_us: deque[float] = deque(maxlen=1000)
         self.live = self._stream.isatty()
+        self._has_colour = not os.environ.get("NO_COLOR")  # https://no-color.org
 
     def show(self, state: State, work_ns: int) -> None:
-        """Note a cycle's working time and redraw if it is time to."""
+        """Record a cycle's working time and redraw when due."""
         self._work_us.append(work_ns * 1e-3)
         now = time.monotonic()
         if not self.live or now < self._next:
@@ -117,6 +121,8 @@ class LiveTable:
         rows += [blank] * (height - len(rows))
         side += [""] * (height - len(side))
         title = f"{self._topology.name}: {self._topology.n} units, cycle {state.cycle}"
+        if state.overruns:
+            title += f", {state.overruns} periods left out"
         return [title, *(f"  {a}   {b}" for a, b in zip(rows, side, strict=True))]
 
     def _heat(self, state: State) -> list[str]:
@@ -125,8 +131,8 @@ class LiveTable:
         row, column = self._cells
         on = is_on(state.units.status)
         bad[row, column] = (state.units.status & int(INVALID) != 0) & on
-        if state.units.force is not None:
-            load[row, column] = np.where(bad[row, column], 0.0, state.units.force[2])
+        if (force := if_wanted(state.units, "force")) is not None:
+            load[row, column] = np.where(bad[row, column], 0.0, force[2])
             load[row[~on], column[~on]] = np.nan
         level = np.nan_to_num(load / FULL_SCALE_N).clip(0.0, 1.0)
         shade = np.rint(level * (len(SHADES) - 1)).astype(int)
@@ -135,34 +141,35 @@ class LiveTable:
         for i in range(self._shape[0]):
             cells = []
             for j in range(self._shape[1]):
-                if bad[i, j]:
-                    cells.append("\x1b[97;41m! \x1b[0m")
-                elif np.isnan(load[i, j]):
+                if np.isnan(load[i, j]) and not bad[i, j]:
                     cells.append("  ")
-                else:
-                    glyph = SHADES[shade[i, j]]
-                    cells.append(f"\x1b[97;48;5;{RAMP[colour[i, j]]}m{glyph} \x1b[0m")
+                    continue
+                glyph = "!" if bad[i, j] else SHADES[shade[i, j]]
+                style = "41" if bad[i, j] else f"48;5;{RAMP[colour[i, j]]}"
+                cells.append(
+                    f"\x1b[97;{style}m{glyph} \x1b[0m" if self._has_colour else f"{glyph} "
+                )
             lines.append("".join(cells))
         return lines
 
     def _numbers(self, state: State) -> list[str]:
         units, counters = state.units, state.counters
         lines = []
-        if state.wrench is not None:
-            force, moment = state.wrench[:3], state.wrench[3:] * 1e3
-            part = "  not whole" if state.whole is False else ""
+        if (wrench := if_wanted(state, "wrench")) is not None:
+            force, moment = wrench[:3], wrench[3:] * 1e3
+            part = "  not whole" if if_wanted(state, "whole") is False else ""
             lines.append("force     " + " ".join(f"{v:+7.2f}" for v in force) + f"  N{part}")
             lines.append("moment    " + " ".join(f"{v:+7.1f}" for v in moment) + "  mN·m")
-        if state.centroid is not None:
-            if np.isnan(state.centroid).any():
+        if (centroid := if_wanted(state, "centroid")) is not None:
+            if np.isnan(centroid).any():
                 lines.append("centre         –       –       –   mm")
             else:
-                centre = " ".join(f"{v:+7.1f}" for v in state.centroid * 1e3)
+                centre = " ".join(f"{v:+7.1f}" for v in centroid * 1e3)
                 lines.append(f"centre    {centre}  mm")
-        if state.contacts is not None:
+        if if_wanted(state, "contacts") is not None:
             lines += self._contacts(state)
-        if units.temperature is not None and units.valid.any():
-            warm = units.temperature[units.valid]
+        if (temperature := if_wanted(units, "temperature")) is not None and units.valid.any():
+            warm = temperature[units.valid]
             lines.append(f"warmth    {warm.mean():7.1f} mean, {warm.max():.1f} max  °C")
         lines.append(f"coverage  {100 * state.coverage:7.1f}  %")
         wrong = [f"{name} {count}" for name in WRONG_FRAMES if (count := getattr(counters, name))]
@@ -173,22 +180,25 @@ class LiveTable:
         return lines + self._trouble(state)
 
     def _contacts(self, state: State) -> list[str]:
-        """Heaviest contacts, in as many lines whatever touches."""
+        """Heaviest contacts, in a fixed number of lines."""
         heaviest = sorted(state.contacts, key=lambda contact: -contact.load)[:CONTACTS]
         lines = []
         for contact in sorted(heaviest, key=lambda contact: contact.id):
             units = f"{contact.units.size} unit" + ("s" if contact.units.size > 1 else "")
             line = f"contact {contact.id:<4d} {contact.load:6.2f}  N, {units:<8}"
-            if state.slip is not None and contact.slip:
+            if if_wanted(state, "slip") is not None and contact.slip:
                 line += f" {contact.slip.name.lower():<9}"
                 if not np.isnan(contact.margin):
-                    line += f" margin {100 * contact.margin:.0f} %"
+                    least = "≥ " if contact.flags & Flag.NO_FRICTION else ""
+                    line += f" margin {least}{100 * contact.margin:.0f} %"
             if not contact.whole:
                 line += " not whole"
             lines.append(line)
         return lines + ["contact      –"] * (not lines) + [""] * (CONTACTS - max(1, len(lines)))
 
     def _trouble(self, state: State) -> list[str]:
-        found = flagged(state.units.status, self._topology.unit_names, state.units.test_ratio)
+        found = flagged(
+            state.units.status, self._topology.unit_names, if_wanted(state.units, "test_ratio")
+        )
         lines = [f"! {unit}: {why}" for unit, why in found[:3]]
         return lines + ([f"! and {len(found) - 3} more units"] if len(found) > 3 else [])

@@ -1,8 +1,8 @@
-"""Colours as the renderer must be given them, so that a browser shows them as they are meant.
+"""Colours for the renderer, corrected so that a browser shows the intended ones.
 
-The renderer lights what it draws and maps the result with the film curve ACES, in the fit of
-Stephen Hill, as three.js has it (`ACESFilmicToneMapping`): a yellow of the scale would be seen as
-olive. Here is the inverse. What is brighter than the curve can show, or more saturated, comes near.
+The renderer applies lights and maps the result with the film curve ACES, in the fit of Stephen
+Hill, as in three.js (`ACESFilmicToneMapping`): a yellow of the scale would appear olive. This is
+the inverse. Colours that are brighter or more saturated than the curve allows are approximated.
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ import numpy as np
 
 from skin.view.colour import INVALID_COLOUR, colours
 
-__all__ = ["AMBIENT", "DIRECTED", "given", "given_colours"]
+__all__ = ["AMBIENT", "DIRECTED", "given", "given_colours", "given_to_mesh"]
 
 AMBIENT, DIRECTED = 4.3, 0.7
-"""Lights: even ones, and one from above, which lets edges be seen."""
+"""Lights: an even one, and one from above, which makes edges visible."""
 LIT = AMBIENT + 0.8 * DIRECTED
-"""What a face towards the light has of both [calibrated: a grey in viser 1.1]."""
+"""Sum of both on a face towards the light [calibrated: a grey in viser 1.1]."""
 EXPOSURE = 1.0 / (0.6 * np.pi)
-"""What is mapped, over colour times light [derived: a matt face, and the exposure of the fit]."""
+"""Input of the curve over colour times light [derived: a matt face, and the exposure of the
+fit]."""
 BRIGHTEST = 0.85
-"""Of what the curve can show. More needs more light, and leaves dark colours fewer steps of the 8
-bits, which the renderer takes as light and not as sRGB [assumed]."""
+"""Fraction of the curve's range. More needs more light, and leaves dark colours fewer steps of the
+8 bits, which the renderer takes as light and not as sRGB [assumed]."""
 
 TO_FILM = np.array([
     [0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777],
@@ -37,7 +38,7 @@ SHOULDER = (0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081)
 
 
 def given(colours: np.ndarray) -> np.ndarray:
-    """What to give to the renderer, for colours that are to be seen.
+    """Colours for the renderer that appear as the given ones.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def given(colours: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (…, 3), uint8
-        Of light: 255 is all of it.
+        Linear light: 255 is the maximum.
     """
     seen = np.clip(linear(colours) @ TO_SEEN, 0.0, BRIGHTEST)
     a, b, c, d, e = SHOULDER
@@ -58,19 +59,26 @@ def given(colours: np.ndarray) -> np.ndarray:
     return np.rint(255.0 * np.clip(lit / (EXPOSURE * LIT), 0.0, 1.0)).astype(np.uint8)
 
 
+def given_to_mesh(colour: tuple[int, int, int]) -> tuple[int, ...]:
+    """`given` of the one colour of a mesh, which the renderer takes as sRGB."""
+    light = given(np.array(colour, np.uint8)) / 255.0
+    share = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
+    return tuple(np.rint(255.0 * share).astype(int).tolist())
+
+
 SHADES = 1024
-"""Steps of the scale that are worked out once: four for each of a display."""
+"""Precomputed steps of the scale: four for each of a display."""
 
 
 @functools.cache
 def _shades() -> np.ndarray:
-    """What to give for even steps of the scale, then for units that must not be trusted."""
+    """Renderer colours for even steps of the scale, then for units that are not valid."""
     steps = colours(np.linspace(0.0, 1.0, SHADES), np.ones(SHADES, bool), 0.0, 1.0)
     return given(np.concatenate([steps, np.array([INVALID_COLOUR], np.uint8)]))
 
 
 def given_colours(values: np.ndarray, is_valid: np.ndarray, low: float, high: float) -> np.ndarray:
-    """`given` for `skin.view.colour.colours`, to a step of a display, in a few operations.
+    """`given` of `skin.view.colour.colours`, to a step of a display, in a few operations.
 
     Examples
     --------
@@ -85,6 +93,6 @@ def given_colours(values: np.ndarray, is_valid: np.ndarray, low: float, high: fl
 
 
 def linear(colours: np.ndarray) -> np.ndarray:
-    """Light of sRGB colours of 8 bits."""
+    """Linear light of 8-bit sRGB colours."""
     share = np.asarray(colours, float) / 255.0
     return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)

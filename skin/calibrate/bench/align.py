@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import correlate, correlation_lags
 
+from skin.calibrate.cross_validation import PIECES
 from skin.errors import ScanError
 
 __all__ = ["Alignment", "align"]
 
 DEGREE = 3
 """Of the polynomial that takes the reference to the counts: a force stiffens [assumed]."""
-PIECES = 40
-"""Pieces of a recording whose errors are taken for independent of each other [assumed]."""
 ROUNDS = 20
 LEAST_CORRELATION = 0.5
 """Below it the two do not show the same thing [assumed]."""
@@ -44,7 +43,7 @@ class Alignment:
     correlation: float
 
     def reference_time(self, time_s: np.ndarray) -> np.ndarray:
-        """Times on the clock of the counts, told on that of the reference."""
+        """Times on the clock of the counts, by that of the reference."""
         return time_s + self.lag_s + 1e-6 * self.drift_ppm * (time_s - self.mid_s)
 
 

@@ -10,13 +10,14 @@ from scipy.ndimage import uniform_filter1d
 from bus.status import INVALID
 from skin.calibrate.bench.alone import tared
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.fit import UnitResult
 from skin.calibrate.bench.laws import PRIOR, TURN_RAD
 from skin.calibrate.bench.posterior import KEPT, fit_posterior
+from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.series import AXES, Series
 from skin.calibrate.read import as_fit
 from skin.decode.decoder import Decoder
 from skin.errors import ScanError
+from skin.physics.force_law import STIFFNESSES
 from topology import Topology
 
 __all__ = ["fit_array"]
@@ -33,9 +34,6 @@ NOT_A_GAIN = 0.63
 it is six times as much across the bend as along it [derived: python -m benchmarks curved]."""
 FAR_SIGMAS = 5.0
 """Of the prior, beyond which a gain is none of a unit's [assumed]."""
-GAINS = {"normal": ("normal_soft_n_per_hz", "normal_stiff_n_per_hz"),
-         "shear": ("shear_soft_n_per_mm", "shear_stiff_n_per_mm")}  # fmt: skip
-"""Parameters that a gain of the normal and of the tangential force multiplies."""
 
 
 def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
@@ -77,7 +75,7 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
     parts = {"shear": own[:, :, :2].sum(axis=2), "normal": own[:, :, 2]}
     spread = {"normal": PRIOR["normal_stiff_n_per_hz"][0], "shear": PRIOR["shear_soft_n_per_mm"][0]}
     prior = {f"{kind} {i}": (1.0, _known(topology, kind, unit, spread[kind]))
-             for kind in GAINS for i, unit in enumerate(units)}  # fmt: skip
+             for kind in STIFFNESSES for i, unit in enumerate(units)}  # fmt: skip
     prior |= {f"turn_{axis}": (0.0, TURN_RAD) for axis in AXES}
     prior["lag_s"] = 0.0, LAG_SIGMA_S
     told = uniform_filter1d(series.force[:, at], SMOOTHED, axis=1)
@@ -86,7 +84,7 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
 
     def residual(p: dict[str, Any]) -> list[np.ndarray]:
         total = sum(parts[kind] @ np.array([p[f"{kind} {i}"] for i in range(len(units))])
-                    for kind in GAINS)  # fmt: skip
+                    for kind in STIFFNESSES)  # fmt: skip
         turn = np.array([p[f"turn_{axis}"] for axis in AXES])
         seen = np.asarray(total) + np.cross(turn, total)
         return [
@@ -110,7 +108,8 @@ def _result(topology: Topology, series: Series, unit: int, i: int, posterior: An
     noise = float(p["frequency_noise_hz"][unit]) / np.sqrt(max(np.sum(series.kind == 0), 1))
     values = {"frequency_rest_hz": (float(p["frequency_rest_hz"][unit]), float(noise))}
     kept, left, goodness = {}, {}, {}
-    for kind, names in GAINS.items():
+    for kind, stiffnesses in STIFFNESSES.items():
+        names = [name for name in stiffnesses if p[name][unit] != 0.0]
         at = posterior.fit.names.index(f"{kind} {i}")
         gain, sigma = posterior.fit.values[at], posterior.fit.sigma[at]
         share = float(posterior.left[at])

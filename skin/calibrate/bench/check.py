@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from bus.status import INVALID
 from skin.calibrate.bench.alone import alone
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.posterior import robust_sigma
 from skin.calibrate.bench.series import Series
 from skin.decode.decoder import Decoder
+from skin.physics.least_squares import robust_sigma
 from topology import CHANNELS, Topology
 
 __all__ = ["DRIFTED", "Score", "owner_of", "score"]
@@ -30,7 +30,7 @@ class Score:
     Attributes
     ----------
     force_rmse_n, temperature_rmse_c : float
-        NaN where the reference lacks them.
+        NaN where the reference has none.
     over_sigma : dict of str to float
         Robust scatter about zero of tangential force, normal force and temperature over their own
         sigma, noise included; 1 where sigma is true.

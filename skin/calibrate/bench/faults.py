@@ -10,9 +10,9 @@ from scipy.optimize import linear_sum_assignment
 from bus.status import INVALID
 from skin.calibrate.bench.alone import alone
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
-from skin.calibrate.bench.posterior import robust_sigma
 from skin.calibrate.bench.series import AXES, GAP_S, Blocks, Series, standing
 from skin.decode.decoder import Decoder
+from skin.physics.least_squares import robust_sigma
 from topology import CHANNELS, Topology
 
 __all__ = ["find_faults"]
@@ -30,8 +30,8 @@ NO_FILM = 0.2
 WIDEST_GAP_RAD = np.pi
 """Directions must not leave out half of the circle."""
 MOVES = {"force": 0.15, "displacement": 0.15}
-"""Scatter of what a unit decodes, N and mm, from which an axis can be told: three times the noise
-of a cycle, and more than its neighbours' [derived]."""
+"""Scatter of what a unit decodes, N and mm, from which an axis can be recognised: three times the
+noise of a cycle, and more than its neighbours' [derived]."""
 LIKE = 0.6
 """Correlation from which two axes are one [assumed]."""
 FAR_C = 10.0
@@ -156,23 +156,23 @@ def _reference_faults(topology: Topology, series: Series, unit: int) -> Iterator
     reading = decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
     good = (series.segment >= 0) & (reading.status[:, 0] & INVALID == 0)
     moving = good & np.isin(series.kind, [KINDS.index(k) for k in ("normal", "shear", "circles")])
-    for name, decoded, told in (
+    for name, decoded, stated in (
         ("force", reading.force, series.force),
         ("displacement", reading.displacement_mm, series.displacement),
     ):
-        yield from _axis_faults(name, decoded[moving, :, 0].T, told[:, moving])
+        yield from _axis_faults(name, decoded[moving, :, 0].T, stated[:, moving])
     seen = good & np.isfinite(series.temperature)
     if seen.any():
         yield from _warm_faults(reading.temperature[seen, 0], series.temperature[seen])
 
 
-def _axis_faults(name: str, decoded: np.ndarray, told: np.ndarray) -> Iterator[str]:
+def _axis_faults(name: str, decoded: np.ndarray, stated: np.ndarray) -> Iterator[str]:
     """Axes that are swapped or reversed, then the unit of measure."""
-    rows = [axis for axis in range(3) if np.isfinite(told[axis]).any()]
-    seen = np.isfinite(told[rows]).all(axis=0) & np.isfinite(decoded).all(axis=0)
+    rows = [axis for axis in range(3) if np.isfinite(stated[axis]).any()]
+    seen = np.isfinite(stated[rows]).all(axis=0) & np.isfinite(decoded).all(axis=0)
     if not rows or seen.sum() < 2:
         return
-    measured, found = told[rows][:, seen], decoded[:, seen]
+    measured, found = stated[rows][:, seen], decoded[:, seen]
     moves = found.std(axis=1)
     sizes = measured.std(axis=1)
     centred = (v - v.mean(axis=1, keepdims=True) for v in (measured, found))
@@ -195,19 +195,19 @@ def _axis_faults(name: str, decoded: np.ndarray, told: np.ndarray) -> Iterator[s
         units = {unit: 1.0 / scale for unit, scale in QUANTITIES[f"{name}_x"].items()}
         nearest = min(units, key=lambda unit: abs(np.log(ratio / units[unit])))
         if units[nearest] != 1.0:
-            stated = "N" if name == "force" else "mm"
+            unit = "N" if name == "force" else "mm"
             yield (
                 f"{name}: must be in the unit of measure that columns states; got values "
-                f"{ratio:.3g} times those of the unit's model in {stated}, as of {nearest}"
+                f"{ratio:.3g} times those of the unit's model in {unit}, as of {nearest}"
             )
 
 
-def _warm_faults(decoded: np.ndarray, told: np.ndarray) -> Iterator[str]:
+def _warm_faults(decoded: np.ndarray, stated: np.ndarray) -> Iterator[str]:
     """Whether another unit of measure fits the temperature better by far."""
-    off = {unit: float(np.median(np.abs(scale * told + shift - decoded)))
+    off = {unit: float(np.median(np.abs(scale * stated + shift - decoded)))
            for unit, (scale, shift) in QUANTITIES["temperature"].items()}  # fmt: skip
     nearest = min(off, key=off.__getitem__)
     if nearest != "C" and off["C"] > FAR_C:
         yield (f"temperature: must be in the unit of measure that columns states; got a median of "
-               f"{np.median(told):.1f} °C where the unit feels {np.median(decoded):.1f} °C, as of "
-               f"{nearest}")  # fmt: skip
+               f"{np.median(stated):.1f} °C where the unit feels "
+               f"{np.median(decoded):.1f} °C, as of {nearest}")  # fmt: skip

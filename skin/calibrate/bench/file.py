@@ -1,6 +1,6 @@
 """BENCH files, format version 1: which recordings there are of which units, and what they hold.
 
-See docs/calibrate.md for the format.
+See docs/guides/calibrate.md for the format.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """From the recordings of a unit to all of its parameters that they fix.
 
 The order is that of decoding: gel, normal force, drifts, film, shear; what is fitted later stands
-on what was fitted before. What a recording lacks, or does not fix, stays as the model has it, and
-is said to (`UnitResult.kept`).
+on what was fitted before. What a recording does not fix stays as the model has it, and is listed
+(`UnitResult.kept`).
 """
 
 from __future__ import annotations
@@ -13,33 +13,36 @@ from typing import Any
 
 import numpy as np
 
+from skin.calibrate.amplitude import fit_crest
 from skin.calibrate.bench import laws
 from skin.calibrate.bench.alone import alone, tared
 from skin.calibrate.bench.posterior import KEPT, Posterior
 from skin.calibrate.bench.relaxation import relaxed
+from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.series import Blocks, Series
 from skin.calibrate.bench.spread import (
     depth_spread,
+    fit_sigma,
     gel_unknown,
+    misfit_sigma,
     normal_spread,
     rms,
     shear_spread,
-    unknown_of,
 )
 from skin.calibrate.field_angle import angle_powers
-from skin.calibrate.film import FilmFit
+from skin.calibrate.film import FilmFit, map_field
 from skin.calibrate.gel import ORDERS
 from skin.calibrate.read import as_fit
 from skin.calibrate.spread import even_spread
-from skin.calibrate.unit import fit_crest, left_of, with_fits
+from skin.calibrate.write import with_fits
 from skin.decode.model import field_angle_ends
 from skin.errors import ScanError
-from skin.physics.force_law import normal_law, shear_law, stiffening
+from skin.physics.force_law import force, normal_law, shear_law, stiffening
 from skin.physics.least_squares import Fit
 from topology import CHANNELS, Topology
 from topology.gel import gel_share
 
-__all__ = ["UnitResult", "fit_unit"]
+__all__ = ["fit_unit"]
 
 GEL, FREQUENCY = CHANNELS.index("gel"), CHANNELS.index("frequency")
 LOADED = ("normal", "shear", "circles")
@@ -63,39 +66,6 @@ TOUCHED_MM = 0.02
 """Depth from which a face is held, and sheared with what presses it [assumed]."""
 
 
-@dataclass(frozen=True, eq=False)
-class UnitResult:
-    """What was found of one unit.
-
-    Attributes
-    ----------
-    unit : str
-    fits : tuple of Fit
-        Of parameters of `UnitModel`, in the order of decoding.
-    kept : dict of str to str
-        Parameters, or laws, that stay as the model has them, and why.
-    left : dict of str to float
-        Variance of each parameter over that of its prior.
-    goodness : dict of str to float
-        Residuals of each law, root mean square; sensor's turn, touch, lag.
-    plots : dict of str to tuple of ndarray
-        What the report draws: for each law x, measured, fitted.
-    range : dict of str to tuple of float
-        Lowest and highest value that was recorded.
-    hash : str
-        SHA-256 of the files.
-    """
-
-    unit: str
-    fits: tuple[Fit, ...]
-    kept: dict[str, str]
-    left: dict[str, float]
-    goodness: dict[str, float]
-    plots: dict[str, tuple[np.ndarray, ...]]
-    range: dict[str, tuple[float, float]]
-    hash: str
-
-
 @dataclass
 class _Work:
     """What is known so far of one unit."""
@@ -109,7 +79,8 @@ class _Work:
     plots: dict[str, tuple[np.ndarray, ...]] = field(default_factory=dict)
 
     def attempt(self, law: str, stage: Callable[[], None]) -> None:
-        """Run a stage; where the recording cannot tell its law, say so and keep the model's."""
+        """Run a stage; where the recording does not determine its law, say so and keep the
+        model's."""
         try:
             stage()
         except ScanError as error:
@@ -117,15 +88,20 @@ class _Work:
 
     def take(self, posterior: Posterior) -> None:
         """Take what the data have fixed of these parameters."""
-        told = [name for name, left in zip(posterior.fit.names, posterior.left, strict=True)
+        known = [name for name, left in zip(posterior.fit.names, posterior.left, strict=True)
                 if left <= KEPT]  # fmt: skip
         for name, left in zip(posterior.fit.names, posterior.left.tolist(), strict=True):
             self.left[name] = left
-            if name not in told:
+            if name not in known:
                 self.kept[name] = f"the recordings leave {left:.0%} of its prior variance"
-        fit = posterior.told(told).fit
+        fit = posterior.marginal(known).fit
         self.fits.append(fit)
         self.p |= dict(zip(fit.names, fit.values.tolist(), strict=True))
+
+    def unused(self, why: str, *names: str) -> None:
+        """Say of those of these parameters that were not fitted why they stay the model's."""
+        known = {name for fit in self.fits for name in fit.names} | set(self.kept)
+        self.kept |= dict.fromkeys([name for name in names if name not in known], why)
 
 
 def fit_unit(
@@ -144,14 +120,14 @@ def fit_unit(
         Its index in the topology.
     mount_radius_mm : float, optional
         Of the cylinder that the unit is glued on afterwards; what its bend may change is part of
-        `shear_sigma_relative` then, until an array in place tells the gain.
+        `shear_sigma_relative` then, until an array in place measures the gain.
     bare : Series, optional
         A recording of its chip before it had a film.
 
     Raises
     ------
     ScanError
-        The recording tells no law at all.
+        The recording determines no law at all.
     """
 
     def fitted(recorded: Series) -> UnitResult:
@@ -198,7 +174,7 @@ def _fit_laws(
     work.attempt("shear", lambda: _shear(work, _held(cycles).thinned(MOST)))
     if not work.fits:
         raise ScanError(
-            "recording: must tell a law at least; got none:\n"
+            "recording: must determine a law at least; got none:\n"
             + "\n".join(f"  {law}: {why}" for law, why in work.kept.items())
         )
     work.goodness["lag_s"] = series.alignment.lag_s
@@ -267,8 +243,7 @@ def _gel(work: _Work, blocks: Blocks) -> None:
     work.take(posterior)
     fit = posterior.fit
     if order < max(ORDERS):
-        more = [name for name in ORDERS[max(ORDERS)] if name not in fit.names]
-        work.kept |= dict.fromkeys(more, "no better by cross-validation")
+        work.unused("no better by cross-validation", *ORDERS[max(ORDERS)])
     kelvin = 60.0 / np.log(work.p["gel_current_ratio"])
     law = work.p["gel_current_20c_ua"] * gel_share(work.p, blocks.temperature)
     current = blocks.values[GEL]
@@ -287,12 +262,13 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
     if measured:
         touch["mm"] = work.goodness["touch_mm"] = fit["touch_mm"]
     names = [name for name in fit.names if name not in ("touch_mm", "turn_x", "turn_y")]
-    work.take(posterior.told(names))
+    work.take(posterior.marginal(names))
+    work.unused("the best law would soften", laws.NORMAL_CUBE)
     slope = float(work.p["frequency_slope_hz_per_mm"])
     seen = blocks.of("normal", "circles")
     seen = seen.where(np.isfinite(seen.displacement[2]))
     fall = slope * np.maximum(seen.displacement[2] - touch["mm"], 0.0)
-    law = normal_law(work.p, fall)
+    law = force(fall, normal_law(work.p))
     tilt = fit["turn_x"] * np.nan_to_num(seen.force[1])
     tilt = tilt - fit["turn_y"] * np.nan_to_num(seen.force[0])
     felt = np.isfinite(seen.force[2])
@@ -300,7 +276,7 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
     if law.size:
         error = borne - law
         work.goodness["normal_rms_n"] = rms(error)
-        unknown = unknown_of(error, law, len(names))
+        unknown = fit_sigma(error, law, len(names))
         work.spread |= normal_spread(work.p, seen.values[FREQUENCY][felt], borne, unknown)
         work.spread["normal_max_n"] = float(np.nanmax(law))
         work.plots["normal"] = fall[felt], borne, law
@@ -325,7 +301,7 @@ def _film(work: _Work, blocks: Blocks, film_c: np.ndarray) -> None:
     work.spread |= {
         "field_sigma_ut": float(np.max(film.fit.sigma[4:6])),
         "field_angle_sigma_mm": film.sigma_mm,
-        "field_amplitude_sigma_relative": left_of(crest, block_ut) / max(rms(lateral), 1e-9),
+        "field_amplitude_sigma_relative": misfit_sigma(crest, block_ut) / max(rms(lateral), 1e-9),
         **{f"field_angle_variance_relative[{i}]": s for i, s in enumerate(film.shape)},
     }
     error = np.concatenate([x - blocks.displacement[0], y - blocks.displacement[1]])
@@ -336,15 +312,13 @@ def _film(work: _Work, blocks: Blocks, film_c: np.ndarray) -> None:
 
 def _along(film: FilmFit, field_ut: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Lateral field along the displacement, shape (b,)."""
-    from skin.calibrate.amplitude import map_field
-
     x, y = map_field(field_ut, film.fit)
     way = place + np.array([film.fit["film_x_mm"], film.fit["film_y_mm"]])[:, np.newaxis]
     return (x * way[0] + y * way[1]) / np.maximum(np.hypot(*way), 1e-9)
 
 
 def _take_film(work: _Work, film: Fit, crest: Fit) -> None:
-    """The film's fits have no prior: all that they tell is the data's."""
+    """The film's fits have no prior: all that they say is the data's."""
     for fit in (film, crest):
         work.fits.append(fit)
         for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True):
@@ -355,28 +329,29 @@ def _take_film(work: _Work, film: Fit, crest: Fit) -> None:
 
 def _shear(work: _Work, blocks: Blocks) -> None:
     slope = float(work.p["frequency_slope_hz_per_mm"])
-    normal_n = normal_law(work.p, slope * blocks.displacement[2])
+    normal_n = force(slope * blocks.displacement[2], normal_law(work.p))
     posterior, deeper = laws.fit_shear(work.p, blocks, normal_n)
     fit = posterior.fit
     names = [name for name in fit.names if not name.startswith("turn")]
-    work.take(posterior.told(names))
+    work.take(posterior.marginal(names))
     for axis in "xyz":
         work.goodness[f"sensor_turn_{axis}_deg"] = float(np.degrees(fit[f"turn_{axis}"]))
+    work.unused("the best law would soften", laws.SHEAR_CUBE)
     if not deeper:
-        work.kept["shear_gain_per_mm"] = "it predicts no better than without, by cross-validation"
+        work.unused("no better by cross-validation", "shear_gain_per_mm")
     x, y, depth = blocks.displacement
     displacement = np.hypot(x, y)
     along = np.stack([x, y]) / np.maximum(displacement, 1e-9)
     p = work.p
-    law = shear_law(p, displacement)
+    law = force(displacement, shear_law(p))
     law = law * stiffening(depth, float(p["shear_gain_per_mm"]), float(p["field_reference_mm"]))
     tilt = np.stack([fit["turn_y"] * normal_n, -fit["turn_x"] * normal_n])
-    force = blocks.force[:2] - tilt
-    seen = np.isfinite(force).all(axis=0)
-    push = (force * along).sum(axis=0)
+    sideways = blocks.force[:2] - tilt
+    seen = np.isfinite(sideways).all(axis=0)
+    push = (sideways * along).sum(axis=0)
     error = (push - law)[seen]
     work.goodness["shear_rms_n"] = rms(error)
-    unknown = unknown_of(error, law[seen], len(names))
+    unknown = fit_sigma(error, law[seen], len(names))
     work.spread |= shear_spread(work.p, error, law[seen], displacement[seen], unknown)
     work.plots["shear"] = displacement[seen], push[seen], law[seen]
 
@@ -388,7 +363,7 @@ def _recorded(work: _Work, blocks: Blocks, gel_c: np.ndarray) -> None:
                    ("frequency_slope_hz_per_mm", "frequency_rest_hz"))  # fmt: skip
     pressed = blocks.of("normal")
     fall = rest - pressed.values[FREQUENCY]
-    work.plots["hysteresis"] = fall / slope, pressed.force[2], normal_law(work.p, fall)
+    work.plots["hysteresis"] = fall / slope, pressed.force[2], force(fall, normal_law(work.p))
     work.plots["warming"] = blocks.time_s, gel_c, blocks.temperature
 
 

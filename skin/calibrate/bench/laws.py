@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from skin.calibrate.bench.posterior import (
-    Posterior,
-    fit_posterior,
-    robust_sigma,
-)
+from skin.calibrate.bench.posterior import KEPT, Posterior, fit_posterior
 from skin.calibrate.bench.series import AXES, Blocks
-from skin.calibrate.cross_validation import cross_validated
-from skin.calibrate.film import FilmFit, fit_film
+from skin.calibrate.cross_validation import cross_validated, folds_of
+from skin.calibrate.field_angle import ANGLE_NAMES, angle_powers
+from skin.calibrate.film import FilmFit, fit_film, map_field
 from skin.calibrate.gel import MARGIN, ORDERS, gel_misfit, rises
 from skin.calibrate.learn import AMBIENT_UT
 from skin.errors import ScanError
-from skin.physics.force_law import normal_law, shear_law, stiffening
-from skin.physics.least_squares import Fit
+from skin.physics.force_law import force, normal_law, shear_law, stiffening
+from skin.physics.least_squares import Fit, robust_sigma
 from topology import CHANNELS
 from topology.gel import gel_temperature as temperature_of
 
-__all__ = ["PRIOR", "fit_drift", "fit_gel", "fit_normal", "fit_shear",
+__all__ = ["NORMAL_CUBE", "PRIOR", "SHEAR_CUBE", "fit_drift", "fit_gel", "fit_normal", "fit_shear",
            "gel_temperature", "low_pass", "offsets",
            "prior_of", "robust_film", "widened"]  # fmt: skip
 
@@ -52,15 +50,16 @@ TURN_RAD = 0.035
 OUTLIER = 5.0
 """Sigmas beyond which a block is none of the film [assumed]."""
 LEAST_BLOCKS = 30
+NORMAL_CUBE, SHEAR_CUBE = "normal_cubic_n_per_hz3", "shear_cubic_n_per_mm3"
 HEAT_LOST = 0.016
 """Of a change of the gel's temperature that does not reach the film, which is taken to follow it
 whole: 1 - 0.974 / 0.99 of the 1-D heat model in long contact [assumed]."""
 CHECKED = 600
-"""Samples of a cross-validation [assumed: an order is told by far fewer]."""
+"""Samples of a cross-validation [assumed: far fewer determine an order]."""
 TILT_RAD = np.radians(1.0) / np.sqrt(3.0)
 """Tilt of a film, one sigma: evenly spread by 1° [assumed]."""
 WARMED_K = 5.0
-"""Change of temperature that tells a law of it [assumed]."""
+"""Change of temperature that determines a law of it [assumed]."""
 
 
 def prior_of(p: Parameters, *names: str) -> dict[str, tuple[float, float]]:
@@ -99,7 +98,7 @@ def fit_gel(p: Parameters, blocks: Blocks) -> tuple[Posterior, int]:
         fit = fitted(order, training & few).fit
         return misfit(dict(zip(fit.names, fit.values, strict=True)))[~training & few] ** 2
 
-    order = cross_validated(tuple(ORDERS), len(seen), error, MARGIN)
+    order, _ = cross_validated(tuple(ORDERS), folds_of(len(seen)), error, MARGIN)
     found = fitted(order, np.ones(len(seen), bool))
     while order > 1 and not rises(
         {**p, **dict(zip(found.fit.names, found.fit.values, strict=True))}
@@ -112,6 +111,37 @@ def fit_gel(p: Parameters, blocks: Blocks) -> tuple[Posterior, int]:
 def gel_temperature(p: Parameters, blocks: Blocks) -> np.ndarray:
     """Temperature by the gel's law, °C, shape (b,)."""
     return temperature_of(p, np.maximum(blocks.values[GEL], 1e-9) / p["gel_current_20c_ua"])
+
+
+def _fit_law(
+    residual: Callable[[Parameters], Sequence[np.ndarray]], prior: dict[str, tuple[float, float]],
+    over: Sequence[np.ndarray | None], cube: str,
+) -> Posterior:  # fmt: skip
+    """`fit_posterior` of a law with a cube; what the data do not determine, or a cube below 0,
+    stays the model's, and the others are fitted with it there."""
+    found = fit_posterior(residual, prior, over)
+    left = dict(zip(found.fit.names, found.left.tolist(), strict=True))
+    unknown = {name: share for name, share in left.items()
+              if share > KEPT and not name.startswith("turn_")}  # fmt: skip
+    softens = found.fit[cube] < 0.0
+    if not unknown and not softens:
+        return found
+    fixed = {cube, *unknown} if softens else set(unknown)
+    others = {name: known for name, known in prior.items() if name not in fixed}
+    again = fit_posterior(residual, others, over)
+    return again.joined({name: (*prior[name], share) for name, share in unknown.items()})
+
+
+def _cubic_prior(p: Parameters, law: str) -> dict[str, tuple[float, float]]:
+    """Of the cube of a law: none, and one sigma twice the slope at the end of the range."""
+    if law == "normal":
+        soft, knee, stiffer, *_ = normal_law(p)
+        end, name = knee + (p["normal_max_n"] - soft * knee) / (soft + stiffer), NORMAL_CUBE
+    else:
+        soft, knee, stiffer, *_ = shear_law(p)
+        end, name = p["tangential_max_mm"], SHEAR_CUBE
+    beyond = max(float(end - knee), 0.1 * float(end))
+    return {name: (float(p[name]), float(soft + stiffer) / (3.0 * beyond**2))}
 
 
 def fit_normal(p: Parameters, blocks: Blocks, measured: bool) -> Posterior:
@@ -129,16 +159,17 @@ def fit_normal(p: Parameters, blocks: Blocks, measured: bool) -> Posterior:
     Returns
     -------
     Posterior
-        Of parameters of `UnitModel`, of ``touch_mm``, ``turn_x`` and ``turn_y``.
+        Of parameters of `UnitModel`, of ``touch_mm``, ``turn_x`` and ``turn_y``; without that of
+        the cube where the best law would soften.
     """
     seen = _needed(blocks, "depth of press", blocks.displacement[2])
-    frequency, way, force = seen.values[FREQUENCY], seen.displacement[2], seen.force[2]
-    has_force = np.isfinite(force)
+    frequency, way, push = seen.values[FREQUENCY], seen.displacement[2], seen.force[2]
+    has_force = np.isfinite(push)
     sigma_hz = float(p["frequency_noise_hz"]) / np.sqrt(seen.size)
     sigma_n = 0.005 / np.sqrt(seen.size[has_force])
     names = ["frequency_rest_hz", "normal_soft_n_per_hz", "normal_break_hz",
              "normal_stiff_n_per_hz"]  # fmt: skip
-    prior = prior_of(p, *names)
+    prior = prior_of(p, *names) | _cubic_prior(p, "normal")
     if measured:
         prior |= prior_of(p, "frequency_slope_hz_per_mm") | {"touch_mm": (0.0, TOUCH_MM)}
     # a turned sensor shows some of what is tangential as normal
@@ -146,16 +177,16 @@ def fit_normal(p: Parameters, blocks: Blocks, measured: bool) -> Posterior:
     sideways = np.nan_to_num(seen.force[:2])
 
     def residual(at: Parameters) -> list[np.ndarray]:
-        slope = at.get("frequency_slope_hz_per_mm", float(p["frequency_slope_hz_per_mm"]))
-        fall = slope * np.maximum(way - at.get("touch_mm", 0.0), 0.0)
-        law = normal_law(at, fall)
+        now = {"touch_mm": 0.0, **p, **at}
+        fall = now["frequency_slope_hz_per_mm"] * np.maximum(way - now["touch_mm"], 0.0)
+        law = force(fall, normal_law(now))
         law = law + at["turn_x"] * sideways[1] - at["turn_y"] * sideways[0]
         return [
-            (frequency - at["frequency_rest_hz"] + fall) / sigma_hz,
-            (force - law)[has_force] / sigma_n,
+            (frequency - now["frequency_rest_hz"] + fall) / sigma_hz,
+            (push - law)[has_force] / sigma_n,
         ]
 
-    return fit_posterior(residual, prior)
+    return _fit_law(residual, prior, (way, way[has_force]), NORMAL_CUBE)
 
 
 def low_pass(time_s: np.ndarray, values: np.ndarray, lag_s: float) -> np.ndarray:
@@ -176,7 +207,7 @@ def fit_drift(
 
     ``B = b0 + b1 dT_chip + (1 + a_hall dT_chip)(1 + a_film dT_film) B_pose``; each segment is a
     pose, whose field is a nuisance parameter. That of a bare chip is the ambient one, which is
-    small: so its offset is told, to that field, and its gain is not.
+    small: so its offset is known, to that field, and its gain is not.
 
     Parameters
     ----------
@@ -230,7 +261,7 @@ def fit_drift(
     if bare is not None:
         prior |= {f"ambient {letter}": (0.0, AMBIENT_UT) for letter in AXES}
         names += offset
-    found = fit_posterior(lambda at: residual(at) + alone(at), prior).told(names)
+    found = fit_posterior(lambda at: residual(at) + alone(at), prior).marginal(names)
     more = np.zeros(len(names))
     more[0] = (HEAT_LOST * float(p["film_drift_per_k"])) ** 2
     covariance = found.fit.covariance + np.diag(more)
@@ -289,7 +320,8 @@ def robust_film(
 
 
 def widened(film: FilmFit, rest_ut: float) -> Fit:
-    """A film's fit, with what no scan of a single film can tell in the sigma of its parameters.
+    """A film's fit, with what no scan of a single film can determine in the sigma of its
+    parameters.
 
     A tilt of the film turns some of its own Bz sideways, which is taken for an offset; and what the
     model cannot follow of a film is the same in all readings, which no number of them averages out.
@@ -309,9 +341,6 @@ def widened(film: FilmFit, rest_ut: float) -> Fit:
 
 def displaced(film: Fit, field_ut: np.ndarray, depth_mm: np.ndarray) -> list[np.ndarray]:
     """Tangential displacement x, y by a film's fit, mm, each shape (b,)."""
-    from skin.calibrate.amplitude import map_field
-    from skin.calibrate.field_angle import ANGLE_NAMES, angle_powers
-
     lateral = map_field(field_ut, film)
     size = np.maximum(np.hypot(*lateral), 1e-9)
     table = np.array([film[name] for name in ANGLE_NAMES])
@@ -334,14 +363,15 @@ def fit_shear(p: Parameters, blocks: Blocks, normal_n: np.ndarray) -> tuple[Post
     Returns
     -------
     posterior : Posterior
-        Of parameters of `UnitModel`, and ``turn_x``, ``turn_y``, ``turn_z`` in rad.
+        Of parameters of `UnitModel`, and ``turn_x``, ``turn_y``, ``turn_z`` in rad; without that of
+        the cube where the best law would soften.
     deeper : bool
         Whether the law grows with depth, by cross-validation.
     """
     seen = _needed(blocks, "force_x, force_y of the reference", *blocks.force[:2])
     whole = np.isfinite(blocks.force[:2]).all(axis=0)
     normal_n = normal_n[whole]
-    (x, y, depth), force = seen.displacement, seen.force[:2]
+    (x, y, depth), push = seen.displacement, seen.force[:2]
     radius = np.hypot(x, y)
     along = np.stack([x, y]) / np.maximum(radius, 1e-9)
     reference_mm = float(p["field_reference_mm"])
@@ -351,14 +381,18 @@ def fit_shear(p: Parameters, blocks: Blocks, normal_n: np.ndarray) -> tuple[Post
 
     def misfit(at: Parameters) -> np.ndarray:
         grown = stiffening(depth, at.get("shear_gain_per_mm", 0.0), reference_mm)
-        fx, fy = shear_law(at, radius) * grown * along
+        fx, fy = force(radius, shear_law({**p, **at})) * grown * along
         seen_x = fx + at["turn_y"] * normal_n - at["turn_z"] * fy
         seen_y = fy + at["turn_z"] * fx - at["turn_x"] * normal_n
-        return (force - np.stack([seen_x, seen_y])) / sigma
+        x, y = (push - np.stack([seen_x, seen_y])) / sigma
+        # along the displacement, which the law is of, and across it
+        return np.stack([x * along[0] + y * along[1], y * along[0] - x * along[1]])
 
     def fitted(order: bool, chosen: np.ndarray) -> Posterior:
-        prior = prior_of(p, *names, *(("shear_gain_per_mm",) if order else ())) | turns
-        return fit_posterior(lambda at: list(misfit(at)[:, chosen]), prior)
+        prior = prior_of(p, *names, *(("shear_gain_per_mm",) if order else ()))
+        prior |= _cubic_prior(p, "shear") | turns
+        over = radius[chosen], None
+        return _fit_law(lambda at: list(misfit(at)[:, chosen]), prior, over, SHEAR_CUBE)
 
     few = np.arange(len(seen)) % max(len(seen) // CHECKED, 1) == 0
 
@@ -366,5 +400,5 @@ def fit_shear(p: Parameters, blocks: Blocks, normal_n: np.ndarray) -> tuple[Post
         fit = fitted(order, training & few).fit
         return misfit(dict(zip(fit.names, fit.values, strict=True)))[:, ~training & few] ** 2
 
-    order = cross_validated((False, True), len(seen), error)
+    order, _ = cross_validated((False, True), folds_of(len(seen)), error)
     return fitted(order, np.ones(len(seen), bool)), order

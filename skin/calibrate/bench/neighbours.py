@@ -1,7 +1,7 @@
 """What films add at their neighbours' chips, from a recording of the skin while it is touched.
 
-As `skin calibrate crosstalk` has it from a live skin: the tare tells what resting neighbours add,
-and a unit that is pressed beside untouched ones the rest.
+As `skin calibrate crosstalk` has it from a live skin: the tare measures what resting neighbours
+add, and a unit that is pressed next to untouched ones the rest.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["Learned", "learn_stencil"]
 WINDOW_S = 0.9
 """Of what is looked at together, about a press [assumed]."""
 ENOUGH = 40
-"""Readings under a press that tell of a unit: those of the shortest window."""
+"""Readings under a press that determine a unit: those of the shortest window."""
 
 
 class Learned(NamedTuple):
@@ -53,16 +53,16 @@ def learn_stencil(known: Topology, series: Series) -> Learned:
     known : Topology
         With the calibration of its units.
     series : Series
-        Counts of the whole skin; units that were never heard tell nothing.
+        Counts of the whole skin; units that were never heard are not used.
 
     Raises
     ------
     ScanError
-        Units without neighbours, no tare, one that was touched, or no unit that was pressed beside
+        Units without neighbours, no tare, one that was touched, or no unit that was pressed next to
         untouched ones.
     """
     if not known.neighbour_index.size:
-        raise ScanError(f"neighbours: must be units beside each other; got none of {known.name!r}")
+        raise ScanError(f"neighbours: must be units next to each other; got none of {known.name!r}")
     counts, heard = series.counts.counts, series.counts.heard
     status = np.where(heard, 0, int(Status.LATE)).astype(np.uint16)
     rest = series.kind == KINDS.index("tare")
@@ -79,7 +79,7 @@ def learn_stencil(known: Topology, series: Series) -> Learned:
     for window in _windows(series):
         test(counts[window], status[window])
     if not test.pressed.any():
-        raise ScanError("neighbours: must be pressed one by one, the units beside them untouched; "
+        raise ScanError("neighbours: must be pressed one by one, the units around them untouched; "
                         "got none that was")  # fmt: skip
     missing = np.flatnonzero(found.taken & (test.pressed < ENOUGH))
     names = tuple(known.unit_names[unit] for unit in missing)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from skin.physics.force_law import normal_fall
+from skin.physics.force_law import inverse, normal_law_mm
 from topology import Topology
 
 __all__ = ["ARRAY", "UNIT", "Step", "steps"]
@@ -58,7 +58,7 @@ ARRAY = (
     Step(
         "array",
         120,
-        "the hand presses and strokes whatever is firm, with the force-torque sensor "
+        "the hand presses and strokes firm objects, with the force-torque sensor "
         "of its wrist as the reference, skin frame; all gains at once",
     ),
 )
@@ -78,8 +78,7 @@ def steps(topology: Topology) -> tuple[tuple[Step, ...], tuple[Step, ...]]:
         Neighbours are left out where a unit has none.
     """
     p = topology.parameters
-    fall_hz = normal_fall(p, p["normal_max_n"])
-    deep = float((fall_hz / p["frequency_slope_hz_per_mm"]).min())
+    deep = float(inverse(p["normal_max_n"], normal_law_mm(p)).min())
     values = {
         "depth": round(deep, 2), "a": 0.25 * deep, "b": 0.6 * deep, "c": deep,
         "far": float(p["tangential_max_mm"].max()) + 0.3,

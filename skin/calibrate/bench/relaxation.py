@@ -1,16 +1,16 @@
 """Relaxation of a unit, from steps that are held, and its elastic laws without it.
 
 Faces that move bear more than those that are held, and so do the laws that are fitted to them. What
-a step bears beyond its elastic force is told by the holds, but for a factor, the gain of
+a step bears beyond its elastic force is determined by the holds, but for a factor, the gain of
 `skin.calibrate.creep`. Taken off all forces of the recording, it leaves those that the elastic laws
 are of: they are fitted once more, which is how the gain comes into them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import morphological_gradient
@@ -18,18 +18,17 @@ from scipy.ndimage import morphological_gradient
 from bus.status import INVALID
 from skin.calibrate.bench.alone import alone
 from skin.calibrate.bench.file import KINDS
+from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.series import Blocks, Series
 from skin.calibrate.creep import CreepFit, fit_creep, unrelaxed
 from skin.calibrate.read import as_fit
-from skin.calibrate.unit import with_fits
+from skin.calibrate.write import with_fits
 from skin.decode.decoder import Decoder
 from skin.errors import ScanError
 from skin.physics.elastic import Elastic
+from skin.physics.force_law import STIFFNESSES
 from skin.physics.least_squares import Fit
 from topology import Topology
-
-if TYPE_CHECKING:
-    from skin.calibrate.bench.fit import UnitResult
 
 __all__ = ["relaxed"]
 
@@ -47,7 +46,6 @@ ROUNDS = 2
 """Elastic laws and terms by turns: each is off by the other's error, which is some per cent."""
 AXES_OF = {"normal": (2,), "shear": (0, 1)}
 """Components of the force that a law is of."""
-PER = {"normal": "n_per_hz", "shear": "n_per_mm"}
 
 
 class _Found(NamedTuple):
@@ -168,8 +166,7 @@ def _joined(result: UnitResult, found: _Found) -> UnitResult:
     goodness = dict(result.goodness)
     for law, fit in found.fits.items():
         sigma = fit.fit[f"{law}_creep_sigma_relative"]
-        stiff = [f"{law}_{part}_{PER[law]}" for part in ("soft", "stiff")]
-        fits = [_wider(each, stiff, sigma) for each in fits]
+        fits = [_wider(each, STIFFNESSES[law], sigma) for each in fits]
         fits.append(fit.fit)
         goodness[f"{law}_hold_rms_n"] = fit.fit.residual_rms
         goodness[f"{law}_creep_share"] = float(fit.weights.sum())
@@ -178,13 +175,13 @@ def _joined(result: UnitResult, found: _Found) -> UnitResult:
             name = f"{law}_sigma_relative"
             before = next(each[name] for each in fits if name in each.names)
             fits.append(as_fit({name: (float(np.hypot(before, sigma)), np.nan)}, 0))
-        for k in np.flatnonzero(~np.array(fit.told)):
-            kept[f"{law}_creep_relative[{k}]"] = "the holds tell nothing of its time"
+        for k in np.flatnonzero(~np.array(fit.determined)):
+            kept[f"{law}_creep_relative[{k}]"] = "the holds do not determine its time"
     return replace(result, fits=tuple(fits), kept=kept, goodness=goodness,
                    plots=result.plots | found.steps)  # fmt: skip
 
 
-def _wider(fit: Fit, names: list[str], relative: float) -> Fit:
+def _wider(fit: Fit, names: Sequence[str], relative: float) -> Fit:
     """The fit with a relative error that these of its parameters have in common."""
     share = np.where(np.isin(fit.names, names), relative * fit.values, 0.0)
     return replace(fit, covariance=fit.covariance + np.outer(share, share))

@@ -16,14 +16,14 @@ from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.check import Score, owner_of, score
 from skin.calibrate.bench.faults import find_faults
 from skin.calibrate.bench.file import ALONE, BenchFile, Recording, read_bench
-from skin.calibrate.bench.fit import UnitResult, fit_unit
+from skin.calibrate.bench.fit import fit_unit
 from skin.calibrate.bench.neighbours import Learned, learn_stencil
+from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.serials import serial_faults
 from skin.calibrate.bench.series import Series, load_series
 from skin.calibrate.read import read_calibration
 from skin.calibrate.tare import calibration_files
-from skin.calibrate.unit import with_fits
-from skin.calibrate.write import OfUnits, write_calibration
+from skin.calibrate.write import OfUnits, with_fits, write_calibration
 from skin.errors import ScanError, SkinError
 from skin.physics.least_squares import Fit
 from skin.physics.stencil import STENCIL_FILE
@@ -38,7 +38,7 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What the recordings of a BENCH file tell.
+    """What the recordings of a BENCH file have given.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Outcome:
         return files
 
     def write_stencil(self, out: str | os.PathLike[str] | None = None) -> Path | None:
-        """Write the stencil that was learned beside the calibration files, whole or not at all.
+        """Write the stencil that was learned next to the calibration files, whole or not at all.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ def calibrate_bench(
     results, scores, faults, serials = [], {}, [], {}
     touched: list[Series] = []
     bare: dict[str, Series] = {}
-    # chips without film first: what they tell belongs to the units' other recordings
+    # chips without film first: what they show belongs to the units' other recordings
     recordings = sorted(bench.recordings, key=lambda each: not _is_bare(each))
     for done, recording in enumerate(recordings):
         if progress is not None:
@@ -209,7 +209,7 @@ def calibrate_bench(
     known = with_fits(skin, {result.unit: result.fits for result in results})
     fitted = tuple(result.unit for result in results)
     learned, notes = _learned(known, touched, fitted)
-    notes += tuple(f"{name}: bare: must be beside another recording of the unit; got none"
+    notes += tuple(f"{name}: bare: must be next to another recording of the unit; got none"
                    for name in bare if name not in fitted)  # fmt: skip
     return Outcome(bench, known, tuple(results), scores, serials, tuple(faults), learned, notes)
 
@@ -221,7 +221,7 @@ def _is_bare(recording: Recording) -> bool:
 def _learned(
     known: Topology, touched: list[Series], fitted: tuple[str, ...]
 ) -> tuple[Learned | None, tuple[str, ...]]:
-    """What the recording of a touched skin tells, or why it tells nothing."""
+    """What the recording of a touched skin shows, or why it shows nothing."""
     if not touched:
         return None, ()
     calibrated = known.calibrated | np.isin(known.unit_names, fitted)
@@ -311,7 +311,7 @@ def _swapped(name: str, serial: str, serials: dict[str, str]) -> list[str]:
 def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
     bench, source = read_bench(file)
     path = source.path.parent / bench.topology
-    skin = load(path if path.exists() else bench.topology)
+    skin = load(path if path.exists() else bench.topology, allow_no_calibration=True)
     for recording in bench.recordings:
         for name in recording.units:
             skin.unit_index(name)

@@ -19,7 +19,7 @@ NUMBER = re.compile(r"(\d+)(/\d+)?$")
 def of_boards(topology: Topology, boards: Boards) -> dict[str, str]:
     """Serial numbers of units by those of their boards: ``1042``; ``1042/2`` of a second unit.
 
-    Boards that were not heard, or that are two with one node number, tell none.
+    Boards that were not heard, or that are two with one node number, have none.
     """
     frames, told = topology.frames, {}
     for (bus, node), board in boards.heard.items():
@@ -41,7 +41,7 @@ def serial_faults(
     """Units whose board says another serial number than BENCH.
 
     What stands before the number, as in ``F3T-1042``, is the maker's. Of boards with several units
-    a number alone may be the unit's own, and tells nothing.
+    a number alone may be the unit's own, and decides nothing.
 
     Parameters
     ----------

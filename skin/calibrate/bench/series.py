@@ -263,7 +263,8 @@ def _faults_of(columns: dict[str, np.ndarray], recording: Recording, name: str) 
 
 def standing(values: np.ndarray) -> tuple[int, int] | None:
     """Where values first stand at their highest or lowest for longer than noise allows: start and
-    length of the run, or None. A channel that mostly stands still anyway has no noise to tell."""
+    length of the run, or None. A channel that mostly stands still anyway has no noise to
+    judge by."""
     if np.mean(np.diff(values) == 0.0) > 0.5:
         return None
     for end in (values.max(), values.min()):

@@ -9,13 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from skin.calibrate.bench.posterior import robust_sigma
 from skin.calibrate.spread import even_spread, law_spread
-from skin.physics.force_law import normal_law, normal_slope, shear_slope
-from skin.physics.least_squares import Fit
+from skin.physics.force_law import force, normal_law, shear_law, slope
+from skin.physics.least_squares import Fit, robust_sigma
 from topology.gel import gel_temperature
 
-__all__ = ["depth_spread", "gel_unknown", "normal_spread", "rms", "shear_spread", "unknown_of"]
+__all__ = [
+    "depth_spread",
+    "fit_sigma",
+    "gel_unknown",
+    "misfit_sigma",
+    "normal_spread",
+    "rms",
+    "shear_spread",
+]
 
 
 def rms(values: np.ndarray) -> float:
@@ -23,7 +30,18 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
 
 
-def unknown_of(error: np.ndarray, law: np.ndarray, parameters: int) -> float:
+def misfit_sigma(fit: Fit, noise: float) -> float:
+    """One sigma of a fitted law: how far it is off beyond the noise, and its covariance.
+
+    Over its own samples, the covariance of p parameters amounts to p / t of a residual's variance.
+    """
+    count = len(fit.values)
+    variance = fit.residual_rms**2 * fit.samples / (fit.samples - count)
+    misfit = max(variance - noise**2, 0.0)
+    return float(np.sqrt(misfit + max(variance, noise**2) * count / fit.samples))
+
+
+def fit_sigma(error: np.ndarray, law: np.ndarray, parameters: int) -> float:
     """What a fit of so many samples leaves unknown of a law, relative to its size."""
     noise = robust_sigma(np.diff(error)) / np.sqrt(2.0) if error.size > 1 else 0.0
     return float(noise * np.sqrt(parameters / error.size) / max(rms(law), 1e-9))
@@ -54,11 +72,11 @@ def normal_spread(
     frequency_hz, force_n : ndarray, shape (b,)
         Measured.
     unknown : float
-        Relative, beside the misfit.
+        Relative, in addition to the misfit.
     """
     fall = float(p["frequency_rest_hz"]) - frequency_hz
-    law, noise_hz = normal_law(p, fall), float(p["frequency_noise_hz"])
-    found = law_spread(law - force_n, law, normal_slope(p, fall) * noise_hz)
+    law, noise_hz = force(fall, normal_law(p)), float(p["frequency_noise_hz"])
+    found = law_spread(law - force_n, law, slope(fall, normal_law(p)) * noise_hz)
     return {
         "normal_sigma_relative": float(np.hypot(found.relative, unknown)),
         "normal_sigma_n": found.absolute,
@@ -83,10 +101,10 @@ def shear_spread(
     error, law, length_mm : ndarray, shape (b,)
         Newton, newton, displacement.
     unknown : float
-        Relative, beside the misfit.
+        Relative, in addition to the misfit.
     """
     noise_mm = p["field_noise_ut"] / (p["field_amplitude_ut"] * p["field_wavenumber_rad_per_mm"])
-    found = law_spread(error, law, shear_slope(p, length_mm) * float(noise_mm))
+    found = law_spread(error, law, slope(length_mm, shear_law(p)) * float(noise_mm))
     return {
         "shear_sigma_relative": float(np.hypot(found.relative, unknown)),
         "shear_sigma_n": found.absolute,

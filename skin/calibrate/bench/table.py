@@ -43,7 +43,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         raise ScanError(f"{path}: must have rows below its head; got none")
     try:
         cells = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, ndmin=2)
-    except ValueError:  # empty cells, or what is none of numbers: told with its line
+    except ValueError:  # empty cells, or what is none of numbers: reported with its line
         cells = _slowly(path, head, text)
     if cells.shape[1] != len(head):
         raise ScanError(f"{path}:1: must have as many names as columns, {cells.shape[1]}; got "

@@ -1,4 +1,4 @@
-"""What slip remembers of units, and what it works on: named arrays, allocated once.
+"""State and scratch of slip: named arrays, allocated once.
 
 The units of a contact are gathered into rows padded to whole vectors, so that loops over a row
 become vector instructions, and scattered back at the end. All displacements are in millimetres and
@@ -25,46 +25,46 @@ MOTIONS, PLANE = 6, 3
 """Motions of a body: along both axes of the contact and about its normal (the first three, in the
 plane); where the skin is curved, along the normal and about the two axes."""
 NUISANCES = MOTIONS + 2
-"""What may look like slip and is none: those; a gain that all units share; soft ground."""
+"""Nuisance parameters: those; a common gain error of all units; soft ground."""
 LANES = 8
-"""Numbers of a vector."""
+"""Length of a padded vector."""
 
 
 class UnitFilter(NamedTuple):
-    """What is kept of each unit while its contact lasts, and its noise for longer; shape (n,) or
-    (2, n) with n padded."""
+    """State of each unit while its contact lasts, and its noise for longer; shape (n,) or (2, n)
+    with n padded."""
 
-    anchor: np.ndarray  # (2, n) displacement at no motion of the body
+    anchor: np.ndarray  # (2, n) displacement without motion of the body
     anchor_variance: np.ndarray
     lag: np.ndarray  # (2, n) behind the body, low-passed
     lag_variance: np.ndarray
-    moved: np.ndarray  # (2, n) displacement that the body's motion asks for
+    moved: np.ndarray  # (2, n) displacement predicted by the body's motion
     moved_slow: np.ndarray  # (2, n) the same, low-passed as the lag is
-    followed: np.ndarray  # (2, n) its part that the anchor has had time to follow
-    followed_out: np.ndarray  # (2, n) what of that is due to motions out of the contact's plane
-    gain_error: np.ndarray  # share of the displacement since then by which it goes too far
+    followed: np.ndarray  # (2, n) the part that the anchor has followed
+    followed_out: np.ndarray  # (2, n) the part of that by motions out of the contact's plane
+    gain_error: np.ndarray  # relative error of the displacement since anchoring
     gain_information: np.ndarray  # inverse variance of that
-    anchor_depth: np.ndarray  # how deep it was pressed, low-passed as the anchor
+    anchor_depth: np.ndarray  # depth, low-passed as the anchor
     lag_mean: np.ndarray  # (2, n) of the lag over `rest_s`
-    noise_ratio: np.ndarray  # variance of the noise over what sigma says; 0 before it was touched
-    noise_sum: np.ndarray  # squares of what was seen over what sigma says
-    noise_count: np.ndarray  # and how many of them
-    age_s: np.ndarray  # how long it has been anchored
+    noise_ratio: np.ndarray  # variance of the noise over sigma squared; 0 before contact
+    noise_sum: np.ndarray  # sum of squared noise over sigma squared
+    noise_count: np.ndarray  # number of terms in it
+    age_s: np.ndarray  # time since it was anchored
 
 
 class UnitHistory(NamedTuple):
-    """What else is kept of each unit, and not needed in rows; shape (n,) or (2, n) as there."""
+    """Further state of each unit that is not gathered into rows; shape (n,) or (2, n) as there."""
 
     body: np.ndarray  # identity of the contact that it is anchored to
-    began: np.ndarray  # identity of the contact whose slip it began, last time
-    mean_lag: np.ndarray  # (2, n) of a slipping unit: mean of the last stretch of time
-    lag_sum: np.ndarray  # (2, n) sum of this stretch
-    lag_cycles: np.ndarray  # length of this stretch
-    sliding_s: np.ndarray  # how long it still counts as seen sliding
-    slid_shear: np.ndarray  # sum of the forces along its way while it slid in this contact
+    began: np.ndarray  # identity of the contact whose last slip began here
+    mean_lag: np.ndarray  # (2, n) of a slipping unit: mean over the last interval
+    lag_sum: np.ndarray  # (2, n) sum over this interval
+    lag_cycles: np.ndarray  # length of this interval
+    sliding_s: np.ndarray  # remaining time for which it counts as sliding
+    slid_shear: np.ndarray  # sum of the forces along its slip in this contact
     slid_load: np.ndarray  # sum of the loads
     slid_variance: np.ndarray  # sum of the variances of shear less friction times load
-    borne: np.ndarray  # greatest friction that it has borne in this contact without
+    borne: np.ndarray  # largest friction that it has borne in this contact without slip
     noisy: np.ndarray  # 1 where its noise is greater than sigma says
 
 
@@ -75,23 +75,23 @@ class UnitRows(NamedTuple):
     new: np.ndarray  # 1 where it has just come into contact
     joined: np.ndarray  # 1 where it was anchored to another body
     displacement: np.ndarray  # (2, length)
-    told: np.ndarray  # variance of that by sigma
-    noise: np.ndarray  # and as it was seen
+    reported: np.ndarray  # its variance by sigma
+    noise: np.ndarray  # its measured variance
     load: np.ndarray  # N
     weight: np.ndarray  # in the fit; later, inverse variance of the lag
-    deeper: np.ndarray  # than at its anchor
-    imposed: np.ndarray  # how far the body asks it to be displaced
-    direction: np.ndarray  # (2, length) in which
-    slip_score: np.ndarray  # its own lag against that direction, in sigmas
+    deeper: np.ndarray  # depth beyond that at its anchor
+    imposed: np.ndarray  # displacement predicted by the body's motion
+    direction: np.ndarray  # (2, length) of `imposed`
+    slip_score: np.ndarray  # its own lag along `direction`, in sigmas
     square_distance: np.ndarray  # from the centre, in sizes of the contact
     root_weight: np.ndarray  # of the lag, where it is held
-    residual: np.ndarray  # lag in sigmas that the nuisances leave
-    redundancy: np.ndarray  # share of its own lag that they leave
+    residual: np.ndarray  # lag in sigmas, nuisances removed
+    redundancy: np.ndarray  # fraction of its own lag that they leave
     predicted_lag: np.ndarray  # by a pattern of slip, in sigmas
     moved_out: np.ndarray  # (2, length) of `moved`, due to motions out of the plane
-    surprise: np.ndarray  # square of the reading's distance from the lag
-    body_variance: np.ndarray  # mm², of where the body asks it to be
-    in_pattern: np.ndarray  # 1 where the likeliest pattern says that it slips
+    surprise: np.ndarray  # squared innovation of the reading
+    body_variance: np.ndarray  # mm², of the predicted displacement
+    in_pattern: np.ndarray  # 1 where it slips in the likeliest pattern
     design: tuple[np.ndarray, np.ndarray]  # (NUISANCES, length) each of motions, along x and y;
     # later, orthonormal nuisance basis
     nuisance: np.ndarray  # (NUISANCES, length) that basis along `direction`
@@ -112,19 +112,19 @@ class BodyFit(NamedTuple):
 class PatternScratch(NamedTuple):
     """Scratch of the pattern test."""
 
-    prior: np.ndarray  # (NUISANCES, NUISANCES) rows of prior knowledge of the nuisance basis
+    prior: np.ndarray  # (NUISANCES, NUISANCES) rows of the prior of the nuisance basis
     evidence: np.ndarray  # (PATTERNS,) twice the logarithm of the odds against no slip
-    slipping: np.ndarray  # (PATTERNS,) share of the load that slips
+    slipping: np.ndarray  # (PATTERNS,) fraction of the load that slips
 
 
 class SlipScratch(NamedTuple):
-    """What is written anew for each contact."""
+    """Scratch that is overwritten for each contact."""
 
     unit: UnitFilter  # rows, gathered
     row: UnitRows
     fit: BodyFit
     pattern: PatternScratch
-    noise: np.ndarray  # (6,) of all units: sum and count of lags, of readings; ratios; kept
+    noise: np.ndarray  # (6,) of all units: sum and count of lags, of readings; ratios; persistent
     unit_rows: np.ndarray  # (FILTER_ROWS, length) all of `unit`, to be padded
     rows: np.ndarray  # (UNIT_ROWS, length) all of `row`
 
@@ -138,7 +138,7 @@ class SlipArrays(NamedTuple):
 
 
 class SlipData(NamedTuple):
-    """The memory of slip in few blocks, because each array that a kernel is handed costs time."""
+    """State and scratch of slip in few blocks, since each array argument of a kernel costs time."""
 
     kept: np.ndarray  # (FILTER_ROWS, length), see `UnitFilter`
     history: np.ndarray  # (HISTORY_ROWS, length), see `UnitHistory`
@@ -146,14 +146,14 @@ class SlipData(NamedTuple):
     row: np.ndarray  # (UNIT_ROWS, length), scratch, see `UnitRows`
     equations: np.ndarray  # scratch, as the others: see `BodyFit`
     placement_equations: np.ndarray
-    vectors: np.ndarray  # (7, MOTIONS), what else is in `BodyFit`
+    vectors: np.ndarray  # (7, MOTIONS), the rest of `BodyFit`
     prior: np.ndarray  # see `PatternScratch`
-    grid: np.ndarray  # (2, PATTERNS), what else is in `PatternScratch`
+    grid: np.ndarray  # (2, PATTERNS), the rest of `PatternScratch`
     noise: np.ndarray  # (6,), kept, see `SlipScratch`
 
     @staticmethod
     def zeros(n: int) -> SlipData:
-        """For n units that nothing has touched yet."""
+        """For n untouched units."""
         length = row_length(n)
         return SlipData(
             aligned.zeros((FILTER_ROWS, length)), aligned.zeros((HISTORY_ROWS, length)),
@@ -172,8 +172,8 @@ BEGAN, NOISY_UNIT, NOISE_RATIO = 1, 12, 19
 
 
 def row_length(n: int) -> int:
-    """Length of rows for n units: odd in whole vectors, so that rows that are used together do not
-    fight for the same cache lines."""
+    """Row length for n units: an odd number of vectors, so that rows used together fall into
+    different cache lines."""
     length = (n + LANES - 1) // LANES * LANES
     return length + LANES * (1 + (length // LANES) % 2)
 
@@ -189,7 +189,7 @@ def unit_filter(b):
 
 @jitable(inline=True)
 def slip_arrays(data: SlipData):
-    """The memory of slip by name."""
+    """State and scratch of slip by name."""
     h, r, v = data.history, data.row, data.vectors
     k = 24 + NUISANCES
     row = UnitRows(

@@ -1,4 +1,4 @@
-"""Friction from units that slip and from units that stick, and the grip that it asks for."""
+"""Friction from units that slip and units that stick, and the resulting grip force."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from skin.contact.record import NO_FRICTION, SlipState, UnitSlip
 from skin.contact.slip.data import SlipArrays, UnitHistory
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 
-__all__ = ["friction_margin", "learn_friction", "stick_ratio_by_cone"]
+__all__ = ["friction_margin", "learn_friction", "show_bounds", "stick_ratio_by_cone"]
 
 FAR = -5.0
-"""[numeric] Sigmas below the mean, from where a bound tells nothing."""
+"""[numeric] Sigmas below the mean from which a bound has no information."""
 
 
 @jitable(inline=True)
 def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s):
-    """What slipping units carry, and what stuck ones bear at least: equations 19 and 20."""
+    """Loads of slipping units, and lower bounds by stuck ones: equations 19 and 20."""
     history, unlike, row = slip.history, slip.kept.noise_ratio, slip.scratch.row
     keep = max(0.0, 1.0 - dt_s / PARAMETERS.memory_s)
-    # A bound that is never too high: false as seldom as an alarm.
+    # A lower bound whose error rate is that of an alarm.
     sigmas = np.sqrt(2.0 * alarm)
-    # Where all slides, units slide that nobody has seen slip by themselves.
+    # In gross slip, units slide although no slip of their own was detected.
     since_s = (now_ns - record["gross_ns"]) * 1e-9
     all_slide = record["slip"] == SlipState.GROSS and since_s < PARAMETERS.rest_s
     seen, seen_sum = 0.0, 0.0
@@ -36,7 +36,7 @@ def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s
         history.slid_load[i] *= keep
         history.slid_variance[i] *= keep
         load, sigma = np.float64(reading.force[2, i]), reading.force_sigma
-        # Along the way that it is dragged: a length would be too long by its noise.
+        # Along the slip direction: a vector length would be biased by its noise.
         shear = np.float64(reading.force[0, i]) * row.direction[0, j]
         shear += np.float64(reading.force[1, i]) * row.direction[1, j]
         ratio = shear / load
@@ -63,18 +63,18 @@ def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s
 
 @jitable(inline=True)
 def _has_slid(i, history: UnitHistory):
-    """Whether a unit has been seen to slide for so long that it tells a friction."""
+    """Whether a unit has slid for long enough to measure friction."""
     square = PARAMETERS.outlier_sigmas**2 * history.slid_variance[i]
     return history.slid_shear[i] > 0.0 and history.slid_shear[i] ** 2 > square
 
 
 @jitable(inline=True)
 def _follow_friction(record, units, history: UnitHistory):
-    """One step of expectation and maximisation for the friction of the faces, which is normal over
-    them: those that slid tell it, those that stick tell that theirs is greater (equation 20)."""
+    """One step of expectation-maximisation for the friction of the faces, which is normal over
+    them: sliding faces measure it, sticking ones bound it from below (equation 20)."""
     mean, spread = record["friction_mean"], record["friction_spread"]
     variance = spread**2
-    told, further, squares, known = 0.0, 0.0, 0.0, 0.0
+    informative, further, squares, known = 0.0, 0.0, 0.0, 0.0
     for at in range(record["begin"], record["end"]):
         i = units.members[at]
         excess, information = 0.0, 0.0
@@ -88,16 +88,16 @@ def _follow_friction(record, units, history: UnitHistory):
             if at_least > FAR:
                 hazard = _hazard(at_least)
                 excess, information = spread * hazard, hazard * (hazard - at_least)
-        told += information
+        informative += information
         further += excess
         squares += information * (excess**2 + (1.0 - information) * variance)
         known += information
-    if not told > 0.0:
+    if not informative > 0.0:
         return
     prior, faces = (PARAMETERS.friction_spread * mean) ** 2, PARAMETERS.friction_faces
-    record["friction_mean"] = max(mean + further / told, 1e-3)
+    record["friction_mean"] = max(mean + further / informative, 1e-3)
     record["friction_spread"] = np.sqrt((squares + faces * prior) / (known + faces))
-    record["friction_information"] = told / variance
+    record["friction_information"] = informative / variance
 
 
 @jitable(inline=True)
@@ -110,9 +110,10 @@ def _hazard(z):
 
 @jitable(inline=True)
 def friction_margin(record, model: SlipModel):
-    """Friction so far, what is left of its cone, and the grip that holds: equation 21.
+    """Friction so far, free fraction of its cone, and the grip force: equation 21. NaN where
+    friction is not known: see `show_bounds`.
 
-    Returns the friction that is in use.
+    Returns the used friction.
     """
     if record["friction_information"] > 0.0:
         record["friction"] = record["friction_mean"]
@@ -140,9 +141,27 @@ def friction_margin(record, model: SlipModel):
 
 
 @jitable(inline=True)
+def show_bounds(record, ratio, model: SlipModel):
+    """Replace unknown friction, margin and grip force by bounds: the friction that sticking units
+    have borne is a lower bound, and the present load suffices.
+
+    `ratio` is the friction in use. Nothing is decided by these numbers.
+    """
+    if record["flags"] & NO_FRICTION == 0:
+        return
+    least, holds = max(record["friction_lower"], 0.0), record["slip"] < SlipState.INCIPIENT
+    record["friction"] = least
+    record["margin"] = 0.0
+    record["grip_force"] = model.safety * record["load"] if holds else np.nan
+    if holds and ratio < least:
+        record["margin"] = 1.0 - ratio / least
+        record["grip_force"] *= ratio / least
+
+
+@jitable(inline=True)
 def stick_ratio_by_cone(record):
-    """Share of the load that sticks where friction differs from face to face, by how much of the
-    friction cone is in use. For contacts of few units."""
+    """Fraction of the load that sticks where friction differs between faces, by the used fraction
+    of the friction cone. For contacts of few units."""
     z = record["margin"] / PARAMETERS.friction_spread
     return 0.5 * math.erfc(-z / math.sqrt(2.0))
 

@@ -1,4 +1,4 @@
-"""Every number that slip is decided by: the user's settings, and the constants of the detector."""
+"""All parameters of slip: the user's settings, and the constants of the detector."""
 
 from __future__ import annotations
 
@@ -24,37 +24,36 @@ BOUNDS = {
     "safety": (1e-3, 1000.0),
     "friction": (1e-3, 100.0),
 }
-"""Of each setting: lowest and highest value [assumed]."""
+"""Lowest and highest value of each setting [assumed]."""
 
 
 @dataclass(frozen=True)
 class SlipSettings:
-    """What the slip detector takes for noise, and what it calls slip.
+    """User settings of the slip detector.
 
-    A rigid motion is fitted to the displacements of the units that stick to what touches; the odds
-    that some of the load slips follow from how far units lag behind it. Three units are the fewest
-    that can contradict each other; below that, and as long as a friction is known, the share of the
-    friction cone that is in use decides.
+    A rigid motion is fitted to the displacements of the units that stick; the odds of slip follow
+    from the lags of units behind it. This needs three units; with fewer, once friction is known,
+    the used fraction of the friction cone decides.
 
     Attributes
     ----------
     false_alarms_per_hour : float
-        Alarms without slip, of one contact that lasts an hour: at most so many where the model of
-        docs/derivations.md holds. Fewer of them are later alarms.
+        Alarms without slip, per hour of one contact: an upper bound where the model of
+        docs/explanation/derivations.md holds. A lower rate delays alarms.
     slips_per_hour : float
-        How often a contact begins to slip: what is known of `Contact.slip_probability` beforehand.
-        No alarm depends on it.
+        Rate of onsets of slip of a contact: the prior of `Contact.slip_probability`. Alarms do not
+        depend on it.
     gain_error : float
-        One-sigma of the units' gains, of each and of all together, before they are learned from the
-        displacement: a share of it.
+        One-sigma of the units' gains, of each and common to all, before they are learned: relative
+        to the displacement.
     floor_mm : float
-        One-sigma of what else displacements are wrong by, cross-talk for instance.
+        One-sigma of other errors of displacements, such as cross-talk.
     incipient_ratio, gross_ratio : float
-        Share of the load that sticks, below which slip is incipient, gross.
+        Fraction of the load that sticks below which slip is incipient, gross.
     safety : float
-        Grip force that is asked for, over the least one that holds.
+        Factor of the grip force above the smallest one that holds.
     friction : float
-        Coefficient to go by until slip has shown the true one; NaN for none.
+        Coefficient that is used until slip has measured it; NaN for none.
 
     Raises
     ------
@@ -83,7 +82,7 @@ class SlipSettings:
             )
 
     def model(self) -> SlipModel:
-        """The settings as kernels take them."""
+        """The settings in the form for kernels."""
         return SlipModel(*map(float, astuple(self)))
 
 
@@ -92,7 +91,7 @@ def _is_nan(value: object) -> bool:
 
 
 class SlipModel(NamedTuple):
-    """`SlipSettings` as kernels take them; the names and units are the same."""
+    """`SlipSettings` for kernels; the names and units are the same."""
 
     false_alarms_per_hour: float
     slips_per_hour: float
@@ -105,54 +104,53 @@ class SlipModel(NamedTuple):
 
 
 class SlipParameters(NamedTuple):
-    """Constants of the detector. They are part of the machine code, which is made anew when one
-    changes. [tuned]: on trials of seed 1000 of `benchmarks.slip`; [assumed]: by judgement."""
+    """Constants of the detector. They are compiled into the machine code, which is recompiled when
+    one changes. [tuned]: on trials of seed 1000 of `benchmarks.slip`; [assumed]: by judgement."""
 
     slow_s: float = 0.032
-    """[tuned] Longest time constant, s, of the low-pass of lags: shorter is sooner, longer is less
-    noise; flat between 0.02 and 0.045."""
+    """[tuned] Longest time constant, s, of the low-pass of lags: a shorter one is faster, a longer
+    one has less noise; flat between 0.02 and 0.045."""
     creep_s: float = 3.0
     """[assumed] Longest time constant, s, of the anchor of a unit that sticks: creep is no slip."""
     film_memory: float = 0.2
-    """[assumed] Share of its depth that a film may keep when nothing bears on it any more."""
+    """[assumed] Fraction of its depth that a film may keep without load."""
     soft_ground: float = 0.05
-    """[assumed] Prior one-sigma of how much further soft ground lets a unit go at the rim."""
+    """[assumed] Prior one-sigma of the additional displacement on soft ground at the rim."""
     soft_units: int = 20
-    """[tuned] Units that stick, above which the ground under a contact can yield like that: with
-    fewer, slip is seen later if it is allowed for, and false alarms are rare without."""
+    """[tuned] Units that stick above which soft ground is a nuisance parameter: with fewer units it
+    would delay alarms, and false ones are rare without it."""
     amplitude: float = 0.5
-    """[assumed] Prior one-sigma of how much further than its pattern says a unit lags, as a share:
-    friction falls when a unit begins to slide."""
+    """[assumed] Prior one-sigma of a unit's lag relative to its pattern: friction falls when a unit
+    begins to slide."""
     outlier_sigmas: float = 3.0
-    """[assumed] Sigmas beyond which a reading counts no more: Huber's clipping (1964)."""
+    """[assumed] Sigmas at which a reading is clipped: Huber (1964)."""
     least_friction: float = 0.1
-    """[assumed] Coefficients of friction from here …"""
+    """[assumed] Lower end of the prior of friction, uniform in its logarithm …"""
     greatest_friction: float = 1.1
-    """[assumed] … to here are as likely, by their logarithm, before slip has shown the true one."""
+    """[assumed] … and its upper end."""
     memory_s: float = 10.0
-    """[assumed] Time constant, s, with which the noise that was seen and samples of friction are
-    forgotten."""
+    """[assumed] Time constant, s, with which measured noise and samples of friction decay."""
     noise_prior: float = 5.0
-    """[tuned] Independent readings that the told sigma of all units together is worth."""
+    """[tuned] Weight of the reported sigma of all units, in independent readings."""
     unit_noise_prior: float = 20.0
-    """[tuned] And those that the noise of all units is worth for that of one."""
+    """[tuned] Weight of the noise of all units in that of one, in independent readings."""
     rest_s: float = 0.25
-    """[assumed] How long, s, a lag must not grow until its unit is taken to stick again, and how
-    long the friction of a contact that slides is averaged."""
+    """[assumed] Time, s, without growth of its lag after which a unit sticks again, and over which
+    the friction of a sliding contact is averaged."""
     friction_spread: float = 0.05
-    """[assumed] Relative one-sigma of friction from unit to unit and from moment to moment, before
-    it is learned."""
+    """[assumed] Relative one-sigma of friction between units and over time, before it is
+    learned."""
     friction_faces: float = 4.0
-    """[assumed] Faces that this spread is worth, for the one that is seen."""
+    """[assumed] Weight of this spread, in faces."""
 
 
 PARAMETERS = SlipParameters()
 """The constants in use."""
 LEAST_UNITS = 3
-"""[derived] Units that can contradict each other: two faces always fit a rigid motion."""
+"""[derived] Fewest units with a test: two faces always fit a rigid motion."""
 UNITS_FOR_TURN = 2
-"""[derived] Units that stick, to tell a rotation."""
+"""[derived] Fewest sticking units for a rotation."""
 SETTLED = 2.0
 """[derived] Time constants after which a low-pass has 98 % of the variance that it will have."""
 PATTERNS = 14
-"""[numeric] Patterns of slip that are held against the lags; 24 tell the same."""
+"""[numeric] Number of tested patterns of slip; 24 give the same result."""

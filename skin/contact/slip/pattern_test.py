@@ -1,7 +1,7 @@
-"""The test for slip of a whole contact: the odds of slip, by the patterns of lags that it makes.
+"""Test for slip of a whole contact: the odds of slip, by the patterns of lags that it causes.
 
-First all that is no slip is taken out of the lags, then what is left is compared with the lags that
-each coefficient of friction would let arise.
+First the nuisances are projected out of the lags, then the rest is compared with the lags at each
+coefficient of friction.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ __all__ = ["FRICTIONS", "alarm_odds", "detect_pattern", "project_nuisances"]
 FRICTIONS = np.geomspace(PARAMETERS.least_friction, PARAMETERS.greatest_friction, PATTERNS)
 """Coefficients of friction whose patterns are tested."""
 RANK = 1e-9
-"""[numeric] Share of a column below which it depends on those before it."""
+"""[numeric] Fraction of a column below which it depends on those before it."""
 BLIND = 0.01
-"""[numeric] Share of a unit's own lag that the nuisances must leave, to judge it by itself."""
+"""[numeric] Smallest fraction of a unit's own lag outside the nuisances for a test of the unit
+alone."""
 ROUNDING = 1e-9
-"""[numeric] Logarithm of odds that says nothing: sums of it are rounded by 1e-13."""
+"""[numeric] Log-odds without information: sums are rounded by 1e-13."""
 
 
 @jitable(inline=True)
 def alarm_odds(share, dt_s, model: SlipModel):
-    """Logarithm of the odds that alarm: derivations.md, equation 18.
+    """Log-odds of an alarm: derivations.md, equation 18.
 
-    Odds against a true hypothesis have mean 1, so that no more than one look in ``odds`` exceeds
-    them; a low-pass with a time constant T looks anew 1 / T times a second.
+    Odds against a true hypothesis have mean 1, so that at most one test in ``odds`` exceeds them; a
+    low-pass with a time constant T has 1 / T independent tests a second.
     """
     looks_per_hour = 3600.0 * share / dt_s
     return np.log(max(looks_per_hour / model.false_alarms_per_hour, 1.0))
@@ -41,10 +42,10 @@ def alarm_odds(share, dt_s, model: SlipModel):
 def project_nuisances(
     length, motions, stuck, out_of_plane, model: SlipModel, unit: UnitFilter, row: UnitRows, prior
 ):
-    """Take out of the lags all that is no slip: derivations.md, equations 14 and 15.
+    """Project the nuisances out of the lags: derivations.md, equations 14 and 15.
 
-    Gram and Schmidt make the nuisances orthonormal, in sigmas of the lags; what is known of each
-    beforehand counts as one more reading. Returns the number of nuisances.
+    Gram-Schmidt makes the nuisances orthonormal, in sigmas of the lags; the prior of each counts as
+    one more reading. Returns the number of nuisances.
     """
     assume_noalias()
     yields = stuck >= PARAMETERS.soft_units
@@ -76,7 +77,7 @@ def project_nuisances(
 
 @jitable(inline=True)
 def _gain_columns(a, length, row: UnitRows):
-    """A gain error that all units share."""
+    """A gain error common to all units."""
     assume_noalias()
     for j in range(length):
         row.design[0][a, j] = row.imposed[j] * row.direction[0, j]
@@ -85,13 +86,13 @@ def _gain_columns(a, length, row: UnitRows):
 
 @jitable(inline=True)
 def _ground_columns(a, length, gain_variance, unit: UnitFilter, row: UnitRows):
-    """Soft ground, that yields by the distance from the centre."""
+    """Soft ground, which yields in proportion to the distance from the centre."""
     assume_noalias()
     along_x, along_y = row.direction[0], row.direction[1]
     for j in range(length):
         far = along_x[j] * (unit.moved[0, j] - unit.followed[0, j])
         far += along_y[j] * (unit.moved[1, j] - unit.followed[1, j])
-        # What has been learned is not to be feared any more.
+        # Gains that are learned have less prior variance.
         far *= row.square_distance[j] / (gain_variance * unit.gain_information[j])
         row.design[0][a, j] = far * along_x[j]
         row.design[1][a, j] = far * along_y[j]
@@ -99,7 +100,7 @@ def _ground_columns(a, length, gain_variance, unit: UnitFilter, row: UnitRows):
 
 @jitable(inline=True)
 def _orthogonalise(a, length, row: UnitRows, prior):
-    """Weigh column a and make it orthogonal to those before; returns its scale, 0 if dependent."""
+    """Weight column a and make it orthogonal to those before; returns its scale, 0 if dependent."""
     assume_noalias()
     root, xa, ya = row.root_weight, row.design[0][a], row.design[1][a]
     before = prior[a, a] ** 2
@@ -129,7 +130,7 @@ def _orthogonalise(a, length, row: UnitRows, prior):
 
 @jitable(inline=True)
 def _take_out(a, length, scale, unit: UnitFilter, row: UnitRows):
-    """Normalise column a and take what it explains out of the lags."""
+    """Normalise column a and subtract its projection from the lags."""
     assume_noalias()
     xa, ya, nuisance = row.design[0][a], row.design[1][a], row.nuisance[a]
     root, along_x, along_y = row.root_weight, row.direction[0], row.direction[1]
@@ -149,10 +150,10 @@ def _take_out(a, length, scale, unit: UnitFilter, row: UnitRows):
 def detect_pattern(
     record, members, force, length, nuisances, alarm, model: SlipModel, scratch: SlipScratch
 ):
-    """Slip as the whole contact shows it: derivations.md, equations 15 to 18.
+    """Detect slip of the whole contact: derivations.md, equations 15 to 18.
 
-    `alarm` is the logarithm of the odds that it takes to begin, and to be gross. Returns the
-    logarithm of the odds of slip, and the share of the load that sticks: 1 without an alarm.
+    `alarm` is the log-odds for its onset, and for gross slip. Returns the log-odds of slip, and the
+    fraction of the load that sticks: 1 without an alarm.
     """
     row = scratch.row
     first, count = record["begin"], record["end"] - record["begin"]
@@ -166,7 +167,7 @@ def detect_pattern(
         return 0.0, 1.0
     softness = square / pull
     odds, best = _odds(length, nuisances, softness, record["load"], model, row, scratch.pattern)
-    # A slip that was told lasts until it is as likely as not.
+    # A reported slip lasts until its odds fall below 1.
     least = ROUNDING if record["slip"] == SlipState.INCIPIENT else alarm
     if not odds > least:
         return odds, 1.0
@@ -179,8 +180,8 @@ def detect_pattern(
 
 @jitable(inline=True)
 def _odds(length, nuisances, softness, load, model: SlipModel, row: UnitRows, grid: PatternScratch):
-    """Odds of the patterns in which as much slips as is of interest, against those with less and
-    against none; their logarithm, and which pattern is the likeliest."""
+    """Log-odds of the patterns with an alarming amount of slip, against those with less and none;
+    and the likeliest pattern."""
     evidence, slipping = grid.evidence, grid.slipping
     most, much, little = 0.0, 0, 0
     for k in range(PATTERNS):
@@ -204,9 +205,9 @@ def _odds(length, nuisances, softness, load, model: SlipModel, row: UnitRows, gr
 
 @jitable(inline=True)
 def _explain(friction, length, nuisances, softness, load, row: UnitRows):
-    """What the pattern of slip at one coefficient of friction explains of the lags (equation 16).
+    """Likelihood of the pattern of slip at one coefficient of friction (equation 16).
 
-    Returns the logarithm of the odds against no slip, and the share of the load that slips.
+    Returns the log-odds against no slip, and the fraction of the load that slips.
     """
     assume_noalias()
     imposed, root, predicted = row.imposed, row.root_weight, row.predicted_lag

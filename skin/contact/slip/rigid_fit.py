@@ -12,11 +12,11 @@ from skin.contact.slip.parameters import SlipModel
 __all__ = ["contact_frame", "design_motions", "fit_motion"]
 
 RANK = 1e-9
-"""[numeric] Share of a pivot below which a motion cannot be told from those before it."""
+"""[numeric] Fraction of a pivot below which a motion depends on those before it."""
 FLAT = 1e-3
 """[numeric] One minus the length of the mean normal below which a contact is flat."""
 RIDGE = 1e-6
-"""[numeric] Share of a diagonal element that keeps motions out of the plane apart."""
+"""[numeric] Regularisation of motions out of the plane, relative to the diagonal."""
 
 
 @jitable(inline=True)
@@ -39,7 +39,7 @@ def contact_frame(record, members, force, geometry, fit: BodyFit):
 
 @jitable(inline=True)
 def design_motions(pose, fit: BodyFit, size, motions, row: UnitRows, j):
-    """What each motion of the body does to one unit: derivations.md, equation 1."""
+    """Displacement of one unit by each motion of the body: derivations.md, equation 1."""
     scale = 1.0 / size
     position, rotation, axes, design = pose["position"], pose["rotation"], fit.axes, row.design
     qx = (position[0] - fit.centre[0]) * scale
@@ -48,7 +48,7 @@ def design_motions(pose, fit: BodyFit, size, motions, row: UnitRows, j):
     row.square_distance[j] = qx * qx + qy * qy + qz * qz
     for c in range(2):
         ax, ay, az = rotation[0, c], rotation[1, c], rotation[2, c]
-        # Rotation about an axis e moves q by e x q; its share along a is e . (q x a).
+        # Rotation about an axis e moves q by e x q; its component along a is e . (q x a).
         rx, ry, rz = qy * az - qz * ay, qz * ax - qx * az, qx * ay - qy * ax
         design[c][0, j] = ax * axes[0, 0] + ay * axes[0, 1] + az * axes[0, 2]
         design[c][1, j] = ax * axes[1, 0] + ay * axes[1, 1] + az * axes[1, 2]
@@ -63,8 +63,8 @@ def design_motions(pose, fit: BodyFit, size, motions, row: UnitRows, j):
 def fit_motion(length, motions, model: SlipModel, unit: UnitFilter, row: UnitRows, fit: BodyFit):
     """Weighted least squares of the body's motion: derivations.md, equations 2 to 4.
 
-    Returns the one-sigma, mm, of how far it may have gone out of the contact's plane since the
-    anchors have had time to follow.
+    Returns the one-sigma, mm, of the motion out of the contact's plane that the anchors may have
+    followed.
     """
     assume_noalias()
     floor, equations = model.floor_mm**2, fit.equations
@@ -73,7 +73,7 @@ def fit_motion(length, motions, model: SlipModel, unit: UnitFilter, row: UnitRow
     _normal_equations(length, motions, unit, row, equations)
     variance = 0.0
     if motions > PLANE:
-        # Out of the plane, few units cannot tell a motion from slip; how deep they are pressed can.
+        # Out of the plane, few units cannot distinguish motion from slip; their depths can.
         deeper, total = 0.0, 0.0
         for j in range(length):
             deeper += row.weight[j] * row.deeper[j] ** 2
@@ -90,7 +90,7 @@ def fit_motion(length, motions, model: SlipModel, unit: UnitFilter, row: UnitRow
 
 @jitable(inline=True)
 def _body_variance(length, motions, factor, row: UnitRows):
-    """Variance of where the body asks each unit to be, mean of both components, by Cholesky's
+    """Variance of the predicted displacement of each unit, mean of both components, by the Cholesky
     factor of the normal equations."""
     assume_noalias()
     for c in range(2):
@@ -133,10 +133,10 @@ def _normal_equations(length, motions, unit: UnitFilter, row: UnitRows, equation
 
 @jitable(inline=True)
 def _place(length, motions, row: UnitRows, unit: UnitFilter, fit: BodyFit):
-    """Where the anchors place the body out of the plane (equation 4).
+    """Pose of the body out of the plane by the anchors (equation 4).
 
-    A unit that came late was anchored further along the plane than the others, so only motions out
-    of it are compared.
+    A late unit was anchored further along the plane than the others, so only motions out of it are
+    compared.
     """
     design, placement = row.design, fit.placement_equations
     for a in range(PLANE, motions):
@@ -159,8 +159,8 @@ def _dot(a, b, c, length):
 
 @jitable(inline=True)
 def _solve(equations, motions, x):
-    """Cholesky's solution of ``equations[:, :motions] x = equations[:, MOTIONS]``, of which the
-    lower triangle is given; motions that cannot be told are 0."""
+    """Cholesky solution of ``equations[:, :motions] x = equations[:, MOTIONS]``, given the lower
+    triangle; dependent motions are 0."""
     for j in range(motions):
         before = equations[j, j]
         for k in range(j):

@@ -9,13 +9,13 @@ from skin.contact.record import BORN, SlipState, UnitSlip
 from skin.contact.slip.data import SlipArrays, UnitFilter, UnitHistory, UnitRows
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, SlipModel
 
-__all__ = ["begin_contact", "count_slipping", "decide_contact", "decide_units", "slides_still"]
+__all__ = ["begin_contact", "count_slipping", "decide_contact", "decide_units", "still_slides"]
 
 
 @jitable(inline=True)
 def begin_contact(record):
-    """A contact that is new knows nothing; one that is back has kept its friction."""
-    record["slip"] = SlipState.NONE
+    """Reset a new contact; a resumed one keeps its friction."""
+    record["slip"] = SlipState.UNKNOWN
     record["onset_ns"] = 0
     if record["event"] & BORN:
         record["friction_information"] = 0.0
@@ -26,7 +26,7 @@ def begin_contact(record):
 
 @jitable(inline=True)
 def decide_units(record, units, dt_s, alarm, model: SlipModel, slip: SlipArrays):
-    """Stick or slip of each unit of a contact, at odds of `alarm` and the number of units."""
+    """Stick or slip of each unit of a contact, at log-odds of `alarm` and the number of units."""
     state, first, row = units.slip, record["begin"], slip.scratch.row
     count = record["end"] - first
     least = 2.0 * (alarm + np.log(count))
@@ -54,7 +54,7 @@ def _begin_slip(history: UnitHistory, i):
 
 @jitable(inline=True)
 def _comes_to_rest(history: UnitHistory, i, unit: UnitFilter, noise, j, dt_s, model: SlipModel):
-    """A unit that slips; returns whether it holds again: its lag grows no more."""
+    """Whether a slipping unit sticks again: its lag no longer grows."""
     mean, total = history.mean_lag, history.lag_sum
     history.sliding_s[i] -= dt_s
     total[0, i] += unit.lag[0, j]
@@ -81,7 +81,7 @@ def _comes_to_rest(history: UnitHistory, i, unit: UnitFilter, noise, j, dt_s, mo
 
 @jitable(inline=True)
 def count_slipping(record, units, row: UnitRows):
-    """How many units slip and the load on them; those that are new stick from now on."""
+    """Number of slipping units and the load on them; new units stick."""
     slipping, load_slipping, first = 0, 0.0, record["begin"]
     for j in range(record["end"] - first):
         i = units.members[first + j]
@@ -94,9 +94,9 @@ def count_slipping(record, units, row: UnitRows):
 
 
 @jitable(inline=True)
-def slides_still(record, ratio, now_ns, dt_s):
-    """Whether gross slip goes on: faces that all slide use all of their friction, no more and no
-    less; nobody sees them slide."""
+def still_slides(record, ratio, now_ns, dt_s):
+    """Whether gross slip continues: sliding faces use all of their friction, no more and no less;
+    their slip is not detected otherwise."""
     if (now_ns - record["gross_ns"]) * 1e-9 < PARAMETERS.rest_s:
         share = min(1.0, dt_s / PARAMETERS.slow_s)
         record["gross_ratio"] += share * (ratio - record["gross_ratio"])
@@ -106,10 +106,10 @@ def slides_still(record, ratio, now_ns, dt_s):
 
 
 @jitable(inline=True)
-def decide_contact(record, units, now_ns, judging, ratio, model: SlipModel, slip: SlipArrays):
-    """State of the contact from its stick ratio; see derivations.md. `ratio` is the friction in
-    use, `judging` how many units judge."""
-    before, state = record["slip"], _state(record, model, judging)
+def decide_contact(record, units, now_ns, tested, ratio, model: SlipModel, slip: SlipArrays):
+    """State of the contact from its stick ratio; see derivations.md. `ratio` is the used friction,
+    `tested` the number of tested units."""
+    before, state = record["slip"], _state(record, model, tested)
     if state >= SlipState.INCIPIENT and before < SlipState.INCIPIENT:
         record["onset_ns"] = now_ns
         row, first = slip.scratch.row, record["begin"]
@@ -126,18 +126,18 @@ def decide_contact(record, units, now_ns, judging, ratio, model: SlipModel, slip
 
 
 @jitable(inline=True)
-def _state(record, model: SlipModel, judging):
-    """State of the contact by this cycle alone, but for hysteresis."""
+def _state(record, model: SlipModel, tested):
+    """State of the contact by this cycle alone, without hysteresis."""
     before, stick = record["slip"], record["stick_ratio"]
-    if judging < LEAST_UNITS and not np.isfinite(record["margin"]):
-        return SlipState.NONE
-    few = judging - record["slip_units"] < LEAST_UNITS
+    if tested < LEAST_UNITS and not np.isfinite(record["margin"]):
+        return SlipState.UNKNOWN
+    few = tested - record["slip_units"] < LEAST_UNITS
     if stick < model.gross_ratio or (few and record["margin"] < 0.0):
         return SlipState.GROSS
     leave = 0.5 + 0.5 * model.incipient_ratio
     slips = stick < model.incipient_ratio or (before == SlipState.INCIPIENT and stick < leave)
-    # Where all units slide alike none lags behind the others: then the cone alone can tell. What
-    # an alarm has taught does not count: a false one would be followed by others.
-    told = not record["friction_information"] > 0.0
-    used_up = told and record["margin"] < 0.0
+    # Where all units slide alike there are no lags: only the cone can show it. Friction learned by
+    # an alarm does not count: a false alarm would cause further ones.
+    unknown = not record["friction_information"] > 0.0
+    used_up = unknown and record["margin"] < 0.0
     return SlipState.INCIPIENT if slips or used_up else SlipState.STICK

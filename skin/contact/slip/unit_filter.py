@@ -17,15 +17,15 @@ from skin.contact.slip.rigid_fit import design_motions
 __all__ = ["Pace", "correct", "gather", "lowpass_share", "predict", "scatter"]
 
 LEAST_SIGMA_MM = 1e-6
-"""[numeric] Sigma of a displacement that is told as less, 0 for instance: millimetre."""
+"""[numeric] Lower bound of the sigma of a displacement, millimetre."""
 
 
 @jitable(inline=True)
 def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
-    """Gather the units of a contact into rows, and start those that are new.
+    """Gather the units of a contact into rows, and initialise new ones.
 
-    Returns the padded length, how many units stick, and how many are anchored to this body, be it
-    that they slip.
+    Returns the padded length, the number of sticking units, and the number of units anchored to
+    this body, sticking or slipping.
     """
     kept, history, scratch = slip.kept, slip.history, slip.scratch
     unit, row = scratch.unit, scratch.row
@@ -37,7 +37,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
     remembered = _remembered_share(first, count, displacement, units, kept)
     for j in range(count):
         i = units.members[first + j]
-        # An edge has gone past it: its film recovers, and is no judge of the body any more.
+        # At the edge of a contact: its film recovers and no longer follows the body.
         at_most = displacement[2, i] + PARAMETERS.outlier_sigmas * sigma[2, i]
         recovers = at_most < remembered * kept.anchor_depth[i]
         if recovers:
@@ -57,12 +57,12 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         row.joined[j] = 1.0 if not (new or anchored) else 0.0
         row.displacement[0, j] = displacement[0, i]
         row.displacement[1, j] = displacement[1, i]
-        told = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
-        told = max(told, LEAST_SIGMA_MM**2)
-        row.told[j] = told
+        reported = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
+        reported = max(reported, LEAST_SIGMA_MM**2)
+        row.reported[j] = reported
         ratio = noise_ratio(scratch.noise, unit.noise_sum[j], unit.noise_count[j])
         unit.noise_ratio[j] = ratio
-        row.noise[j] = told * ratio
+        row.noise[j] = reported * ratio
         row.load[j] = reading.force[2, i]
         depth = np.float64(displacement[2, i])
         if new:
@@ -76,7 +76,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
 
 @jitable(inline=True)
 def _remembered_share(first, count, displacement, units, kept: UnitFilter):
-    """Share of its depth at anchoring that a unit's film may remember without load."""
+    """Fraction of its depth at anchoring that a unit's film may keep without load."""
     deep, was_deep = 0.0, 0.0
     for j in range(count):
         i = units.members[first + j]
@@ -88,7 +88,7 @@ def _remembered_share(first, count, displacement, units, kept: UnitFilter):
 
 @jitable(inline=True)
 def _pad(count, scratch: SlipScratch):
-    """Pad all rows with units that weigh nothing; returns the length in whole vectors."""
+    """Pad all rows with units of weight zero; returns the length in whole vectors."""
     length = (count + LANES - 1) // LANES * LANES
     for rows in (scratch.unit_rows, scratch.rows):
         for k in range(rows.shape[0]):
@@ -96,14 +96,14 @@ def _pad(count, scratch: SlipScratch):
                 rows[k, j] = 0.0
     for j in range(count, length):
         scratch.row.noise[j] = 1.0
-        scratch.row.told[j] = 1.0
+        scratch.row.reported[j] = 1.0
         scratch.unit.gain_information[j] = 1.0
     return length
 
 
 @jitable(inline=True)
 def scatter(first, count, members, unit: UnitFilter, kept: UnitFilter):
-    """Keep what the rows hold of each unit."""
+    """Store the rows of each unit."""
     for j in range(count):
         _copy(unit, j, kept, members[first + j])
 
@@ -132,9 +132,9 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
 
 @jitable(inline=True)
 def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows, motion):
-    """Share by which lags follow in this cycle: derivations.md, equation 5."""
+    """Gain of the low-pass of lags in this cycle: derivations.md, equation 5."""
     assume_noalias()
-    square, judges, noise = 0.0, 0.0, 0.0
+    square, total, noise = 0.0, 0.0, 0.0
     slow_x, slow_y, design = unit.moved_slow[0], unit.moved_slow[1], row.design
     for j in range(length):
         ahead_x, ahead_y = -slow_x[j], -slow_y[j]
@@ -142,30 +142,30 @@ def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows,
             ahead_x += design[0][a, j] * motion[a]
             ahead_y += design[1][a, j] * motion[a]
         heavy = row.held[j] * row.load[j]
-        judges += heavy
+        total += heavy
         square += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)
         noise += heavy * row.noise[j]
     slow = 1.0 - np.exp(-dt_s / PARAMETERS.slow_s)
-    if not judges > 0.0:
+    if not total > 0.0:
         return slow
-    # A fit of so many motions to so many units is wrong by this share of a unit's noise.
+    # Error of a fit of so many motions to so many units, relative to a unit's noise.
     square -= noise * motions / max(stuck, 1)
-    rms = np.sqrt(square / judges) if square > 0.0 else 0.0
-    span = PARAMETERS.outlier_sigmas * np.sqrt(noise / judges)
+    rms = np.sqrt(square / total) if square > 0.0 else 0.0
+    span = PARAMETERS.outlier_sigmas * np.sqrt(noise / total)
     return max(slow, 1.0 - span / max(rms, span))
 
 
 class Pace(NamedTuple):
-    """How lags follow in this cycle."""
+    """Gains of the lags in this cycle."""
 
-    share: float  # of the way to what is read
+    share: float  # gain of the low-pass
     dt_s: float
-    unlike: float  # variance of single readings over what sigma says
+    unlike: float  # variance of single readings over sigma squared
 
 
 @jitable(inline=True)
 def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row: UnitRows, motion):
-    """Where the body asks each unit to be, and how far it lags: equations 6 to 9."""
+    """Predicted displacement of each unit, and its lag: equations 6 to 9."""
     assume_noalias()
     share, unlike = pace.share, pace.unlike
     prior, floor = 1.0 / model.gain_error**2, model.floor_mm**2
@@ -198,7 +198,7 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
             behind = here[j] - anchor[j] - now - unit.gain_error[j] * (now - followed[j])
             further = behind - lag[j]
             row.surprise[j] += further * further
-            spread = max(row.noise[j], unlike * row.told[j]) + unit.lag_variance[j] + floor
+            spread = max(row.noise[j], unlike * row.reported[j]) + unit.lag_variance[j] + floor
             most = PARAMETERS.outlier_sigmas * np.sqrt(spread)
             lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
             mean[j] *= 1.0 - new
@@ -208,7 +208,7 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
 
 @jitable(inline=True)
 def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
-    """Variance of the lags, and the imposed displacement: equations 7 to 9."""
+    """Variance of the lags, and the predicted displacement: equations 7 to 9."""
     assume_noalias()
     floor = model.floor_mm**2
     for j in range(length):
@@ -224,14 +224,14 @@ def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRow
         square += (unit.moved[1, j] - unit.followed[1, j]) ** 2
         weight = 1.0 / (variance + anchor_variance + square / unit.gain_information[j] + floor)
         row.weight[j] = (1.0 - new) * weight
-        # Friction drags a unit along: one that slips lags against its own displacement.
+        # Friction drags a unit along: a slipping unit lags against its own displacement.
         x = unit.anchor[0, j] + unit.moved_slow[0, j]
         y = unit.anchor[1, j] + unit.moved_slow[1, j]
         far = np.sqrt(x * x + y * y)
         row.imposed[j] = far
         row.direction[0, j] = x / max(far, 1e-9)
         row.direction[1, j] = y / max(far, 1e-9)
-        # Those that slip already are no judges, nor those whose noise has not been heard.
+        # Excludes slipping units, and units whose noise is unknown.
         unit.age_s[j] = (1.0 - max(new, row.joined[j])) * (unit.age_s[j] + dt_s)
         settled = 1.0 if unit.age_s[j] > 2.0 * SETTLED * PARAMETERS.slow_s else 0.0
         row.root_weight[j] = np.sqrt(settled * row.held[j] * row.weight[j])
@@ -239,10 +239,10 @@ def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRow
 
 @jitable(inline=True)
 def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
-    """Anchors and gain errors of the units that stick: derivations.md, equations 10 and 11.
+    """Anchors and gain errors of sticking units: derivations.md, equations 10 and 11.
 
-    An anchor is the mean of what was seen while the unit stuck, and forgets slowly: creep and a
-    drifting tare are no slip. The gain error is the slope of that line.
+    An anchor is the mean displacement while the unit stuck, with a slow decay: creep and a drifting
+    tare are no slip. The gain error is the slope of that line.
     """
     assume_noalias()
     slowest = min(1.0, dt_s / PARAMETERS.creep_s)
@@ -253,17 +253,17 @@ def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
         gain = held * max(variance / (variance + noise), slowest)
         gain_error, rest, square = unit.gain_error[j], 0.0, 0.0
         for c in range(2):
-            way = unit.moved[c, j] - unit.followed[c, j]
+            travel = unit.moved[c, j] - unit.followed[c, j]
             lag = row.displacement[c, j] - unit.anchor[c, j] - unit.moved[c, j]
             step = gain * lag
             unit.anchor[c, j] += step
-            unit.lag[c, j] -= step - gain * gain_error * way
-            unit.followed[c, j] += gain * way
+            unit.lag[c, j] -= step - gain * gain_error * travel
+            unit.followed[c, j] += gain * travel
             unit.followed_out[c, j] += gain * (row.moved_out[c, j] - unit.followed_out[c, j])
-            square += way * way
-            rest += way * (lag - gain_error * way)
+            square += travel * travel
+            rest += travel * (lag - gain_error * travel)
         unit.anchor_depth[j] += gain * row.deeper[j]
-        telling = held * (1.0 - gain) / row.noise[j]
-        unit.gain_information[j] += telling * square
-        unit.gain_error[j] += telling * rest / unit.gain_information[j]
+        information = held * (1.0 - gain) / row.noise[j]
+        unit.gain_information[j] += information * square
+        unit.gain_error[j] += information * rest / unit.gain_information[j]
         unit.anchor_variance[j] += gain * (gain * noise - (2.0 - gain) * variance)

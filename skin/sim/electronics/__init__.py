@@ -1,1 +1,1 @@
-"""What a board makes of its unit: capacitor and timer, counter, divider, Hall chip."""
+"""Electronics of a unit's board: capacitor and timer, counter, divider, Hall chip."""

@@ -25,13 +25,13 @@ GAP_MM = 1.0
 """Distance of the discs at rest."""
 
 PERMITTIVITY = 150.0
-"""Relative, of the ionic elastomer between them [assumed]. The paper does not say it; only its
-product with the timer's resistors shows, and those are chosen by the rest frequency."""
+"""Relative permittivity of the ionic elastomer between them [assumed]. Not given in the paper; only
+its product with the timer's resistors matters, and those follow from the rest frequency."""
 
 
 def picofarad(compression: np.ndarray | float = 0.0) -> np.ndarray | float:
-    """Capacitance of four soft discs, one above the other, two of each polarity, in pF, with every
-    gap narrowed by the fraction `compression` (supplement S4, Fig. S3).
+    """Capacitance in pF of four soft discs in a stack, two of each polarity, with every gap
+    narrowed by the fraction `compression` (supplement S4, Fig. S3).
 
     C = eps_r (3 S1 + 2 S2 + 2 S3) / (8 pi k d).
 
@@ -49,9 +49,8 @@ def picofarad(compression: np.ndarray | float = 0.0) -> np.ndarray | float:
 class Timer:
     """Pressed depth to frequency for n units.
 
-    The layer that carries the discs is as high as makes the frequency fall by
-    `frequency_slope_hz_per_mm`, and the resistors are as large as make the unloaded unit run at
-    `frequency_rest_hz`.
+    The height of the layer with the discs follows from `frequency_slope_hz_per_mm`, and the
+    resistors from `frequency_rest_hz`.
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ class Timer:
     """
 
     SQUEEZED = 0.999
-    """Compression at which the discs meet: beyond it the frequency stays at its lowest."""
+    """Compression at which the discs touch: beyond it the frequency stays at its lowest."""
 
     def __init__(self, topology: Topology) -> None:
         rest_hz = topology.parameters["frequency_rest_hz"]

@@ -1,4 +1,4 @@
-"""Counting the periods of the timer: what a board reads of a frequency within a gate."""
+"""Counter of the timer's periods: the frequency within a gate, as a board measures it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ __all__ = ["Counter", "Gate"]
 class Counter:
     """Reciprocal counting: whole periods within a gate, timed by the ticks of a clock.
 
-    With N periods in M ticks the reading is N clock / M. The clock does not run in step with the
-    timer, so that M is the true time rounded up or down by chance: right on average, and off by at
-    most one tick, that is by about ``frequency / (gate_s * clock_hz)``, of which 1/sqrt(6) is the
-    standard deviation over all frequencies.
+    With N periods in M ticks the reading is N clock / M. The clock is not synchronous with the
+    timer, so M is the true time rounded up or down at random: unbiased, with an error of at most
+    one tick, that is about ``frequency / (gate_s * clock_hz)``, of which 1/sqrt(6) is the standard
+    deviation over all frequencies.
 
     Attributes
     ----------
     gate_s : float
-        How long periods are counted. A reading is the mean over the gate, so it is half a gate old.
+        Counting time. A reading is the mean over the gate, so it is half a gate old.
     clock_hz : float
 
     Examples
@@ -34,20 +34,20 @@ class Counter:
     clock_hz: float = 1e6
 
     def read(self, frequency_hz: np.ndarray, phase: np.ndarray | float) -> np.ndarray:
-        """What is counted of a frequency that is steady over the gate.
+        """Reading of a frequency that is constant over the gate.
 
         Parameters
         ----------
         frequency_hz : ndarray, shape (..., n)
         phase : ndarray, shape (..., n), or float
-            When the first edge comes within its tick, 0 to 1; 0.5 rounds to the nearest tick.
+            Position of the first edge within its tick, 0 to 1; 0.5 rounds to the nearest tick.
 
         Returns
         -------
         ndarray, shape (..., n)
-            Hz; 0 where no whole period fits into the gate, as of a timer that stands still.
+            Hz; 0 where no whole period fits into the gate, such as for a stopped timer.
         """
-        # A frequency that fits a whole number of times must not lose a period to its last bit.
+        # A frequency with a whole number of periods must not lose one to rounding.
         periods = np.floor(frequency_hz * self.gate_s * (1.0 + 1e-12))
         counted = periods >= 1.0
         steady = np.where(counted, frequency_hz, 1.0)
@@ -69,15 +69,15 @@ class Gate:
         self._time_s, self._frequency_hz = np.empty(0), np.empty((0, 0))
 
     def __call__(self, time_s: float | np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
-        """Take samples, and give the mean over the gate that ends with each.
+        """Add samples; returns the mean over the gate that ends with each.
 
-        Before the first sample the frequency was what it was then; a time that is not after the
-        last sample starts anew.
+        Before the first sample the frequency is constant; a time that is not after the last sample
+        restarts the gate.
 
         Parameters
         ----------
         time_s : float, or ndarray, shape (t,)
-            One after the other.
+            Ascending.
         frequency_hz : ndarray, shape (n,), or (t, n)
 
         Returns

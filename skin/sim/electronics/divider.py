@@ -1,4 +1,4 @@
-"""The gel's resistance through a voltage divider and a converter, as a board works it out."""
+"""Measurement of the gel's resistance by a voltage divider and a converter."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ __all__ = ["Divider"]
 
 @dataclass(frozen=True)
 class Divider:
-    """The gel between the reference and a resistor to ground, across which a converter measures.
+    """The gel between the reference and a resistor to ground; the converter measures across the
+    resistor.
 
-    The gel's current, of which its law speaks, is what the reference drives through the gel alone.
-    The converter compares with the same reference, so that only the resistor's worth counts. What
-    one step of it means in temperature is the same at both ends of a range where the resistor is
-    the geometric mean of the gel's resistances there.
+    The gel's current of its law is what the reference drives through the gel alone. The converter
+    has the same reference, so only the resistor matters. A step has the same size in temperature at
+    both ends of a range if the resistor is the geometric mean of the gel's resistances there.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Divider:
     bits: int = 12
 
     def code(self, current_ua: np.ndarray) -> np.ndarray:
-        """What the converter gives, 0 to 2^bits - 1, for a gel of this current.
+        """The converter's output, 0 to 2^bits - 1, for a gel of this current.
 
         Parameters
         ----------
@@ -50,13 +50,13 @@ class Divider:
         return np.clip(np.rint(steps * measured), 0.0, steps - 1.0)
 
     def read(self, current_ua: np.ndarray) -> np.ndarray:
-        """The current that a board works out from the code.
+        """The current that a board computes from the code.
 
         Returns
         -------
         ndarray, shape (..., n)
-            µA; infinite where the converter is at its upper end, so that the board sends the rail
-            of the wire and a short circuit does not look like a temperature.
+            µA; infinite at the converter's upper end, so that the board sends the rail of the wire
+            and a short circuit is not read as a temperature.
         """
         code, steps = self.code(current_ua), 2.0**self.bits
         at_end = code >= steps - 1.0

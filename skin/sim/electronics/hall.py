@@ -1,4 +1,4 @@
-"""The Hall chip: from the field of the film to what the chip reports of it."""
+"""The Hall chip: from the field of the film to the reported field."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class HallConverter:
     lsb_ut : float
         One step, µT; the default is a common chip's.
     range_ut : float
-        Largest field of either sign that it can tell, µT.
+        Largest measurable field of either sign, µT.
     """
 
     lsb_ut: float = 98.0
@@ -31,19 +31,19 @@ class HallConverter:
     def read(self, field_ut: np.ndarray) -> np.ndarray:
         """The field in whole steps, shape as given.
 
-        Infinite beyond the range, so that the board sends the rail of the wire and a lower bound
-        does not look like a reading.
+        Infinite beyond the range, so that the board sends the rail of the wire and a lower bound is
+        not taken for a reading.
         """
         steps = self.lsb_ut * np.rint(field_ut / self.lsb_ut)
         return np.where(np.abs(field_ut) > self.range_ut, np.copysign(np.inf, field_ut), steps)
 
 
 class HallChip:
-    """Imperfect assembly and a warm chip, as the calibration of each unit describes them.
+    """Assembly errors and temperature drift of the chip, as in the calibration of each unit.
 
-    A calibration says how to undo the distortion of a unit; here it is put in: the direction is
-    turned back along the correction table, the lateral field goes through the inverse of the 2x2
-    map, and gain and offset drift with the chip's temperature.
+    A calibration corrects the distortion of a unit; here it is applied: the direction is rotated
+    back along the correction table, the lateral field passes the inverse of the 2x2 map, and gain
+    and offset drift with the chip's temperature.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ class HallChip:
     Raises
     ------
     CalibrationError
-        A map has no inverse, or a correction turns back on itself, so that no field of the unit
-        could have this calibration.
+        A map has no inverse, or a correction is not monotonic, so that no unit can have this
+        calibration.
     """
 
     def __init__(self, topology: Topology) -> None:
@@ -94,7 +94,7 @@ class HallChip:
 
 
 def _turn(field_ut: np.ndarray, corrected: np.ndarray) -> None:
-    """Turn the lateral field to the direction that the correction table turns back."""
+    """Rotate the lateral field to the direction that the correction table maps back."""
     x, y = field_ut[..., 0, :], field_ut[..., 1, :]
     wanted = np.arctan2(y, x)
     wanted = corrected[0] + (wanted - corrected[0]) % (2.0 * np.pi)

@@ -1,4 +1,4 @@
-"""Bodies that touch a skin: shapes and poses, how deep they reach, how they carry faces along.
+"""Bodies in contact with a skin: shapes, poses, penetration, and displacement of faces.
 
 A pose is a transform as in `topology.pose`: (rotation, translation), coordinates of the body to
 coordinates of the skin.
@@ -30,13 +30,13 @@ DISC = np.array(
         [0.25, *np.full(6, 0.125)],
     ]
 )
-"""Where a face feels: x and y in radii of the unit, and weights. `DISC` is the quadrature of the
-fifth degree on a disc; it feels an edge that lies beside the middle of a face, `POINT` does not."""
+"""Sensitive points of a face: x and y in radii of the unit, and weights. `DISC` is the quadrature
+of the fifth degree on a disc, which detects an edge off the middle of a face; `POINT` does not."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
-    """A convex body: the space within a quadric and behind planes, in its own frame.
+    """A convex body: the intersection of a quadric and half-spaces, in its own frame.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Body:
     planes : ndarray, shape (4, m)
         Outward unit normals and distances from the origin in metre: ``normal @ x <= distance``.
     compliance_mm_per_n : float
-        How far the body's surface yields to the force of one unit, normal or tangential; in series
+        Yield of the body's surface under the force of one unit, normal or tangential; in series
         with the unit's own stiffness. 0: rigid.
 
     Examples
@@ -121,7 +121,7 @@ def penetration(
     radius_m: np.ndarray | None = None,
     out: np.ndarray | None = None,
 ) -> np.ndarray:
-    """How deep a body reaches into each unit, along the unit's own z axis.
+    """Penetration of a body at each unit, along the unit's own z axis.
 
     Parameters
     ----------
@@ -132,16 +132,16 @@ def penetration(
     rotation : ndarray, shape (3, 3, n)
         Columns are the unit's axes, z into the skin.
     radius_m : ndarray, shape (n,), optional
-        Radius of each face, which then feels all over (`DISC`): the depth is the weighted mean, no
-        part of it less than 0. Else it feels in its middle.
+        Radius of each face, for the weighted mean over it (`DISC`), without negative parts.
+        Otherwise only its middle counts.
     out : ndarray, shape (n,), optional
-        Where to write what is returned.
+        Output array.
 
     Returns
     -------
     ndarray, shape (n,)
-        Millimetre, from the face to where the axis leaves the body. Negative: how far the body is
-        away along the axis; -inf where it would pass beside the face or lies behind it.
+        Millimetre, from the face to where the axis leaves the body. Negative: distance of the body
+        along the axis; -inf where the axis misses the body or the body lies behind the face.
 
     Examples
     --------
@@ -166,10 +166,10 @@ def carried(
     *,
     out: np.ndarray | None = None,
 ) -> np.ndarray:
-    """How far the body's surface moved along each face between two poses.
+    """Displacement of the body's surface along each face between two poses.
 
-    What the body does as a whole, sliding, turning on the spot (torsion) or rolling, is in the two
-    poses: a unit sees the way of that point of the body which ends up where it meets the face.
+    Sliding, turning on the spot (torsion) and rolling are all in the two poses: a unit sees the
+    motion of the point of the body that ends up in contact with the face.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def carried(
 
 
 def _contiguous(pose: Pose) -> Pose:
-    """The pose as the kernels want it."""
+    """The pose as contiguous arrays, for kernels."""
     return np.ascontiguousarray(pose[0], float), np.ascontiguousarray(pose[1], float)
 
 
@@ -218,7 +218,7 @@ def _penetration_python(curvature, planes, pose, felt, depth_mm):
                 x0 += body_rotation[r, 0] * x
                 x1 += body_rotation[r, 1] * x
                 x2 += body_rotation[r, 2] * x
-            # the part of the axis within the body, as distances from the face
+            # the interval of the axis within the body, as distances from the face
             first, last = -np.inf, np.inf
             if round_part:
                 square = g0 * d0 * d0 + g1 * d1 * d1 + g2 * d2 * d2
@@ -247,7 +247,7 @@ def _penetration_python(curvature, planes, pose, felt, depth_mm):
 
 
 def _carry_python(pose_before, pose_after, position, rotation, depth_mm, shift_mm):
-    """`carried`, in place: how far each point of the body is from where it was."""
+    """`carried`, in place: displacement of each point of the body."""
     turn_0, before = pose_before
     turn_1, after = pose_after
     back = np.zeros((3, 3))
@@ -264,9 +264,9 @@ def _carry_python(pose_before, pose_after, position, rotation, depth_mm, shift_m
             r2 = position[2, i] + depth * rotation[2, 2, i] - after[2]
             for j, r in enumerate((r0, r1, r2)):
                 was = back[j, 0] * r0 + back[j, 1] * r1 + back[j, 2] * r2
-                way = after[j] - before[j] + (r - was)
-                along_x += rotation[j, 0, i] * way
-                along_y += rotation[j, 1, i] * way
+                travel = after[j] - before[j] + (r - was)
+                along_x += rotation[j, 0, i] * travel
+                along_y += rotation[j, 1, i] * travel
         shift_mm[0, i] = 1e3 * along_x
         shift_mm[1, i] = 1e3 * along_y
 

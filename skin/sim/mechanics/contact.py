@@ -1,7 +1,7 @@
-"""A body on a skin, step by step: which faces it presses, drags and slips over, and how hard.
+"""A body on a skin, step by step: which faces it presses, drags and slips over, and their forces.
 
 Forces are resolved in the frames of the units: a face bears its load along its own z and friction
-along its own x and y, whatever the slope of the body there.
+along its own x and y, for any slope of the body.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from topology import Topology
 __all__ = ["Mechanics", "MechanicsTruth"]
 
 FURTHEST_M = 1.0
-"""How far a body is moved in search of a load."""
+"""Largest displacement of a body in search of a load."""
 
 FIRST_M = 1e-4
-"""First step of that search, where nothing is known of the stiffness."""
+"""First step of that search, without a known stiffness."""
 
 
 @dataclass(slots=True)
 class MechanicsTruth:
-    """What really goes on between a body and n units at one instant.
+    """True state of a body and n units at one instant.
 
     Attributes
     ----------
     pose : Pose
-        Where the body is; NaN before the first step.
+        Pose of the body; NaN before the first step.
     contact : ndarray, shape (n,), bool
         Units that bear load.
     force : ndarray, shape (3, n)
@@ -45,9 +45,9 @@ class MechanicsTruth:
     slipping : ndarray, shape (n,), bool
         Faces over which the body moved in this step; loaded faces that do not slip stick.
     slip_mm : ndarray, shape (2, n)
-        How far.
+        Slip distance.
     slip_share : float
-        Share of the load on faces that have slipped since the contact began to stick.
+        Fraction of the load on faces that have slipped since the contact began to stick.
     """
 
     pose: Pose
@@ -79,6 +79,8 @@ class Mechanics:
     ----------
     truth : MechanicsTruth
         After the last step; its arrays are valid until the next.
+    passed : ndarray, shape (n,), bool, or None
+        Units that are out of its way and cannot touch it; may be set between two steps.
 
     Examples
     --------
@@ -108,13 +110,14 @@ class Mechanics:
         self._before_mm = np.full(n, -np.inf)
         self._load = np.zeros(n)
         self._want_mm, self._holds_mm = np.zeros((2, n)), np.zeros((2, n))
-        # as of the last step; what is tried starts from here
-        # how far surfaces are displaced, whoever does it
+        # state of the last step, from which trials start
+        # displacements of surfaces, by any body
         self._held_mm, self._traction = np.zeros((2, n)), np.zeros((2, n))
         self._slipping = np.zeros(n, bool)
         self._slip = Slip(n)
         self._others_mm: np.ndarray | None = None
         self._last: Pose | None = None
+        self.passed: np.ndarray | None = None
         self._sunk_m, self._slope = 0.0, 0.0
         self.truth = MechanicsTruth(
             (np.eye(3), np.full(3, np.nan)), np.zeros(n, bool), np.zeros((3, n)), np.zeros((3, n)),
@@ -122,13 +125,13 @@ class Mechanics:
         )  # fmt: skip
 
     def share(self, force: np.ndarray) -> None:
-        """Let other bodies bear on the same foundation, until they are heard of again, with forces
-        in newton, shape (3, n), unit frames. Nothing follows on a Winkler foundation."""
+        """Set the forces of other bodies on the same foundation, until the next call: newton, shape
+        (3, n), unit frames. No effect on a Winkler foundation."""
         if self.foundation.together:
             self._others_mm = self.foundation.spread(force)
 
     def step(self, time_s: float, pose: Pose) -> MechanicsTruth:
-        """Bring the body to a pose."""
+        """Move the body to a pose."""
         self._press(pose)
         self._drag(time_s, pose)
         return self._commit(pose)
@@ -136,15 +139,15 @@ class Mechanics:
     def push(
         self, time_s: float, pose: Pose, load_n: float, direction: np.ndarray
     ) -> MechanicsTruth:
-        """Bring the body to a pose, then sink it until the skin bears a load.
+        """Move the body to a pose, then sink it until the skin bears a load.
 
         Parameters
         ----------
         time_s : float
         pose : Pose
         load_n : float
-            What the normal forces of the units have to add up to along `direction`; SkinError if
-            there is no such load that way.
+            Required sum of the units' normal forces along `direction`; SkinError if there is no
+            such load that way.
         direction : ndarray, shape (3,)
             Unit vector into the skin, along which the body is moved.
         """
@@ -157,7 +160,7 @@ class Mechanics:
         sunk_m = self._sunk_m
         gap_mm = 0.0
         while excess(sunk_m) == -load_n != 0.0 and np.isfinite(gap_mm):
-            # nothing touches: the nearest face is a first guess
+            # no contact: start at the nearest face
             gap_mm = -self._depth_mm.max()
             if gap_mm < 1e-3 * FIRST_M:
                 break
@@ -178,6 +181,8 @@ class Mechanics:
 
     def _press(self, pose: Pose) -> None:
         penetration(self.body, pose, self._position, self._rotation, out=self._depth_mm)
+        if self.passed is not None:
+            self._depth_mm[self.passed] = -np.inf
         if self._others_mm is not None:
             self._depth_mm -= self._others_mm[2]
         self.foundation.press(
@@ -186,7 +191,7 @@ class Mechanics:
         )  # fmt: skip
 
     def _drag(self, time_s: float, pose: Pose) -> None:
-        """Take the faces that are pressed along from the last step's pose to this one."""
+        """Drag the pressed faces along from the last step's pose to this one."""
         truth, depth_mm, want_mm = self.truth, self._depth_mm, self._want_mm
         carried(
             pose if self._last is None else self._last, pose, self._position, self._rotation,
@@ -195,7 +200,7 @@ class Mechanics:
         new = (depth_mm > 0.0) > (self._before_mm > 0.0)
         if new.any():
             new = np.flatnonzero(new)
-            # a face goes along from where it is, and for as long as it has been touched
+            # a face is dragged from its present place, while it is in contact
             since = depth_mm[new] / (depth_mm[new] - self._before_mm[new])
             want_mm[:, new] *= since
             self._held_mm[:, new] = self.foundation.surface(new, self._traction)
@@ -214,7 +219,7 @@ class Mechanics:
         truth.force[2] = self._load
 
     def _commit(self, pose: Pose) -> MechanicsTruth:
-        """Go on from what was tried last."""
+        """Accept the last trial."""
         truth = self.truth
         self._held_mm[:] = self._holds_mm
         if self._others_mm is not None:

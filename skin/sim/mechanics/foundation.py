@@ -1,13 +1,13 @@
-"""What carries a body: springs side by side (Winkler), or springs on one elastic half space.
+"""Foundation of a body: independent springs (Winkler), or springs on one elastic half space.
 
-The surface at unit i yields by its own law and by what the half space under it does::
+The surface at unit i yields by its own law and that of the half space under it::
 
     depth_i = own_i(f_i) + body * f_i + sum_j A_ij f_j,   f_i >= 0
     shift_i = own_i(q_i) + body * q_i + sum_j B_ij q_j,   |q_i| <= limit_i
 
-Without A and B that is a Winkler foundation, solved in closed form; with them it is solved by
+Without A and B this is a Winkler foundation, solved in closed form; with them it is solved by
 projected Gauss-Seidel sweeps that start from the last step's forces. Each unit's own part of a
-sweep is exact, whatever the knees of its law, so that the sweeps end at the one solution there is.
+sweep is exact, for any knees of its law, so that the sweeps converge to the only solution.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from topology import Topology
 __all__ = ["Foundation"]
 
 SWEEPS = 2000
-"""More sweeps than any contact needs."""
+"""Upper bound of the number of sweeps."""
 
 
 class Foundation:
-    """What n units rest on.
+    """Elastic support of n units.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class Foundation:
     shear : ndarray, shape (2 n, 2 n), optional
         B, mm/N: rows and columns are x of all units, then y; given where A is.
     tolerance : float
-        Largest change in the last sweep, as a share of the largest force.
+        Convergence limit of a sweep, relative to the largest force.
 
     Raises
     ------
     SkinError
-        If A or B is not positive definite: it would give back more work than was put in.
+        If A or B is not positive definite: the half space would create energy.
 
     Examples
     --------
@@ -72,12 +72,12 @@ class Foundation:
         """Whether units yield to forces on others."""
         self.normal = np.zeros((0, 0)) if normal is None else np.ascontiguousarray(normal, float)
         self.shear = np.zeros((0, 0)) if shear is None else np.ascontiguousarray(shear, float)
-        # number of the group of units that each rests with
+        # group of units on the same half space
         self._group = np.arange(self.n)
         if self.together:
             linked = csr_array(self.normal != 0.0)
             self._group = connected_components(linked, directed=False)[1]
-        # units that rest together, one group after the other
+        # units by group
         self._order = np.argsort(self._group, kind="stable")
         if self.together:
             bounds = np.searchsorted(self._group[self._order], np.arange(self._group.max() + 2))
@@ -89,19 +89,19 @@ class Foundation:
 
     @classmethod
     def winkler(cls, topology: Topology) -> Foundation:
-        """Each unit for itself."""
+        """Independent units."""
         return cls(Springs.of(topology))
 
     @classmethod
     def half_space(
         cls, topology: Topology, modulus_pa: float = 6e5, poisson: float = 0.5
     ) -> Foundation:
-        """The units of a patch together on one elastic body; patches do not feel each other.
+        """The units of a patch on one elastic body; patches are independent.
 
-        The default modulus is that of the casting silicone [assumed]. The time of a step grows with
-        the square of how many units of one patch are touched: about a millisecond for 1024 units of
-        16 patches, half of one for 256 units of a single patch, more than a bus carries. A single
-        patch of 1024 would take tens of them, more than a cycle at 250 Hz.
+        The default modulus is that of the casting silicone [assumed]. The time of a step is
+        quadratic in the touched units of a patch: about a millisecond for 1024 units of 16 patches,
+        half of one for 256 units of a single patch, more than a bus carries. A single patch of 1024
+        would take tens of them, more than a cycle at 250 Hz.
         """
         normal, shear = influence(
             topology.position, topology.rotation, topology.area, patch=topology.patch,
@@ -111,7 +111,7 @@ class Foundation:
 
     @property
     def coupling_error(self) -> float:
-        """What the sweeps leave of the forces, as a share of them; 0 where units stand alone."""
+        """Residual of the sweeps relative to the forces; 0 for independent units."""
         return self.tolerance if self.together else 0.0
 
     def press(
@@ -122,23 +122,24 @@ class Foundation:
         *,
         body_mm_per_n: float = 0.0,
     ) -> int:
-        """Normal loads under a body that reaches into the unloaded faces; return the sweeps needed.
+        """Normal loads under a body that penetrates the unloaded faces; returns the number of
+        sweeps.
 
         Parameters
         ----------
         depth_mm : ndarray, shape (n,)
-            As from `skin.sim.mechanics.body.penetration`; not above 0 where nothing touches.
+            From `skin.sim.mechanics.body.penetration`; not above 0 without contact.
         load : ndarray, shape (n,)
-            Newton; on entry where the sweeps start, on return the loads, none below 0.
+            Newton; start of the sweeps on entry, the loads on return, none below 0.
         own_mm : ndarray, shape (n,)
-            Written: the unit's own part of the depth, which is what its electronics feel.
+            Written: the unit's own part of the depth, which its electronics measure.
         body_mm_per_n : float
-            What the body itself yields at each unit.
+            Compliance of the body at each unit.
 
         Raises
         ------
         SkinError
-            If the sweeps do not settle.
+            The sweeps do not converge.
         """
         touched = self._touch(self._order[depth_mm[self._order] > 0.0])
         sweeps = press(
@@ -147,36 +148,36 @@ class Foundation:
         return _settled("normal loads", sweeps)
 
     def drag(self, faces: Faces, *, body_mm_per_n: float = 0.0) -> int:
-        """Tangential forces of faces that a body takes along; return the sweeps needed.
+        """Tangential forces of faces that a body drags; returns the number of sweeps.
 
-        The Coulomb return map: a face that would need more than it can be held with gives way
-        along its own force, until the force is what the friction of motion bears.
+        The Coulomb return map: a face whose force exceeds its static limit slips along the force,
+        until the force is that of kinetic friction.
 
         Parameters
         ----------
         faces : Faces
-            Those that the body touches are those of the last `press`.
+            Those in contact are those of the last `press`.
         body_mm_per_n : float
-            What the body itself yields at each unit.
+            Compliance of the body at each unit.
 
         Raises
         ------
         SkinError
-            If the sweeps do not settle.
+            The sweeps do not converge.
         """
         sweeps = drag(self.springs, self._touched, faces, body_mm_per_n, self.tolerance, SWEEPS)
         return _settled("tangential forces", sweeps)
 
     def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
-        """Tangential displacement in mm of faces that nothing touches, shape (2, m), by their
-        indices (m,), under tractions on the others in newton, shape (2, n)."""
+        """Tangential displacement in mm of untouched faces, shape (2, m), by their indices (m,),
+        under tractions on the others in newton, shape (2, n)."""
         if not self.together:
             return np.zeros((2, units.size))
         rows = self.shear.reshape(2, self.n, 2 * self.n)[:, units]
         return rows @ traction.reshape(-1)
 
     def spread(self, force: np.ndarray) -> np.ndarray:
-        """How far the half space alone yields at every face under forces in newton: mm, both of
+        """Displacement of the half space alone at every face under forces in newton: mm, both of
         shape (3, n), unit frames."""
         moved_mm = np.zeros((3, self.n))
         if self.together:
@@ -187,7 +188,7 @@ class Foundation:
         return moved_mm
 
     def _touch(self, units: np.ndarray) -> Touched:
-        """The touched units and their influences, kept as long as they stay the same."""
+        """The touched units and their influences, cached while they stay the same."""
         if np.array_equal(units, self._touched.units):
             return self._touched
         start = np.zeros(2, np.int64)
@@ -201,8 +202,8 @@ class Foundation:
         return self._touched
 
     def _part(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Influences among units that rest together; those of their group that were asked for last
-        are kept, since a moving body leaves most groups as they are."""
+        """Influences among units of one group; those of the last request are cached, since a moving
+        body leaves most groups unchanged."""
         group = int(self._group[units[0]])
         known = self._parts.get(group)
         if known is None or not np.array_equal(known[0], units):
@@ -219,7 +220,7 @@ def _settled(what: str, sweeps: int) -> int:
 
 
 def _check_definite(name: str, matrix: np.ndarray, rows: np.ndarray) -> None:
-    """A look at the work of forces on these rows."""
+    """Check the work of forces on these rows."""
     square = matrix[np.ix_(rows, rows)]
     try:
         np.linalg.cholesky(square)

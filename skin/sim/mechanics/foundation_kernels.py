@@ -7,24 +7,25 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import compiled, jitable
-from skin.physics.force_law import stiffening
-from skin.sim.mechanics.springs import displacement, force
+from skin.physics.force_law import at as law_at
+from skin.physics.force_law import force, inverse, scaled, stiffening
+from skin.sim.mechanics.springs import yields
 
 __all__ = ["SLIP_MM", "Faces", "Touched", "drag", "press"]
 
 SLIP_MM = 1e-6
-"""A face that gives way less than this in one step counts as stuck, millimetre [assumed]."""
+"""Slip in one step below which a face counts as stuck, millimetre [assumed]."""
 
 SHORT = 1.0 - 1e-12
-"""Share of its limit short of which a face does not slip: what is left is the sweeps' own error."""
+"""Relative distance to its limit within which a face slips: the error of the sweeps."""
 
 
 class Touched(NamedTuple):
-    """Units that a body touches, those that rest together one after the other.
+    """Touched units, sorted by group.
 
-    `units` : (m,), int64; `start` : (g + 1,), where each group begins among them; `normal`,
-    `shear` : flat, influences within each group, one square after the other, mm/N (x of all units
-    of the group, then y); empty where all rest alone.
+    `units` : (m,), int64; `start` : (g + 1,), first of each group; `normal`, `shear` : flat,
+    influences within each group, one square after the other, mm/N (x of all units of the group,
+    then y); empty for independent units.
     """
 
     units: np.ndarray
@@ -34,23 +35,23 @@ class Touched(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """State of n faces that a body takes along in one step.
+    """State of n faces that a body drags in one step.
 
     Attributes
     ----------
     want_mm : ndarray, shape (2, n)
-        In: displacement of the surfaces if nothing slipped in this step.
+        In: displacement of the surfaces without slip in this step.
     load, depth_mm : ndarray, shape (n,)
         In: normal forces in newton, and the units' own depths, as from `Foundation.press`.
     static, kinetic : ndarray, shape (n,)
-        In: coefficients of friction at rest and in motion.
+        In: static and kinetic coefficients of friction.
     slipping : ndarray, shape (n,), bool
-        In: whether the face was in motion; out: whether it is.
+        In: whether the face was slipping; out: whether it is.
     traction : ndarray, shape (2, n)
-        Newton; in: where the sweeps start; out: tangential forces.
+        Newton; in: start of the sweeps; out: tangential forces.
     own_mm, held_mm, slip_mm : ndarray, shape (2, n)
-        Out: the unit's own part of the displacement; all of the elastic displacement; and how far
-        the face gave way in this step. 0 where the body does not reach.
+        Out: the unit's own part of the displacement; the whole elastic displacement; the slip of
+        the face in this step. 0 outside of the contact.
     """
 
     want_mm: np.ndarray
@@ -66,7 +67,7 @@ class Faces(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """Units that rest together: their limits of friction in newton, factors of their tangential
+    """Units of one half space: their limits of friction in newton, factors of their tangential
     stiffness, influences (2 m, 2 m), and forces, x of all and then y."""
 
     units: np.ndarray
@@ -77,7 +78,7 @@ class _Group(NamedTuple):
 
 
 def press_python(springs, touched, depth, body, tolerance, sweeps, load, own_mm):
-    """`Foundation.press`, in place; the sweeps needed, or one more than `sweeps`."""
+    """`Foundation.press`, in place; returns the number of sweeps, or `sweeps` + 1."""
     units, start, coupled, _ = touched
     own = springs.normal
     all_forces = load[units]
@@ -105,7 +106,8 @@ def press_python(springs, touched, depth, body, tolerance, sweeps, load, own_mm)
                     series += row[k]
                 new = 0.0
                 if target > 0.0:
-                    new = force(target, own[0, i] + series, own[1, i] + series, own[2, i])
+                    law = law_at(own, i)
+                    new = force(yields(target, law, series), law)
                 change = max(change, abs(new - held[k]))
                 largest = max(largest, new)
                 held[k] = new
@@ -115,12 +117,12 @@ def press_python(springs, touched, depth, body, tolerance, sweeps, load, own_mm)
     for k in range(units.size):
         i = units[k]
         load[i] = all_forces[k]
-        own_mm[i] = displacement(all_forces[k], own[0, i], own[1, i], own[2, i])
+        own_mm[i] = inverse(all_forces[k], law_at(own, i))
     return needed
 
 
 def drag_python(springs, touched, faces, body, tolerance, sweeps):
-    """`Foundation.drag`, in place; the sweeps needed, or one more than `sweeps`."""
+    """`Foundation.drag`, in place; returns the number of sweeps, or `sweeps` + 1."""
     units, start, _, coupled = touched
     limit, stiff = np.empty(units.size), np.empty(units.size)
     before = faces.traction[:, units]
@@ -147,7 +149,7 @@ def drag_python(springs, touched, faces, body, tolerance, sweeps):
             change, largest = _sweep(springs.shear, faces.want_mm, group, body)
             needed += 1
             if size == 0 or change <= tolerance * largest:
-                settled = _give_way(springs.shear, faces, group, body)
+                settled = _slip_faces(springs.shear, faces, group, body)
         most = max(most, needed if settled else sweeps + 1)
     for i in range(faces.slipping.size):
         faces.slipping[i] = np.hypot(faces.slip_mm[0, i], faces.slip_mm[1, i]) > SLIP_MM
@@ -171,15 +173,13 @@ def _sweep(own, want, group, body):
             for m in range(size):
                 by_x += square[k, m] * forces[m]
                 by_y += square[count + k, m] * forces[m]
-            # a square yields alike along x and y, and not across
+            # a square yields equally along x and y, without coupling
             series += square[k, k]
             x -= by_x - square[k, k] * forces[k]
             y -= by_y - square[k, k] * forces[count + k]
         length = np.sqrt(x * x + y * y)
-        force_n = force(
-            length, own[0, i] / soft + series, own[1, i] / soft + series, own[2, i] * soft
-        )
-        force_n = min(force_n, most_n)
+        law = scaled(law_at(own, i), soft)
+        force_n = min(force(yields(length, law, series), law), most_n)
         share = force_n / length if length > 0.0 else 0.0
         x, y = share * x, share * y
         largest = max(largest, force_n)
@@ -189,9 +189,9 @@ def _sweep(own, want, group, body):
 
 
 @jitable
-def _give_way(own, faces, group, body):
-    """Coulomb's return map: what cannot be held moves. False where a face has begun to, and is held
-    by less from then on, so that others may follow."""
+def _slip_faces(own, faces, group, body):
+    """Coulomb's return map. False where a face has begun to slip: its force drops to kinetic
+    friction, so that others may follow."""
     units, limit, stiff, square, forces = group
     count, size = units.size, square.shape[0]
     want, held, slip = faces.want_mm, faces.held_mm, faces.slip_mm
@@ -200,10 +200,9 @@ def _give_way(own, faces, group, body):
         i, most_n, soft = units[k], limit[k], stiff[k]
         x, y = forces[k], forces[count + k]
         force_n = np.sqrt(x * x + y * y)
-        share = own[0, i] / soft
+        share = 0.0
         if force_n > 0.0:
-            way = displacement(force_n, own[0, i] / soft, own[1, i] / soft, own[2, i] * soft)
-            share = way / force_n
+            share = inverse(force_n, scaled(law_at(own, i), soft)) / force_n
         faces.traction[0, i], faces.traction[1, i] = x, y
         faces.own_mm[0, i], faces.own_mm[1, i] = share * x, share * y
         slip[0, i] = slip[1, i] = 0.0

@@ -1,4 +1,4 @@
-"""Friction of faces: coefficients that may differ and change, and how far a contact has slipped."""
+"""Friction of faces: coefficients per face and time, and the extent of slip."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ Coefficient = float | np.ndarray | Callable[[float], float | np.ndarray]
 """One number, one for each unit, or either as a function of the time in seconds."""
 
 GROSS = 0.95
-"""Share of the load that has slipped, beyond which the contact as a whole moves; all of it never
-does, because a moving body always meets new faces."""
+"""Fraction of the load that has slipped above which the contact is in gross slip; it never reaches
+1, since a moving body always meets new faces."""
 
 
 class Friction:
-    """Coulomb friction of n faces, at rest and in motion.
+    """Coulomb friction of n faces, static and kinetic.
 
     Parameters
     ----------
     n : int
     static : float, ndarray of shape (n,), or function of the time
-        Coefficient up to which a face is held.
+        Static coefficient.
     kinetic : float, ndarray of shape (n,), or function of the time, optional
-        Coefficient of a face in motion, not more than at rest; as at rest if None.
+        Kinetic coefficient, at most the static one; equal to it if None.
 
     Examples
     --------
@@ -56,16 +56,16 @@ class Friction:
 
 
 class Slip:
-    """How far the slip of a contact has gone since it began to stick.
+    """Extent of slip of a contact since it began to stick.
 
-    A contact begins to stick when it begins, and anew when after gross slip no face moves.
+    A contact begins to stick when it begins, and again when no face moves after gross slip.
 
     Attributes
     ----------
     slipped : ndarray, shape (n,), bool
         Loaded faces that have moved since.
     share : float
-        Their share of the load.
+        Their fraction of the load.
     """
 
     def __init__(self, n: int) -> None:
@@ -74,7 +74,7 @@ class Slip:
         self._gross = False
 
     def follow(self, load: np.ndarray, slipping: np.ndarray) -> None:
-        """Go on by one step, at whose end the loads and the moving faces are these."""
+        """Process a step, with the loads and moving faces at its end."""
         if self._gross and not slipping.any():
             self.slipped[:] = self._gross = False
         self.share = _share(load, slipping, self.slipped)
@@ -85,7 +85,7 @@ class Slip:
 
 
 def _share_python(load, slipping, slipped):
-    """Share of the load on faces that have slipped, to which `slipped` goes on; or NaN."""
+    """Fraction of the load on faces that have slipped, which are added to `slipped`; or NaN."""
     total = moved = 0.0
     for i in range(load.size):
         slipped[i] = (slipped[i] or slipping[i]) and load[i] > 0.0

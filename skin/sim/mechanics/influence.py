@@ -1,9 +1,9 @@
-"""How far the surface of an elastic half space moves at one unit under the force of another.
+"""Displacement of the surface of an elastic half space at one unit under the force of another.
 
 The displacement of the middle of one square under a uniform traction on another, in closed form
-(Love 1929, and the same for Cerruti's tangential force). What normal loads do sideways is left out:
-nothing in an incompressible half space, little in others. On a curved patch the distance is the
-chord.
+(Love 1929, and the same for Cerruti's tangential force). The lateral displacement by normal loads
+is neglected: it is 0 in an incompressible half space, small in others. On a curved patch the
+distance is the chord.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def influence(
     poisson: float = 0.5,
     patch: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far the surface of a half space moves at each unit under the force of each other.
+    """Displacement of the surface of a half space at each unit under the force of each other.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def influence(
     modulus_pa, poisson : float
         Young's modulus and Poisson's ratio.
     patch : ndarray, shape (n,), int32, optional
-        Units of different patches do not feel each other; all are one if None.
+        Units of different patches are independent; all are one patch if None.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def influence(
     per_n = 1e3 * (1.0 + poisson) / (np.pi * modulus_pa)
     one = np.zeros(n, np.int32) if patch is None else patch
     _influence(position, rotation, area, one, per_n, poisson, normal, shear)
-    # Betti: units of different area or frame act on each other alike
+    # Betti: units of different area or frame have symmetric influences
     return 0.5 * (normal + normal.T), 0.5 * (shear + shear.T)
 
 

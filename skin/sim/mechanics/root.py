@@ -1,6 +1,6 @@
-"""Root finding in one unknown, each trial of which is a step of the mechanics.
+"""Root finding in one unknown, where each evaluation is a step of the mechanics.
 
-Not by scipy: its methods ask for a bracket, where the step before tells a place and a slope.
+scipy's methods need a bracket; here the step before provides a start and a slope.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable
 __all__ = ["root"]
 
 TRIALS = 100
-"""More trials than any contact needs."""
+"""Upper bound of the number of evaluations."""
 
 
 def root(
@@ -23,7 +23,7 @@ def root(
     first_step: float,
     furthest: float,
 ) -> tuple[float, float] | None:
-    """Zero of a function that never falls, and its slope there: secants within a bracket.
+    """Zero of a non-decreasing function, and its slope there: secants within a bracket.
 
     Parameters
     ----------
@@ -33,14 +33,14 @@ def root(
     tolerance : float
         Of the function's value.
     first_step : float
-        Where nothing is known of the slope; doubled as long as that is so.
+        Without a known slope; doubled until there is one.
     furthest : float
-        Where the search ends.
+        Bound of the search.
 
     Returns
     -------
     tuple of float, or None
-        None if there is no zero within reach.
+        None if there is no zero within the bound.
 
     Examples
     --------

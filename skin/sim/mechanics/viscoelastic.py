@@ -1,9 +1,8 @@
-"""What an elastomer adds to its elastic law: relaxation in time, and loops that do not need time.
+"""Viscoelasticity of an elastomer: relaxation in time, and rate-independent hysteresis.
 
-Both parts stand between the force that acts on a face and the force that belongs, by the elastic
-law, to its displacement: a unit under a known load is displaced by what
-``prony.elastic(hysteresis.elastic(load), dt_s)`` would need: it creeps, and it lags. With all
-weights 0, or a width of 0, force and elastic force are the same numbers.
+Both stand between the force on a face and the force of the elastic law at its displacement: a unit
+under a load has the displacement of ``prony.elastic(hysteresis.elastic(load), dt_s)``: it creeps,
+and it lags. With all weights 0, or a width of 0, force and elastic force are equal.
 """
 
 from __future__ import annotations
@@ -22,14 +21,14 @@ __all__ = ["Hysteresis", "Material", "Prony"]
 SILICONE, SILICONE_S = (0.05, 0.05, 0.08), (0.05, 0.5, 10.0)
 """Weights and times, s, of a soft silicone [assumed]."""
 OPERATORS = 5
-"""More make loops smoother."""
+"""Number of stops; more make loops smoother."""
 
 
 class Material(Protocol):
-    """How faces creep."""
+    """Creep of faces."""
 
     def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
-        """Go on by one step, to the elastic force of the displacement under `force`."""
+        """Advance by one step; returns the elastic force of the displacement under `force`."""
         ...
 
 
@@ -37,7 +36,7 @@ class Prony:
     """Linear viscoelasticity: a generalised Maxwell model, exact for forces that change linearly.
 
     ``force = elastic + sum_j q_j`` and ``q_j' = weight_j * elastic' - q_j / time_j``: a sudden
-    displacement costs ``1 + sum(weights)`` times the elastic force and relaxes to it.
+    displacement needs ``1 + sum(weights)`` times the elastic force, which relaxes to it.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ class Prony:
         times_s: Sequence[float] | np.ndarray = SILICONE_S,
     ) -> None:
         self.terms = np.zeros((len(weights), *shape))
-        # of all units, or of each
+        # common to all units, or per unit
         self._weights, self._times_s = (
             np.ascontiguousarray(np.broadcast_to(np.asarray(each, float).T, self.terms.T.shape).T)
             for each in (weights, times_s)
@@ -79,8 +78,8 @@ class Prony:
 
     @classmethod
     def of(cls, topology: Topology, soft: bool) -> Prony | None:
-        """That of n units, shape (3, n), by their parameters; those that have none are soft, or do
-        not relax. None where no unit does."""
+        """For n units, shape (3, n), by their parameters; those without parameters are soft, or do
+        not relax. None if no unit relaxes."""
         p, laws = topology.parameters, ("shear", "shear", "normal")
         weight = np.stack([p[f"{law}_creep_relative"] for law in laws], axis=1)
         time_s = np.stack([p[f"{law}_creep_s"] for law in laws], axis=1)
@@ -92,7 +91,7 @@ class Prony:
         return cls((3, topology.n), weight, time_s) if soft or own.any() else None
 
     def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
-        """Go on by one step, to the elastic force of the displacement under `force`."""
+        """Advance by one step; returns the elastic force of the displacement under `force`."""
         self._adapt(dt_s)
         flat = (len(self.terms), force.size)
         _creep(
@@ -102,12 +101,12 @@ class Prony:
         return self._elastic.copy()
 
     def _adapt(self, dt_s: float) -> None:
-        # differences of times are never the same to the last bit
+        # differences of times differ in the last bit
         if math.isclose(dt_s, self._dt_s, rel_tol=1e-9):
             return
         lags = dt_s / self._times_s
         self._kept = np.exp(-lags)
-        # the mean of exp over the step; 1 where there is no time for it to fall
+        # the mean of exp over the step; 1 for a step of 0
         mean = np.where(lags > 0.0, -np.expm1(-lags) / np.where(lags > 0.0, lags, 1.0), 1.0)
         self._gained = self._weights * mean
         self._dt_s = dt_s
@@ -117,8 +116,8 @@ class Hysteresis:
     """Rate-independent loops: the stop operators of Prandtl and Ishlinskii.
 
     ``force = elastic + sum_j weight_j * e_j``: each e_j follows the elastic force, and stops at the
-    ends of its range. One-sided ranges (pressing) leave no force where there was none; two-sided
-    ones (dragging) treat both ways alike.
+    ends of its range. One-sided ranges (pressing) leave no force after unloading; two-sided ones
+    (dragging) are symmetric.
 
     Parameters
     ----------
@@ -159,7 +158,7 @@ class Hysteresis:
         self._elastic = np.zeros(shape)
 
     def elastic(self, force: np.ndarray) -> np.ndarray:
-        """Go on to the elastic force of the displacement under `force`."""
+        """Advance; returns the elastic force of the displacement under `force`."""
         flat = self.stops.reshape(len(self._weights), -1)
         _yield(
             np.ascontiguousarray(force, float).reshape(-1),
@@ -168,10 +167,10 @@ class Hysteresis:
         return self._elastic.copy()
 
     def lagging(self, force: np.ndarray) -> np.ndarray:
-        """Go on to the force by which the displacement under `force` would be reached at first.
+        """Advance; returns the force that reaches the displacement under `force` in first loading.
 
-        A law that was measured while loading, as those of a bench are, holds for that force: it is
-        `force` itself until the first unloading.
+        A law measured during loading, as on a bench, holds for that force: it is `force` itself
+        until the first unloading.
         """
         elastic = self.elastic(force)
         _load(elastic.reshape(-1), self._weights, self._low, self._high)
@@ -179,7 +178,7 @@ class Hysteresis:
 
 
 def _load_python(elastic, weights, low, high):
-    """From elastic forces, which are overwritten, to those of first loading."""
+    """From elastic forces, which are overwritten, to forces of first loading."""
     for i in range(elastic.size):
         force = elastic[i]
         for j in range(weights.size):
@@ -188,27 +187,27 @@ def _load_python(elastic, weights, low, high):
 
 
 def _yield_python(force, weights, low, high, stops, elastic):
-    """`Hysteresis.elastic`, in place: along straight pieces, from one stop to the next."""
+    """`Hysteresis.elastic`, in place: piecewise linear from one stop to the next."""
     count = weights.size
     for i in range(force.size):
         lacking = force[i] - elastic[i]
         for j in range(count):
             lacking -= weights[j] * stops[j, i]
-        way = 1.0 if lacking >= 0.0 else -1.0
+        sign = 1.0 if lacking >= 0.0 else -1.0
         lacking = abs(lacking)
         for _ in range(count + 1):
             slope, free = 1.0, np.inf
             for j in range(count):
-                room = high[j] - stops[j, i] if way > 0.0 else stops[j, i] - low[j]
+                room = high[j] - stops[j, i] if sign > 0.0 else stops[j, i] - low[j]
                 if room > 0.0:
                     slope += weights[j]
                     free = min(free, room)
             step = min(lacking / slope, free)
-            elastic[i] += way * step
+            elastic[i] += sign * step
             for j in range(count):
-                end = high[j] if way > 0.0 else low[j]
+                end = high[j] if sign > 0.0 else low[j]
                 reached = abs(end - stops[j, i]) <= step
-                stops[j, i] = end if reached else stops[j, i] + way * step
+                stops[j, i] = end if reached else stops[j, i] + sign * step
             lacking -= slope * step
             if step < free:
                 break

@@ -1,4 +1,4 @@
-"""Scene files: what touches a skin and when; ready-made ones are the `*.toml` beside."""
+"""Scene files: contacts of a skin over time; ready-made ones are the `*.toml` next to this file."""
 
 from pathlib import Path
 

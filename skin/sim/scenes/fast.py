@@ -1,4 +1,4 @@
-"""Scenes faster than real time: every frame is made, and no bus has to carry it."""
+"""Scenes faster than real time: all frames are made, without the limits of a bus."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from bus.faults import FaultScript, Injector
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs import Recording
 from skin.errors import SkinError
-from skin.sim.node import Nodes, Served
+from skin.sim.node import Served, SimulatedUnits
 from topology import Topology
 
 __all__ = ["play"]
 
 
 def play(
-    nodes: Nodes,
+    nodes: SimulatedUnits,
     seconds: float,
     script: FaultScript | None = None,
     recording: Recording | None = None,
 ) -> tuple[Served, list[dict[str, int]]]:
-    """Play the scene of simulated nodes as fast as this machine can.
+    """Play the scene of simulated units at full speed.
 
     Parameters
     ----------
-    nodes : Nodes
+    nodes : SimulatedUnits
     seconds : float
-        Of the scene; SkinError if it holds no cycle.
+        Of the scene; SkinError if shorter than a cycle.
     script : FaultScript, optional
-        Faults that are done to the frames.
+        Faults of the frames.
     recording : Recording, optional
-        Takes the frames, and the SYNC of a host at the start of each cycle.
+        Records the frames, and the SYNC of a host at the start of each cycle.
 
     Returns
     -------
     served : Served
-        Its frames are those that are left by the faults.
+        Its frames are those that remain after the faults.
     injected : list of dict
-        What the faults have done, for each bus.
+        Counts of the faults, for each bus.
     """
     topology = nodes.topology
     cycles = round(seconds * topology.cycle_rate_hz)
@@ -71,7 +71,7 @@ def play(
 def _with_sync(
     frames: np.ndarray, topology: Topology, bus: int, cycle: int, stamp_ns: int
 ) -> np.ndarray:
-    """The frames of a cycle of a bus behind the SYNC that they answer, if there is one."""
+    """The frames of a cycle of a bus after the SYNC that they answer, if there is one."""
     sync_id = topology.buses[bus].sync_id
     sync = np.zeros(0 if sync_id is None else 1, FRAME_DTYPE)
     if sync_id is not None:

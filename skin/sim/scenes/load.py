@@ -1,4 +1,4 @@
-"""From a scene file, or the name of a ready-made scene, to a script that this skin can play."""
+"""Loads scene files and ready-made scenes, and checks them against a skin."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from skin.errors import (
 from skin.physics.elastic import Elastic
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.scenes import names
-from skin.sim.scenes.motion import Motion, shape_of
+from skin.sim.scenes.motion import Motion, largest_patch, shape_of
 from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
 from skin.sim.scenes.script import BodyTable, LoadTable, SceneFile
 from skin.sim.scenes.tools import MovingTool
@@ -38,7 +38,7 @@ __all__ = ["load_scene", "open_scene"]
 
 
 def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
-    """Load a scene file, and hold it against the skin that is to play it.
+    """Load a scene file, and check it against the skin that plays it.
 
     Parameters
     ----------
@@ -75,16 +75,16 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
 def open_scene(
     file: str | os.PathLike[str], topology: Topology, *, seed: int | None = None, noise: bool = True
 ) -> ScriptedScene:
-    """Load a scene and prepare to play it, with other noise than the file asks for.
+    """Load a scene and prepare it, optionally with other noise than the file's.
 
     Parameters
     ----------
     file, topology
-        As of `load_scene`.
+        See `load_scene`.
     seed : int, optional
-        In place of the file's.
+        Overrides the file's.
     noise : bool
-        False: leave the noise out.
+        False: without noise.
     """
     if seed is not None:
         check_number("seed", seed, 0, MOST_SEED, whole=True)
@@ -125,7 +125,7 @@ def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
 
 
 class _LoadedScene(SceneFile, frozen=True, kw_only=True):
-    """A scene file that knows where its keys stand."""
+    """A scene file with the lines of its keys."""
 
     source: Source
 
@@ -134,7 +134,7 @@ class _LoadedScene(SceneFile, frozen=True, kw_only=True):
 
 
 class _Check:
-    """What a file can only be told beside the topology, or beside its other keys."""
+    """Checks that need the topology, or other keys."""
 
     def __init__(
         self, script: SceneFile, source: Source, topology: Topology, report: Report
@@ -161,7 +161,7 @@ class _Check:
         self.report.add("value", self.source, key, hint, expected=expected, got=got)
 
     def rows(self, key: Key, keys: Sequence[Any], waves: Sequence[Any]) -> None:
-        """Time runs forwards, and ends with the scene."""
+        """Time is ascending, and within the scene."""
         for i, row in enumerate(keys):
             if row.t_s > self.script.seconds:
                 end = self.source.line(("seconds",))
@@ -208,7 +208,7 @@ class _Check:
             self.report.add("value", self.source, ("faults", i, key), hint, **values)
 
     def tool(self, index: int) -> None:
-        """A tool is where one can be."""
+        """A tool has a possible place."""
         tool = MovingTool(self.script, index, self.topology)
         for i, key in enumerate(self.script.tools[index].keys):
             if problem := tool.problem(key.t_s):
@@ -226,19 +226,19 @@ class _Check:
                 self.must(("loads", index, "keys", i, "force_n", 2), expected, key.force_n[2])
 
     def place(self, index: int, table: BodyTable) -> None:
-        """A body is outside of the array, or pressed as far into it as units can be."""
+        """A body is outside of the array, or pressed into it within the range of units."""
         places = self.topology.patch_names if table.on == "*" else (table.on,)
         for name in places:
             self.body(index, replace(table, on=name))
 
     def standing(self, on: str | None) -> str:
-        """In whose frame a thing stands, as the end of a message."""
+        """The frame of an object, as the end of a message."""
         if on is None:
-            return f"; its frame is that of {self.topology.patch_names[0]!r}, for want of 'on'"
+            return f"; its frame is that of {largest_patch(self.topology)!r}, for want of 'on'"
         return f"; its frame is that of {on!r}"
 
     def on_robot(self) -> str:
-        """Where fingers stand about a body, the scene to take, as the end of a message."""
+        """Hint for units around a body, as on fingers, as the end of a message."""
         if self.topology.robot is None:
             return ""
         return "; between the fingers of a robot, bodies are those of `skin.sim.grasp`"
@@ -251,6 +251,7 @@ class _Check:
             pose = motion.pose(time_s)
             press_n = motion.press_n(time_s)
             mechanics = Mechanics(self.topology, body)
+            mechanics.passed = motion.passed(0.0)
             where = ("bodies", index, "keys", i, key)
             try:
                 if not motion.pressed:
@@ -275,7 +276,7 @@ class _Check:
 
 
 def _instants(table: BodyTable) -> Iterator[tuple[int, str, float]]:
-    """Keys at which the place of a body, or its load, is told: index, field and time."""
+    """Keys that set the place or the load of a body: index, field and time."""
     for i, key in enumerate(table.keys):
         for name in ("press_n", "xyz_m", "rpy_deg"):
             if getattr(key, name) is not None:

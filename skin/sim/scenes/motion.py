@@ -1,4 +1,5 @@
-"""Motion of scripted things: key frames and waves to poses, forces and temperatures at any time."""
+"""Motion of scripted objects: key frames and waves to poses, forces and temperatures at any
+time."""
 
 from __future__ import annotations
 
@@ -24,27 +25,26 @@ from skin.sim.scenes.script import (
 from topology import Topology
 from topology.pose import from_axes, from_rpy
 
-__all__ = ["Motion", "Track", "frame_of", "shape_of"]
+__all__ = ["Motion", "Track", "frame_of", "largest_patch", "shape_of"]
 
 TAU = 2.0 * math.pi
 
 
 class Track:
-    """One quantity over time: through its key frames, plus its waves.
+    """One quantity over time: interpolated key frames, plus waves.
 
     Parameters
     ----------
     name : str
         Field of the keys and waves.
     keys : sequence
-        Rows with `t_s` and `ease`, in order of time; those that do not name the quantity are
-        passed over.
+        Rows with `t_s` and `ease`, in order of time; those without the quantity are skipped.
     waves : sequence
         Rows with `from_s`, `to_s` and `frequency_hz`.
     default : float or tuple of float
         Value without keys.
     period_s : float
-        After which time it begins anew.
+        Period of repetition.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Track:
 
 
 def shape_of(shape: Shape, compliance_mm_per_n: float = 0.0) -> Body:
-    """The body of a shape in a scene file; it yields alike normal and tangential."""
+    """The body of a shape in a scene file; equal compliance in all directions."""
     soft = {"compliance_mm_per_n": compliance_mm_per_n}
     match shape:
         case Sphere():
@@ -122,33 +122,42 @@ def shape_of(shape: Shape, compliance_mm_per_n: float = 0.0) -> Body:
     raise TypeError(shape)
 
 
-def frame_of(topology: Topology, on: str | None) -> Pose:
-    """Frame of a patch or unit, as a scene file has it: x along the units' x, z out of the skin.
+def largest_patch(topology: Topology) -> str:
+    """The patch of most units, the first of several."""
+    return topology.patch_names[int(np.argmax(np.bincount(topology.patch)))]
 
-    The origin is in the middle of the patch, at the height of its outermost face.
+
+def _units_on(topology: Topology, on: str | None) -> np.ndarray:
+    """Units of a patch, or one unit, by name; None: those of the largest patch."""
+    if on in topology.unit_names and on not in topology.patch_names:
+        return np.array([topology.unit_index(on)])
+    name = largest_patch(topology) if on is None else on
+    return np.flatnonzero(topology.patch == topology.patch_names.index(name))
+
+
+def frame_of(topology: Topology, on: str | None) -> Pose:
+    """Frame of a patch or unit in a scene file: x along the units' x, z out of the skin.
+
+    The origin is at the middle of the patch, at the height of its outermost face.
 
     Parameters
     ----------
     topology : Topology
     on : str or None
-        Name of a patch or unit; None: the first patch.
+        Name of a patch or unit; None: the largest patch.
 
     Returns
     -------
     Pose
         Coordinates of the frame to coordinates of the skin.
     """
-    if on in topology.unit_names and on not in topology.patch_names:
-        units = np.array([topology.unit_index(on)])
-    else:
-        name = topology.patch_names[0] if on is None else on
-        units = np.flatnonzero(topology.patch == topology.patch_names.index(name))
+    units = _units_on(topology, on)
     position = topology.position[:, units]
     middle = position.mean(axis=1)
     nearest = units[int(np.argmin(np.sum((position - middle[:, np.newaxis]) ** 2, axis=0)))]
     outward = -topology.rotation[:, 2, units].mean(axis=1)
     length = float(np.linalg.norm(outward))
-    # faces all around have no common outside: the nearest unit's is as good as any
+    # faces all around have no common outside: take that of the nearest unit
     outward = outward / length if length > 0.1 else -topology.rotation[:, 2, nearest]
     height = float((outward @ (position - middle[:, np.newaxis])).max())
     x_axis = topology.rotation[:, 0, nearest]
@@ -157,16 +166,16 @@ def frame_of(topology: Topology, on: str | None) -> Pose:
 
 
 class Motion:
-    """What a scene file says of one body, at any time.
+    """Motion of one body of a scene file; `places` are the names of what it is on.
 
     Parameters
     ----------
     table : BodyTable
     topology : Topology
     room_c : float
-        Temperature of a body of which the file does not tell one.
+        Temperature of a body without one in the file.
     period_s : float
-        After which time it begins anew.
+        Period of repetition.
     """
 
     def __init__(
@@ -177,6 +186,9 @@ class Motion:
 
         places = topology.patch_names if table.on == "*" else (table.on,)
         self.frames = tuple(frame_of(topology, place) for place in places)
+        self.places = tuple(largest_patch(topology) if on is None else on for on in places)
+        patches = [topology.patch[_units_on(topology, place)[0]] for place in places]
+        self._passed = tuple(topology.patch != patch for patch in patches) if table.only_on else ()
         self._period_s = period_s
         self._lowest_m = np.array([0.0, 0.0, lowest_m(table.shape)])
         self._xyz_m = track("xyz_m", (0.0, 0.0, 0.0))
@@ -189,11 +201,18 @@ class Motion:
         self.changes_friction = self._friction.given
 
     def frame(self, time_s: float) -> Pose:
-        """Frame in which the body stands."""
-        return self.frames[int(time_s // self._period_s) % len(self.frames)]
+        """Frame of the body's coordinates."""
+        return self.frames[self._place(time_s)]
+
+    def passed(self, time_s: float) -> np.ndarray | None:
+        """Units that the body cannot touch, shape (n,), bool; None: it can touch all."""
+        return self._passed[self._place(time_s)] if self._passed else None
+
+    def _place(self, time_s: float) -> int:
+        return int(time_s // self._period_s) % len(self.frames)
 
     def pose(self, time_s: float) -> Pose:
-        """Where the body is held, skin frame."""
+        """Pose at which the body is held, skin frame."""
         rotation, origin = self.frame(time_s)
         position = rotation @ (self._xyz_m(time_s) + self._lowest_m) + origin
         if self._rpy_deg.given:
@@ -201,11 +220,11 @@ class Motion:
         return rotation, position
 
     def press_n(self, time_s: float) -> float:
-        """How hard it is pressed, where `pressed`."""
+        """Load, where `pressed`."""
         return max(float(self._press_n(time_s)), 0.0)
 
     def drag_n(self, time_s: float) -> np.ndarray:
-        """How hard it is dragged along x and y of the frame, where `dragged`, shape (2,)."""
+        """Drag along x and y of the frame, where `dragged`, shape (2,)."""
         return self._drag_n(time_s)
 
     def temperature_c(self, time_s: float) -> float:
@@ -213,5 +232,5 @@ class Motion:
         return float(self._temperature_c(time_s))
 
     def friction(self, time_s: float) -> float:
-        """Coefficient at rest."""
+        """Static coefficient."""
         return float(self._friction(time_s))

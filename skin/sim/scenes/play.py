@@ -1,20 +1,22 @@
-"""A scene file played on a skin: bodies, weights and room to the truth about every unit.
+"""Plays a scene file on a skin: from bodies, weights and room to the truth of every unit.
 
-Forces are those of the contact mechanics. What the electronics feel is the displacement that the
-elastomer needs to bear them: by its elastic law alone, or with creep and loops where the file (or
-the caller) wants them. Where several bodies touch a unit, the one that presses it hardest bears on
-it alone, and the others are held by their other units. On a half space each body also feels how far
-the others have sunk, as of their last step.
+Forces are those of the contact mechanics. The electronics measure the displacement that the
+elastomer needs to bear them: by its elastic law alone, or with creep and hysteresis where the file
+(or the caller) wants them. Where several bodies touch a unit, only the one that presses it hardest
+acts on it, and the others are held by their other units. On a half space each body also yields to
+the others' loads of their last step.
 """
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import numpy as np
 
 from skin.errors import SceneError, SkinError
 from skin.physics.fabrication import Fabrication
+from skin.physics.force_law import slope
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
 from skin.sim.field import Field, SineField, StrayField
@@ -35,17 +37,17 @@ from topology.pose import from_rpy
 __all__ = ["DEEPEST_MM", "PlayedBody", "ScriptedScene", "loaded_units"]
 
 DEEPEST_MM = 3.5
-"""A film that is pressed deeper would lie on its chip: there is no such contact."""
+"""Largest depth: a film pressed deeper would lie on its chip."""
 
 STEP_S = 0.02
-"""Longest step; calls further apart are bridged by several."""
+"""Longest step; longer intervals are divided."""
 
 SLIDE_M_PER_S = 0.05
-"""How fast a body moves that is dragged harder than friction holds it."""
+"""Speed of a body whose drag exceeds friction."""
 
 LOOP_SHARE = 0.05
-"""Width of the elastomer's loops over the force that they span [assumed, a soft silicone]. The
-elastic laws are those of first loading, as a bench measures them."""
+"""Width of the elastomer's hysteresis over its force range [assumed, a soft silicone]. The elastic
+laws are those of first loading, as a bench measures them."""
 
 ROOM_C = 24.0
 
@@ -57,7 +59,7 @@ class PlayedBody:
     ----------
     name : str
     force : ndarray, shape (3, n)
-        What it does to each unit, newton, unit frame; 0 where another body bears on the unit.
+        Its force on each unit, newton, unit frame; 0 where another body acts on the unit.
     """
 
     def __init__(
@@ -83,17 +85,19 @@ class PlayedBody:
 
     @property
     def pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where it is, skin frame."""
+        """Pose, skin frame."""
         return self.mechanics.truth.pose
 
     def go(self, time_s: float, dt_s: float) -> None:
-        """Go on to a time; SceneError if no body can be there, or bear what it has to."""
+        """Advance to a time; SceneError if the pose is impossible, or the load cannot be
+        reached."""
         motion = self.motion
         axes, _ = motion.frame(time_s)
         rotation, place = motion.pose(time_s)
         if motion.dragged:
-            self._dragged_m += axes[:, :2] @ self._giving_way(motion.drag_n(time_s), axes, dt_s)
+            self._dragged_m += axes[:, :2] @ self._yield_to_drag(motion.drag_n(time_s), axes, dt_s)
         pose = rotation, place + self._dragged_m
+        self.mechanics.passed = motion.passed(time_s)
         try:
             if not motion.pressed:
                 truth = self.mechanics.step(time_s, pose)
@@ -111,29 +115,28 @@ class PlayedBody:
                 f"{truth.displacement_mm[2, deepest]:.2f} mm at {self._names[deepest]}"
             )
 
-    def _giving_way(self, wanted_n: np.ndarray, axes: np.ndarray, dt_s: float) -> np.ndarray:
-        """How far it moves under its drag along x and y in one step, metre: until stuck faces bear
-        it; where they cannot, at its speed."""
+    def _yield_to_drag(self, wanted_n: np.ndarray, axes: np.ndarray, dt_s: float) -> np.ndarray:
+        """Displacement along x and y in one step under its drag, metre: until stuck faces bear it;
+        otherwise at its speed."""
         truth = self.mechanics.truth
         if not truth.contact.any():
             self._dragged_m[:] = 0.0
             return np.zeros(2)
         held = np.einsum("ijn,jn->i", self._rotation, truth.force) @ axes[:, :2]
         stuck = truth.contact & ~truth.slipping
-        beyond = np.hypot(*truth.force[:2]) >= self._springs.shear[2]
-        compliance = np.where(beyond, self._springs.shear[1], self._springs.shear[0])
-        stiffness = float(np.sum(1.0 / compliance[stuck])) if stuck.any() else 0.0
+        steep = slope(np.hypot(*truth.displacement_mm[:2]), tuple(self._springs.shear))
+        stiffness = float(np.sum(steep[stuck])) if stuck.any() else 0.0
         lacking = wanted_n - held
         size = float(np.hypot(*lacking))
         fastest_m = SLIDE_M_PER_S * dt_s
         if size == 0.0:
             return np.zeros(2)
-        way_m = min(1e-3 * size / stiffness, fastest_m) if stiffness > 0.0 else fastest_m
-        return way_m / size * lacking
+        step_m = min(1e-3 * size / stiffness, fastest_m) if stiffness > 0.0 else fastest_m
+        return step_m / size * lacking
 
 
 class _Weights:
-    """Forces glued to units."""
+    """Forces of weights glued to units."""
 
     def __init__(
         self, table: LoadTable, topology: Topology, room_c: float, period_s: float
@@ -153,7 +156,7 @@ class _Weights:
 
 
 def loaded_units(names: tuple[str, ...], topology: Topology) -> np.ndarray:
-    """Indices of units by names of units and patches; `*` is all of them."""
+    """Indices of units by names of units and patches; `*` for all."""
     chosen = np.zeros(topology.n, bool)
     for name in names:
         if name == "*":
@@ -172,23 +175,25 @@ class ScriptedScene:
     ----------
     topology : Topology
     script : SceneFile
-        As from `skin.sim.scenes.load.load_scene`, which checks it against the topology.
+        From `skin.sim.scenes.load.load_scene`, which checks it against the topology.
     non_ideal : NonIdeal, optional
-        In place of the file's own.
+        Overrides the file's.
     material : Material, optional
-        How faces creep. If not given as their parameters say; those of which these say nothing as
-        a soft silicone does, if they are to (`viscoelastic`).
+        Creep of faces. By default it follows the units' parameters; units without such parameters
+        creep like a soft silicone if `viscoelastic` is set.
 
     Attributes
     ----------
     bodies : tuple of PlayedBody
     seconds : float
         How long the scene lasts; it may be played on.
+    ends_s : float
+        When it is over: infinite for a scene that repeats.
     units : UnitSimulator
-        Units with the non-idealities of their electronics, for `skin.sim.node.Nodes`.
+        Units with imperfect electronics, for `skin.sim.node.SimulatedUnits`.
     steady : bool
-        Whether what units read depends on the truth alone; not where the skin turns in the field of
-        the Earth, or tools pass by.
+        Whether readings depend on the truth alone; False where the skin turns in the field of the
+        Earth, or tools move.
 
     Examples
     --------
@@ -207,6 +212,7 @@ class ScriptedScene:
         self.topology, self.script = topology, script
         self.non_ideal = script.non_ideal if non_ideal is None else non_ideal
         self.seconds = script.seconds
+        self.ends_s = math.inf if script.repeat else script.seconds
         wanted, n, period_s = self.non_ideal, topology.n, script.period_s
         self._room_c = Track("temperature_c", script.room, (), ROOM_C, period_s)
         self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0), period_s)
@@ -248,9 +254,14 @@ class ScriptedScene:
         self._truth = Truth.at_rest(n, room_c)
         self._time_s, self._began = 0.0, False
 
+    @property
+    def touches(self) -> dict[str, tuple[str, ...]]:
+        """Patches or units that bodies are on, one after the other, by body."""
+        return {body.name: body.motion.places for body in self.bodies}
+
     def at(self, time_s: float) -> Truth:
-        """Go on to `time_s`; see `Scene`. SkinError if time runs backwards, or a body is where none
-        can be."""
+        """Advance to `time_s`; see `Scene`. SkinError if time runs backwards, or a pose is
+        impossible."""
         start = self._time_s
         step_s = time_s - start
         if step_s < 0.0:
@@ -264,7 +275,7 @@ class ScriptedScene:
         return self._truth
 
     def body_wrench(self) -> np.ndarray:
-        """What each body does to the skin, shape (b, 6): newton, and newton metre about the origin
+        """Wrench of each body on the skin, shape (b, 6): newton, and newton metre about the origin
         of the skin."""
         return np.array([self._to_wrench @ body.force.ravel() for body in self.bodies]).reshape(
             -1, 6
@@ -307,7 +318,7 @@ class ScriptedScene:
             surroundings.tools = tuple(tool.at(time_s) for tool in self._tools)
 
     def _share_out(self) -> None:
-        """A unit bears the one body that presses it hardest."""
+        """Assign each unit to the body that presses it hardest."""
         if len(self.bodies) < 2:
             return
         loads = np.stack([body.force[2] for body in self.bodies])

@@ -1,4 +1,4 @@
-"""Truth files: what was really the matter, cycle by cycle, beside the frames of a log.
+"""Truth files: the true state of units, cycle by cycle, next to the frames of a log.
 
 A truth file is an npz without pickles; `numpy.load` opens it. t cycles, n units, b bodies:
 
@@ -27,7 +27,7 @@ body_rotation          (t, b, 3, 3)       float64   coordinates of the body to t
 slip_share             (t, b)             float64   share of the load on faces that have slipped
 =====================  =================  ========  ================================================
 
-Cycle c of simulated nodes, counted from their first, is row c.
+Cycle c of simulated units, counted from their first, is row c.
 """
 
 from __future__ import annotations
@@ -62,19 +62,19 @@ TRUTH = arrays_of("a truth of a scene", "format", "scene", "unit_names", "body_n
 
 
 class Recorder:
-    """A scene that writes down what it says (a `skin.sim.scene.Scene`).
+    """A scene that records its truths (a `skin.sim.scene.Scene`).
 
-    Every instant that is asked for becomes a row. Rows go to a folder beside the file; `close`, or
-    the end of a `with`, makes the file of them, if there are any. If the block is left by an error
-    there is a file with what came before it.
+    Every requested instant becomes a row. Rows go to a folder next to the file; `close`, or the end
+    of a `with`, assembles the file, if there are rows. After an error the file has the rows before
+    it.
 
     Parameters
     ----------
     scene : ScriptedScene
         Its `units` and `steady` are also those of the recorder.
     path : str or Path
-        A truth that is there is replaced, another file is refused; SkinError if nothing can be
-        written there.
+        An existing truth file is replaced, other files are refused; SkinError if it cannot be
+        written.
     """
 
     def __init__(self, scene: ScriptedScene, path: str | Path) -> None:
@@ -97,7 +97,7 @@ class Recorder:
         self.close()
 
     def at(self, time_s: float) -> Truth:
-        """Go on to `time_s` and write it down; see `Scene`."""
+        """Advance to `time_s` and record it; see `Scene`."""
         truth = self.scene.at(time_s)
         for name, value in _row(self.scene, truth):
             self._write(name, value)
@@ -105,10 +105,10 @@ class Recorder:
         return truth
 
     def close(self) -> None:
-        """Make the file; closing twice is fine."""
+        """Assemble the file; may be called twice."""
         if not self._folder.exists():
             return
-        with ExitStack() as ended:  # all of it, whatever of it fails
+        with ExitStack() as ended:  # all of it, even if a part fails
             ended.callback(shutil.rmtree, self._folder)
             for part, _, _ in self._parts.values():
                 ended.callback(part.close)
@@ -116,7 +116,7 @@ class Recorder:
                 self._make()
 
     def _make(self) -> None:
-        """Make the file of the parts."""
+        """Assemble the file from its parts."""
         scene = self.scene
         about = {
             "format": np.int64(FORMAT),
@@ -149,7 +149,7 @@ class Recorder:
     def _write(self, name: str, value: np.ndarray) -> None:
         if name not in self._parts:
             kind = np.float32 if name in _SMALL else value.dtype
-            # the folder goes with `close`
+            # `close` removes the folder
             part = open(self._folder / name, "wb")
             self._parts[name] = part, np.dtype(kind), value.shape
         part, dtype, _ = self._parts[name]

@@ -1,4 +1,4 @@
-"""Scene files, format version 1: what touches a skin, when, how hard and how warm.
+"""Scene files, format version 1: bodies on a skin, with times, forces and temperatures.
 
 ::
 
@@ -14,17 +14,19 @@
         { t_s = 1.0, xyz_m = [0.0, 0.0, -0.001] },
     ]
 
-A body stands in the frame of the patch or unit that it is `on`: x along the units' x, z out of the
-skin, the origin in the middle of the patch at the height of its outermost face. `xyz_m` is where
-the lowest point of the body is, as it lies before it is turned by `rpy_deg` about its own origin.
-With `press_n` the body is not held at a height but sunk until the skin bears that much; with
-`drag_n` it is not held along x and y but dragged. Each quantity runs through the keys that name it,
-and stays as it is before the first and after the last. With `repeat` the scene begins anew at its
-end, and a body that is on `"*"` goes on to the next patch. Where nothing is named nothing happens.
+The coordinates of a body are in the frame of the patch or unit that it is `on`, the largest patch
+if none is named: x along the units' x, z out of the skin, the origin at the middle of the patch at
+the height of its outermost face. With `only_on` it touches no unit of another patch, wherever these
+stand, so that one scene fits hands of any form. `xyz_m` is the lowest point of the body before it
+is rotated by `rpy_deg` about its own origin. With `press_n` the body is sunk until the skin bears
+that load, and not held at a height; with `drag_n` it is dragged, and not held, along x and y. Each
+quantity is interpolated between the keys that name it, and constant before the first and after the
+last. With `repeat` the scene starts again at its end, and a body that is on `"*"` moves to the next
+patch. Unnamed quantities do nothing.
 
 `[[loads]]` are weights glued to units, `[[tools]]` spheres of iron that pass by, `[[room]]` the air
-and how the skin lies in the field of the Earth. `[non_ideal]` switches on what real units do and
-the paper's formulas leave out, one by one; `[electronics]` says what parts its boards are made of.
+and the attitude of the skin in the field of the Earth. `[non_ideal]` switches on single effects of
+real units that the paper's formulas leave out; `[electronics]` describes the parts of the boards.
 `skin sim --schema` prints all of it as a JSON Schema.
 """
 
@@ -76,7 +78,7 @@ _Ease = Literal["smooth", "linear", "hold"]
 
 
 class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A table of the file: no key but the ones it names."""
+    """A table of the file without unknown keys."""
 
 
 class _Shape(_Table, frozen=True, kw_only=True, tag_field="kind"):
@@ -122,7 +124,8 @@ Shape = Sphere | Cylinder | Block | Plate | Edge
 
 
 class Key(_Table, frozen=True, kw_only=True):
-    """A body at one instant (`keys` of `[[bodies]]`); what is not named runs through."""
+    """State of a body at one instant (`keys` of `[[bodies]]`); other quantities are
+    interpolated."""
 
     t_s: Annotated[_Seconds, Meta(description="Later than the key before")]
     ease: Annotated[
@@ -140,7 +143,7 @@ class Key(_Table, frozen=True, kw_only=True):
 
 
 class Wave(_Table, frozen=True, kw_only=True):
-    """A sine on top of the keys (`waves` of `[[bodies]]`): amplitudes of what it names."""
+    """A sine added to the keys (`waves` of `[[bodies]]`): amplitudes of quantities."""
 
     from_s: _Seconds
     to_s: _Seconds
@@ -161,10 +164,13 @@ class BodyTable(_Table, frozen=True, kw_only=True):
     on: Annotated[
         str | None,
         Meta(
-            description="Patch or unit in whose frame it stands; absent: the first patch; `*`: "
+            description="Patch or unit in whose frame it stands; absent: the largest patch; `*`: "
             "every patch, the next one with each repetition of the scene"
         ),
     ] = None
+    only_on: Annotated[
+        bool, Meta(description="Only units of that patch can touch it: others are out of its way")
+    ] = False
     friction: Annotated[_Friction, Meta(description="Coefficient at rest")] = 0.5
     friction_share: Annotated[
         float, Meta(ge=1e-3, le=1, description="Coefficient in motion over that at rest")
@@ -187,7 +193,7 @@ class LoadKey(_Table, frozen=True, kw_only=True):
 
 
 class LoadWave(_Table, frozen=True, kw_only=True):
-    """A sine on top of the keys (`waves` of `[[loads]]`)."""
+    """A sine added to the keys (`waves` of `[[loads]]`)."""
 
     from_s: _Seconds
     to_s: _Seconds
@@ -196,7 +202,7 @@ class LoadWave(_Table, frozen=True, kw_only=True):
 
 
 class LoadTable(_Table, frozen=True, kw_only=True):
-    """Weights glued to the faces of units (`[[loads]]`): no friction, no other unit takes part."""
+    """Weights glued to the faces of units (`[[loads]]`): without friction or other units."""
 
     units: Annotated[
         tuple[str, ...], Meta(min_length=1, description="Units, patches, or `*`: all of them")
@@ -214,13 +220,13 @@ class ToolKey(_Table, frozen=True, kw_only=True):
 
 
 class ToolTable(_Table, frozen=True, kw_only=True):
-    """A sphere of iron that passes by (`[[tools]]`): chips feel it, faces do not."""
+    """A sphere of iron that passes by (`[[tools]]`): it acts on chips, not on faces."""
 
     name: _Name
     keys: Annotated[tuple[ToolKey, ...], Meta(min_length=1)]
     on: Annotated[
         str | None,
-        Meta(description="Patch or unit in whose frame it stands; absent: the first patch"),
+        Meta(description="Patch or unit in whose frame it stands; absent: the largest patch"),
     ] = None
     radius_m: Annotated[float, Meta(ge=1e-4, le=0.1)] = Tool.radius_m
     permeability: Annotated[float, Meta(ge=1, le=1e6, description="Relative")] = Tool.permeability
@@ -242,15 +248,15 @@ class RoomKey(_Table, frozen=True, kw_only=True):
 
 
 class _Foundation(_Table, frozen=True, kw_only=True, tag_field="kind"):
-    """What the units rest on (`[foundation]`)."""
+    """Support of the units (`[foundation]`)."""
 
 
 class Winkler(_Foundation, frozen=True, kw_only=True, tag="winkler"):
-    """Each unit yields for itself."""
+    """Independent units."""
 
 
 class HalfSpace(_Foundation, frozen=True, kw_only=True, tag="half-space"):
-    """The units of a patch rest together on one elastic body."""
+    """The units of a patch on one elastic body."""
 
     modulus_pa: Annotated[float, Meta(ge=1e3, le=1e12)] = 6e5
     poisson: Annotated[float, Meta(ge=0, le=0.5)] = 0.5
@@ -260,7 +266,7 @@ Foundation = Winkler | HalfSpace
 
 
 class NonIdeal(_Table, frozen=True, kw_only=True):
-    """What real units do and the paper's formulas leave out (`[non_ideal]`), one by one."""
+    """Effects of real units that the paper's formulas leave out (`[non_ideal]`), one by one."""
 
     noise: Annotated[bool, Meta(description="Of each sample, as in the unit's model")] = True
     viscoelastic: Annotated[bool, Meta(description="Creep and relaxation of the elastomer")] = False
@@ -297,7 +303,7 @@ class NonIdeal(_Table, frozen=True, kw_only=True):
 
 
 class Electronics(_Table, frozen=True, kw_only=True):
-    """The parts of a board (`[electronics]`), as far as `[non_ideal]` wants them."""
+    """The parts of a board (`[electronics]`), as needed by `[non_ideal]`."""
 
     gate_s: Annotated[float, Meta(ge=1e-6, le=1, description="How long periods are counted")] = (
         Counter.gate_s
@@ -308,7 +314,7 @@ class Electronics(_Table, frozen=True, kw_only=True):
     reference_v: Annotated[float, Meta(ge=1e-3, le=100, description="Of divider and ADC")] = (
         Divider.reference_v
     )
-    series_ohm: Annotated[float, Meta(ge=1, le=1e9, description="Beside the gel")] = (
+    series_ohm: Annotated[float, Meta(ge=1, le=1e9, description="In series with the gel")] = (
         Divider.series_ohm
     )
     adc_bits: Annotated[int, Meta(ge=1, le=32)] = Divider.bits
@@ -320,15 +326,15 @@ class Electronics(_Table, frozen=True, kw_only=True):
     ] = HallConverter.range_ut
 
     def counter(self) -> Counter:
-        """How the timer is read."""
+        """The counter of the timer."""
         return Counter(gate_s=self.gate_s, clock_hz=self.clock_hz)
 
     def divider(self) -> Divider:
-        """How the gel is read."""
+        """The divider of the gel."""
         return Divider(self.reference_v, self.series_ohm, self.adc_bits)
 
     def hall_converter(self) -> HallConverter:
-        """How the chip reads its field."""
+        """The converter of the Hall chip."""
         return HallConverter(lsb_ut=self.hall_lsb_ut, range_ut=self.hall_range_ut)
 
 
@@ -343,7 +349,9 @@ class SceneFile(_Table, frozen=True, kw_only=True):
 
     format: Literal[1]
     seconds: Annotated[float, Meta(ge=1e-3, le=86_400, description="How long it lasts")]
-    repeat: Annotated[bool, Meta(description="Begin anew at its end; else stay as it ends")] = False
+    repeat: Annotated[
+        bool, Meta(description="Start again at its end; otherwise keep the last state")
+    ] = False
     name: str = ""
     description: str = ""
     seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
@@ -358,11 +366,11 @@ class SceneFile(_Table, frozen=True, kw_only=True):
 
     @property
     def period_s(self) -> float:
-        """After which time the scene begins anew; infinite if it does not."""
+        """Period of the scene; infinite without repetition."""
         return self.seconds if self.repeat else math.inf
 
     def where(self, table: str, index: int, time_s: float) -> str:
-        """A body, load or tool at a time, in the words of messages: by the key it is on its way to.
+        """A body, load or tool at a time, for messages: by the next key.
 
         Parameters
         ----------
@@ -376,7 +384,7 @@ class SceneFile(_Table, frozen=True, kw_only=True):
         return f"{self.place((table, index, 'keys', key))} (at {time_s:.4g} s)"
 
     def place(self, key: tuple[str | int, ...]) -> str:
-        """A key in words; one that was loaded from a file begins with file and line."""
+        """A key for messages; one from a file begins with file and line."""
         table, index, *rest = key
         name = getattr(getattr(self, str(table))[index], "name", None)
         words = f"{table}[{index}]" + (f" {name!r}" if name else "")
@@ -384,7 +392,7 @@ class SceneFile(_Table, frozen=True, kw_only=True):
 
 
 def lowest_m(shape: Shape) -> float:
-    """How far the lowest point of a shape is below its origin."""
+    """Depth of the lowest point of a shape below its origin."""
     match shape:
         case Sphere(radius_m=radius) | Cylinder(radius_m=radius):
             return radius

@@ -1,4 +1,4 @@
-"""Tools of steel that a scene moves past a skin: where they are, and that they touch nothing."""
+"""Tools of steel that a scene moves past a skin, without contact."""
 
 from __future__ import annotations
 
@@ -41,21 +41,21 @@ class MovingTool:
         self._tool = Tool((0.0, 0.0, 0.0), table.radius_m, table.permeability, tuple(moment))
 
     def at(self, time_s: float) -> Tool:
-        """The tool where it is at a time.
+        """The tool at its place at a time.
 
         Raises
         ------
         SceneError
-            If no tool can be there; see `problem`.
+            The place is impossible; see `problem`.
         """
         if found := self.problem(time_s):
             raise SceneError(f"{self._where(time_s)}: must be {found[0]}; got {found[1]}")
         return replace(self._tool, position=tuple(self._position(time_s)))
 
     def problem(self, time_s: float) -> tuple[str, str] | None:
-        """Why the tool cannot be where it is at a time: what must be, and what is.
+        """Why the place of a tool at a time is impossible: expected and actual.
 
-        It touches no unit, and stays as far from the film of each as `HalbachField` asks for.
+        It touches no unit, and keeps the distance to each film that `HalbachField` needs.
         """
         topology, position = self._topology, self._position(time_s)
         depth_mm = penetration(

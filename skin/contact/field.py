@@ -1,0 +1,221 @@
+"""Declares a record once: its numbers, the attributes that users read, and their output.
+
+A class has a `Number`, a `Vector` or a `Hidden` for each field of a record; `declared` derives the
+numpy type, and the quantities of tables, arrays and messages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from enum import IntEnum, IntFlag
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload
+
+import numpy as np
+
+__all__ = ["Hidden", "Number", "Quantity", "Vector", "declared", "derived"]
+
+T = TypeVar("T")
+
+
+class Quantity(NamedTuple):
+    """An output quantity: an array, some columns of a table, a field of a message.
+
+    Attributes
+    ----------
+    name : str
+        Of the array and the field.
+    doc : str
+        Description, in a sentence or less.
+    unit : str or tuple of str
+        Of measure, of all columns or of each; "" for none.
+    columns : tuple of str
+        Of tables; empty: one column with the name of the quantity.
+    dtype : str
+        Numpy type of the values; "single": that of the decoder, float32 by default.
+    values : function
+        Source to array, one row for each row of a table; returns None where the source does not
+        have it.
+    words : tuple of str
+        Labels of the numbers, for tables.
+    message : str
+        Type of the field in messages of ROS 2.
+    since : int
+        Version of the messages that introduced it.
+    decimals : int
+        In text tables.
+    """
+
+    name: str
+    doc: str
+    unit: str | tuple[str, ...]
+    columns: tuple[str, ...]
+    dtype: str
+    values: Callable[[Any], Any]
+    words: tuple[str, ...] = ()
+    message: str = ""
+    since: int = 0
+    decimals: int = 6
+
+    @property
+    def heads(self) -> list[tuple[str, str]]:
+        """Name and unit of each column."""
+        names = self.columns or (self.name,)
+        units = (self.unit,) * len(names) if isinstance(self.unit, str) else self.unit
+        return [*zip(names, units, strict=True)]
+
+
+class Record(Protocol):
+    """An object with a record."""
+
+    @property
+    def record(self) -> np.void: ...
+
+
+class Hidden:
+    """A field for kernels only.
+
+    Parameters
+    ----------
+    dtype : type of numpy
+    shape : tuple of int
+    yields : tuple of Quantity
+        Its output quantities.
+    """
+
+    name = ""
+
+    def __init__(
+        self, dtype: Any, shape: tuple[int, ...] = (), *, yields: Iterable[Quantity] = ()
+    ) -> None:
+        self.dtype, self.shape, self.yields = np.dtype(dtype), shape, tuple(yields)
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Its output quantities."""
+        return self.yields
+
+    def __get__(self, one: object, owner: type) -> Any:
+        if one is None:
+            return self
+        raise AttributeError  # Python then calls __getattr__ of the owner
+
+
+class Number(Hidden, Generic[T]):
+    """A number with a type, which is an attribute.
+
+    Parameters
+    ----------
+    kind : type
+        float, int or an enum.
+    doc : str
+    unit : str
+        Of measure.
+    dtype : type of numpy, optional
+        float64 for float, int32 for integers if not given.
+    leaves : bool
+        Whether it is an output of tables, arrays and messages.
+    message, since, decimals, yields
+        See `Quantity` and `Hidden`. By default it is float32 in messages, or the integer type.
+    """
+
+    def __init__(
+        self, kind: type[T], doc: str, unit: str = "", *, dtype: Any = None, leaves: bool = True,
+        message: str = "", since: int = 4, decimals: int = 6, yields: Iterable[Quantity] = (),
+    ) -> None:  # fmt: skip
+        default = np.float64 if kind is float else np.int32
+        super().__init__(default if dtype is None else dtype, yields=yields)
+        self.__doc__, self._kind = doc, kind
+        self._leaves = leaves, unit, message, since, decimals
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Its own output quantity and those that it yields."""
+        leaves, unit, message, since, decimals = self._leaves
+        if not leaves:
+            return self.yields
+        words: tuple[str, ...] = ()
+        if issubclass(self._kind, IntEnum) and not issubclass(self._kind, IntFlag):
+            words = tuple(one.name.lower() for one in self._kind)
+        name, kind = self.name, message or _message(self.dtype)
+        own = Quantity(name, str(self.__doc__), unit, (), self.dtype.name,
+                       lambda found: found[name], words, kind, since, decimals)  # fmt: skip
+        return (own, *self.yields)
+
+    @overload
+    def __get__(self, one: None, owner: type) -> Number[T]: ...
+    @overload
+    def __get__(self, one: Record, owner: type) -> T: ...
+    def __get__(self, one: Record | None, owner: type) -> Number[T] | T:
+        kind: Any = self._kind
+        return self if one is None else kind(one.record[self.name].item())
+
+
+class Vector(Hidden):
+    """An array of float64, which is an attribute: a view.
+
+    Parameters
+    ----------
+    doc : str
+    shape : tuple of int
+    unit : str or tuple of str
+        Of measure, of all columns or of each.
+    columns : sequence of str
+        Of tables; without them it is no output.
+    message, since
+        See `Quantity`. By default it is an array of float64 in messages.
+    """
+
+    def __init__(
+        self, doc: str, shape: tuple[int, ...], unit: str | tuple[str, ...] = "", *,
+        columns: Iterable[str] = (), message: str = "", since: int = 4,
+    ) -> None:  # fmt: skip
+        super().__init__(np.float64, shape)
+        self.__doc__ = doc
+        self._leaves = unit, tuple(columns), message, since
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Its output quantity, if it has columns."""
+        unit, columns, message, since = self._leaves
+        if not columns:
+            return ()
+        name, kind = self.name, message or f"float64[{len(columns)}]"
+        return (Quantity(name, str(self.__doc__), unit, columns, self.dtype.name,
+                         lambda found: found[name], (), kind, since),)  # fmt: skip
+
+    @overload
+    def __get__(self, one: None, owner: type) -> Vector: ...
+    @overload
+    def __get__(self, one: Record, owner: type) -> np.ndarray: ...
+    def __get__(self, one: Record | None, owner: type) -> Vector | np.ndarray:
+        return self if one is None else one.record[self.name]
+
+
+def derived(
+    name: str, doc: str, dtype: str, values: Callable[[np.ndarray], np.ndarray], *,
+    message: str = "", since: int = 4,
+) -> Quantity:  # fmt: skip
+    """A number without a unit, computed from fields.
+
+    Parameters
+    ----------
+    name, doc, dtype
+        See `Quantity`.
+    values : function
+        Records, shape (k,), to array, shape (k,).
+    message, since
+        See `Quantity`. By default its type in messages is that of `dtype`.
+    """
+    return Quantity(name, doc, "", (), dtype, values, (), message or dtype, since)
+
+
+def declared(owner: type) -> tuple[np.dtype, tuple[Quantity, ...]]:
+    """The numpy type of the record that a class declares, and its output quantities, in order."""
+    fields = [one for one in vars(owner).values() if isinstance(one, Hidden)]
+    dtype = np.dtype([(one.name, one.dtype, one.shape) for one in fields], align=True)
+    return dtype, tuple(given for one in fields for given in one.quantities())
+
+
+def _message(dtype: np.dtype) -> str:
+    """The type of a number in messages."""
+    return "float32" if dtype.kind == "f" else dtype.name

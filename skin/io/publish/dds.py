@@ -1,0 +1,152 @@
+"""Topics of ROS 2 over DDS, without ROS; the only file that imports cyclonedds.
+
+Names of types and topics are mangled as in ROS 2, so that its nodes match. Writers offer XCDR
+version 1, as ROS 2 does, and take encoded messages: cyclonedds itself needs milliseconds to encode
+the message of a large skin.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+from importlib.util import find_spec
+from typing import Any
+
+from skin.errors import LibraryError, SkinError
+from skin.io.messages.definitions import FIELDS, fields_of
+from skin.io.publish.names import dds_topic, dds_type
+
+__all__ = ["LOCALHOST", "Participant", "Writer", "check_library"]
+
+DEPTH = 10
+"""History depth for late readers, the default of ROS 2."""
+BLOCKS_NS = 100_000_000
+"""Longest time that a slow reader blocks a writer, the default of ROS 2."""
+LOCALHOST = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/>"
+    "</Interfaces></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address='127.0.0.1'/>"
+    "</Peers></Discovery></Domain></CycloneDDS>"
+)
+"""Configuration of cyclonedds that restricts it to this machine."""
+
+
+def check_library() -> None:
+    """Raise if cyclonedds is missing, without loading it.
+
+    Raises
+    ------
+    LibraryError
+        It is not installed.
+    """
+    if find_spec("cyclonedds") is None:
+        raise LibraryError(
+            "publish: must have cyclonedds; not installed: pip install 'f3t-skin[ros]'"
+        )
+
+
+class Participant:
+    """A participant of a DDS domain, with writers of topics.
+
+    Parameters
+    ----------
+    domain : int
+        ROS_DOMAIN_ID.
+    local : bool
+        Restrict traffic to this machine.
+
+    Raises
+    ------
+    SkinError
+        DDS cannot be started, usually for want of an interface or by a wrong CYCLONEDDS_URI.
+    """
+
+    def __init__(self, domain: int, local: bool = False) -> None:
+        from cyclonedds.domain import DomainParticipant
+
+        if local:
+            os.environ["CYCLONEDDS_URI"] = LOCALHOST
+        try:
+            self._participant = DomainParticipant(domain)
+        except Exception as error:  # cyclonedds raises several classes
+            uri = os.environ.get("CYCLONEDDS_URI", "")
+            raise SkinError(
+                f"publish: domain {domain}: must be one that can be joined; got: {error}"
+                + (f" (CYCLONEDDS_URI is {uri!r})" if uri else "")
+            ) from None
+
+    def writer(
+        self, topic: str, message: str, *, latched: bool = False, reliable: bool = True
+    ) -> Writer:
+        """A writer of a topic.
+
+        Parameters
+        ----------
+        topic : str
+            As ROS 2 names it, without the first slash.
+        message : str
+            Of `skin.io.messages.definitions.FIELDS`.
+        latched : bool
+            Late readers get the last message ("transient local").
+        reliable : bool
+            Lost messages are sent again; both kinds of readers match then.
+        """
+        return Writer(self._participant, topic, message, latched, reliable)
+
+
+class Writer:
+    """A writer of one topic; made by `Participant.writer`."""
+
+    def __init__(
+        self, participant: Any, topic: str, message: str, latched: bool, reliable: bool
+    ) -> None:
+        from cyclonedds.core import Policy, Qos
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.topic import Topic
+
+        durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
+        reliability = (
+            Policy.Reliability.Reliable(max_blocking_time=BLOCKS_NS)
+            if reliable
+            else Policy.Reliability.BestEffort
+        )
+        qos = Qos(
+            durability, reliability, Policy.History.KeepLast(1 if latched else DEPTH),
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+        )  # fmt: skip
+        kind = _idl_type(message)
+        self._topic = Topic(participant, dds_topic(topic), kind, qos=qos)
+        self._writer = DataWriter(participant, self._topic, qos=qos)
+        self._sample = kind.__new__(kind)
+
+    def write(self, data: bytes) -> None:
+        """Send an encoded message (CDR)."""
+        # cyclonedds asks the sample for its bytes
+        self._sample.serialize = lambda **_: data
+        self._writer.write(self._sample)
+
+    def wait_for_readers(self, timeout_s: float) -> None:
+        """Wait until readers have received all messages."""
+        # the public method fails on its own timeout
+        writer: Any = self._writer
+        writer._wait_for_acks(writer._ref, round(1e9 * timeout_s))
+
+
+@functools.cache
+def _idl_type(message: str) -> Any:
+    """The type of a message in cyclonedds."""
+    from cyclonedds.idl import make_idl_struct, types
+
+    numbers: dict[str, Any] = {
+        "bool": bool, "byte": types.byte, "uint8": types.uint8, "uint16": types.uint16,
+        "int32": types.int32, "uint32": types.uint32, "int64": types.int64, "uint64": types.uint64,
+        "float32": types.float32, "float64": types.float64, "string": str,
+    }  # fmt: skip
+    found = {}
+    for field in fields_of(message):
+        one = _idl_type(field.kind) if field.kind in FIELDS else numbers[field.kind]
+        if field.is_array:
+            one = types.array[one, field.size] if field.size else types.sequence[one]
+        found[field.name] = one
+    name = dds_type(message)
+    return make_idl_struct(name.rpartition(".")[2], name, found)

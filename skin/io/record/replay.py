@@ -1,0 +1,417 @@
+"""Replay: a recording, or a log, through the pipeline of a live run.
+
+A recording has the inputs of the pipeline in order; the states are the same, bit for bit, which is
+checked against those in the recording. A log has frames alone: its cycles end with their last frame
+or with the next SYNC.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import topology as topology_package
+from bus.cycle import FrameCounters
+from bus.errors import LogError
+from bus.frame import FRAME_DTYPE
+from bus.logs.formats import READERS
+from bus.logs.reader import existing
+from skin.compiling import announcer
+from skin.errors import OptionError, check_number
+from skin.io.messages.cdr import HEAD
+from skin.io.messages.encode import FRAMES_AT, FRAMES_HEAD, StateEncoder
+from skin.io.messages.topics import FRAMES, POSES, STATE
+from skin.io.messages.writer import RecordWriter
+from skin.io.record import is_recording
+from skin.io.record.attached import Setup, read_setup
+from skin.io.record.container import RecordedFile
+from skin.io.record.differences import differences
+from skin.io.record.slot import Event, slot_dtype
+from skin.offline import DecodedLog, decode_log
+from skin.sinks import Attachable
+from topology import Topology
+
+if TYPE_CHECKING:
+    from skin.pipeline import Pipeline
+    from skin.state import State
+
+__all__ = ["Pace", "Replay", "recorded_topology", "redecode", "replay"]
+
+LONGEST_WAIT_S = 5.0
+"""Longest wait for a state in real time [assumed: longer gaps are skipped]."""
+FASTEST = 1e6
+
+
+def recorded_topology(file: str | os.PathLike[str]) -> Topology:
+    """The topology of the skin that a recording is of, as it was in the run.
+
+    Raises
+    ------
+    bus.LogError
+        There is no such file, or it is no recording.
+    LibraryError
+        The library that reads recordings is not installed.
+    """
+    recorded = RecordedFile(existing(file))
+    return read_setup(recorded.path, recorded.attached).topology
+
+
+def replay(
+    file: str | os.PathLike[str],
+    source: Topology | str | Path | None = None,
+    *,
+    speed: float | None = None,
+    **options: Any,
+) -> Replay | PacedLog:
+    """Play a recording (.mcap), or any log that `decode_log` reads.
+
+    Parameters
+    ----------
+    file : path
+    source : Topology, str or Path, optional
+        Needed for a log. A recording has its own; a given one must be equal.
+    speed : float, optional
+        1 for real time, 10 for ten times as fast; no waiting if not given.
+    **options
+        Of a log: what is computed, and how, as in `skin.options.Options`. A recording has its own.
+
+    Returns
+    -------
+    Replay or PacedLog
+        Iterate over it, once, for one `State` a cycle.
+
+    Raises
+    ------
+    bus.LogError
+        There is no such file, its format is unknown, or it was recorded with another topology.
+    OptionError
+        Options with a recording, or a log without a topology.
+    LibraryError
+        The library that reads recordings is not installed.
+
+    Examples
+    --------
+    >>> for state in replay("run.mcap"):  # doctest: +SKIP
+    ...     print(state.time_s, state.wrench)
+    """
+    if speed is not None:
+        check_number("speed", speed, 1e-6, FASTEST)
+    path = existing(file)
+    if not is_recording(path):
+        kind = path.with_suffix("").suffix if path.suffix.lower() == ".gz" else path.suffix
+        if kind.lower() not in READERS:
+            raise LogError(
+                f"{path}: must be a recording (.mcap) or a log ({', '.join(sorted(READERS))}); got "
+                f"{path.suffix or 'no suffix'!r}"
+            )
+        if source is None:
+            raise OptionError(f"{path}: topology: must be given with a log; got none")
+        return PacedLog(decode_log(source, path, **options), speed)
+    if options:
+        raise OptionError(
+            f"{path}: {', '.join(options)}: must not be given with a recording, which has the "
+            "options of its run"
+        )
+    recorded = RecordedFile(path)
+    setup = read_setup(path, recorded.attached)
+    if source is not None:
+        given = source if isinstance(source, Topology) else topology_package.load(source)
+        _check_same(path, setup.topology, given)
+    announcer()
+    return Replay(recorded, setup, speed)
+
+
+def redecode(
+    file: str | os.PathLike[str], source: Topology | None = None, **options: Any
+) -> Replay:
+    """The frames of a recording by the calibration that its skin has now, or by other options.
+
+    Parameters
+    ----------
+    file : path
+        A recording.
+    source : Topology, optional
+        The skin of the recording; its calibration may be another one. Of units that were simulated
+        that of the recording stays. The recording's own if not given.
+    **options
+        Replace those of the run.
+
+    Returns
+    -------
+    Replay
+        States are compared to those of the recording if nothing is changed.
+
+    Raises
+    ------
+    bus.LogError
+        There is no such file, it is not a recording, or it is of another skin.
+    """
+    recorded = RecordedFile(existing(file))
+    setup = read_setup(recorded.path, recorded.attached)
+    run = setup.topology
+    is_other = False
+    if source is not None:
+        is_other = all(differences(run, one) for one in (source, source.exact()))
+    if source is not None and is_other:
+        calibrated = dataclasses.replace(
+            run, parameters=source.parameters, calibrated=source.calibrated,
+            tared=source.tared,
+        )  # fmt: skip
+        _check_same(recorded.path, calibrated, source)
+        setup = dataclasses.replace(setup, topology=source)
+    if options:
+        setup = dataclasses.replace(setup, options=dataclasses.replace(setup.options, **options))
+    announcer()
+    return Replay(recorded, setup, None, compares=not (is_other or options))
+
+
+def _check_same(path: Path, recorded: Topology, given: Topology) -> None:
+    """Refuse a recording of another skin; simulated units had exact parameters."""
+    found = differences(recorded, given)
+    if found and differences(recorded, given.exact()):
+        raise LogError(
+            f"{path}: topology: must be recorded with {given.name!r} as it is now; got differences "
+            f"in {'; '.join(found[:6])}{'; …' if len(found) > 6 else ''}"
+        )
+
+
+class Pace:
+    """Waits until the next state is due.
+
+    Parameters
+    ----------
+    speed : float or None
+        1 for real time; None never waits.
+    """
+
+    def __init__(self, speed: float | None) -> None:
+        self._speed = speed
+        self._due_s: float | None = None
+        self._stamp_ns = 0
+
+    def wait(self, stamp_ns: int) -> None:
+        """Sleep until the state with this stamp is due. A late caller restarts the schedule."""
+        if self._speed is None:
+            return
+        now = time.monotonic()
+        if self._due_s is not None:
+            gap_s = 1e-9 * (stamp_ns - self._stamp_ns) / self._speed
+            self._due_s += min(max(gap_s, 0.0), LONGEST_WAIT_S)
+            if self._due_s > now:
+                time.sleep(self._due_s - now)
+            elif now - self._due_s > LONGEST_WAIT_S:
+                self._due_s = now
+        else:
+            self._due_s = now
+        self._stamp_ns = stamp_ns
+
+
+class PacedLog(Attachable):
+    """States of a log in real time; see `DecodedLog`.
+
+    Attributes
+    ----------
+    topology : Topology
+    pipeline : Pipeline
+    work_ns : int
+        Processing time of the last state.
+    """
+
+    def __init__(self, decoded: DecodedLog, speed: float | None) -> None:
+        self.topology, self.pipeline = decoded.topology, decoded.pipeline
+        self.work_ns = 0
+        self._decoded, self._pace = decoded, Pace(speed)
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Counts of frames by outcome, running totals."""
+        return self._decoded.counters
+
+    @property
+    def faults(self) -> list[str]:
+        """Faults of the log so far, damage included."""
+        damage = self._decoded.damage
+        return [*([] if damage is None else [damage]), *self._decoded.faults]
+
+    def __iter__(self) -> Iterator[State]:
+        started = time.perf_counter_ns()
+        for state in self._decoded:
+            self.work_ns = time.perf_counter_ns() - started
+            self._pace.wait(state.stamp_ns)
+            yield state
+            started = time.perf_counter_ns()
+
+
+class Replay(Attachable):
+    """States of a recording, reproduced; made by `replay`.
+
+    Attributes
+    ----------
+    topology : Topology
+        As in the run.
+    pipeline : Pipeline
+    work_ns : int
+        Processing time of the last state.
+    count, same : int
+        States so far, and how many of them equal those of the recording, to the bit.
+    """
+
+    def __init__(
+        self, recorded: RecordedFile, setup: Setup, speed: float | None, *, compares: bool = True
+    ) -> None:
+        from skin.pipeline import Pipeline
+
+        self.topology = setup.topology
+        self.pipeline: Pipeline = Pipeline(
+            setup.topology, setup.options, deadline_s=setup.deadline_s
+        )
+        if setup.zeros is not None:
+            with tempfile.TemporaryDirectory() as folder:
+                place = Path(folder) / "zeros.npz"
+                if setup.zeros:
+                    place.write_bytes(setup.zeros)
+                self.pipeline.take_zeros(place)
+        self.work_ns = self.count = self.same = 0
+        self._recorded, self._pace, self._compares = recorded, Pace(speed), compares
+        self._slot = np.zeros(1, slot_dtype(self.topology))
+        self._writer = RecordWriter(
+            self._slot, self.pipeline.contacts, self.pipeline.assembler.totals
+        )
+        self._encoder: StateEncoder | None = None
+        self._unknown: str | None = None
+        self._parts: list[np.ndarray] = []
+        self._lost = (0, 0)
+        self._unmade = 0
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Counts of frames by outcome, running totals."""
+        return self.pipeline.counters
+
+    @property
+    def faults(self) -> list[str]:
+        """Faults of the recording so far: damage, dropped cycles, and states that differ from those
+        in the recording."""
+        path, (cycles, frames) = self._recorded.path, self._lost
+        found = list(self._recorded.damage)
+        if cycles + frames:
+            found.append(f"{path}: must hold every cycle; got {cycles} cycles and {frames} frames "
+                         "left out, as the recorder was behind")  # fmt: skip
+        if self._unmade:
+            found.append(f"{path}: must hold the frames of every state; got {self._unmade} states "
+                         "without")  # fmt: skip
+        if self._unknown is not None:
+            found.append(f"{path}: {STATE}: must have fields that this version knows; got "
+                         f"{self._unknown}: states were not compared")  # fmt: skip
+        if self._compares and (other := self.count - self.same):
+            found.append(f"{path}: must give the states of the run; got {other} of {self.count} "
+                         "that differ")  # fmt: skip
+        return found
+
+    def __iter__(self) -> Iterator[State]:
+        self.pipeline.warmup()
+        try:
+            yield from self._states()
+        finally:
+            self.pipeline.sinks.stop()
+
+    def _states(self) -> Iterator[State]:
+        coming: Iterator[State] = iter(())
+        started = time.perf_counter_ns()
+        for topic, _, data in self._recorded.messages((FRAMES, POSES, STATE)):
+            if topic == POSES:
+                self.pipeline.move(*self._poses(data))
+                continue
+            recorded = data if topic == STATE else None
+            if recorded is None:
+                yield from coming  # cycles whose states are not in the file
+                coming = self._given(data)
+                continue
+            state = next(coming, None)
+            if state is None:
+                self._unmade += 1
+                continue
+            self.work_ns = time.perf_counter_ns() - started
+            if self._compares:
+                self._compare(recorded)
+            self._pace.wait(state.stamp_ns)
+            yield state
+            started = time.perf_counter_ns()
+
+    def _given(self, data: bytes) -> Iterator[State]:
+        """Feed the pipeline one recorded event; yields the states."""
+        head, frames = self._frames(data)
+        self._lost = int(head["lost_cycles"]), int(head["lost_frames"])
+        event = int(head["event"])
+        if event == Event.FED:
+            self._parts.append(frames)
+            if head["more"]:
+                return iter(())
+            frames = np.concatenate(self._parts) if len(self._parts) > 1 else frames
+            self._parts = []
+            return self.pipeline.feed(frames)
+        if event == Event.FLUSHED:
+            state = self.pipeline.flush()
+        else:
+            state = self._timed(event, int(head["elapsed_ns"]))
+        return iter(() if state is None else (state,))
+
+    def _timed(self, event: int, elapsed_ns: int) -> State | None:
+        """Apply an event of the clock, when a cycle or the silence was so old. Without SYNC, and
+        before the first one, the first event starts the time."""
+        end = self.pipeline.expire if event == Event.EXPIRED else self.pipeline.silence
+        since_ns = self.pipeline.assembler.since_ns
+        if since_ns is None:
+            end(0)
+            since_ns = self.pipeline.assembler.since_ns or 0
+        return end(since_ns + elapsed_ns) if elapsed_ns else None
+
+    def _frames(self, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+        """Head and frames of a message."""
+        size = FRAMES_HEAD.itemsize
+        if data[: len(HEAD)] != HEAD or len(data) < size:
+            raise self._refusal(FRAMES)
+        head = np.frombuffer(data[:size], FRAMES_HEAD)[0]
+        count = int(head["count"])
+        if head["event"] > Event.FLUSHED:
+            raise self._refusal(FRAMES)
+        if len(data) != (FRAMES_AT + count * FRAME_DTYPE.itemsize if count else size):
+            raise self._refusal(FRAMES)
+        frames = np.frombuffer(data, FRAME_DTYPE, count, FRAMES_AT if count else 0)
+        return head, frames.copy()  # aligned, as kernels want it
+
+    def _poses(self, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and rotations of a message."""
+        n = self.topology.n
+        if data[: len(HEAD)] != HEAD or len(data) < 96 * n + 36:
+            raise self._refusal(POSES)
+        rotation = np.frombuffer(data, "<f8", 9 * n, len(data) - 72 * n)
+        position = np.frombuffer(data, "<f8", 3 * n, len(data) - 96 * n - 8)
+        return position.reshape(3, n).copy(), rotation.reshape(3, 3, n).copy()
+
+    def _refusal(self, topic: str) -> LogError:
+        return LogError(
+            f"{self._recorded.path}: {topic}: must be as a recorder writes it; got others"
+        )
+
+    def _compare(self, recorded: bytes) -> None:
+        """Compare a state to that of the recording, in the fields of its version and their meaning
+        then."""
+        if self._encoder is None:
+            known = self._recorded.definitions.get(STATE)
+            try:
+                self._encoder = StateEncoder(self.topology.n, known=known)
+                self._encoder.write_as(recorded)
+            except (LookupError, ValueError) as error:
+                self._compares, self._unknown = False, str(error)
+                return
+        self._writer.write(self.pipeline.now)
+        self.count += 1
+        self.same += self._encoder(self._slot[0]) == recorded
