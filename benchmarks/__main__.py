@@ -1,8 +1,9 @@
 """Benchmarks: `python -m benchmarks NAME [--json] [--quick]`.
 
-A benchmark is a module of this folder with two functions: ``run(quick) -> dict`` measures, and
-``table(figures) -> str`` shows the figures to a person. Each gives the error beside the time; what
-is compared runs side by side in one process, or in turn in one run, and is given as a ratio.
+A benchmark is a module or package of this folder with two functions: ``run(quick) -> dict``
+measures, and ``table(figures) -> str`` shows the figures to a person. Each gives the error beside
+the time; what is compared runs side by side in one process, or in turn in one run, and is given as
+a ratio.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MA
 
 
 def names() -> list[str]:
-    """Names of the benchmarks: modules that define `run`."""
+    """Names of the benchmarks: modules and packages that define `run`."""
     found = []
-    for file in sorted(FOLDER.glob("*.py")):
+    for file in [*FOLDER.glob("*.py"), *FOLDER.glob("*/__init__.py")]:
         tree = ast.parse(file.read_text(encoding="utf-8"))
         if any(isinstance(node, ast.FunctionDef) and node.name == "run" for node in tree.body):
-            found.append(file.stem)
-    return found
+            found.append(file.parent.name if file.stem == "__init__" else file.stem)
+    return sorted(found)
 
 
 def machine() -> dict[str, object]:
@@ -62,6 +63,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="end with one JSON object")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions, smaller sizes")
     parser.add_argument("--only", metavar="NAMES", help="report: renew the figures of these alone")
+    parser.add_argument("--data", metavar="FOLDER", type=Path, help="recorded: files of the set")
     options = parser.parse_args()
     known = names()
     if options.name is None:
@@ -79,8 +81,11 @@ def main() -> int:
     module = import_module(f"benchmarks.{options.name}")
     if options.only is not None and options.name != "report":
         parser.error("--only: must be used with report")
+    if options.data is not None and options.name != "recorded":
+        parser.error("--data: must be used with recorded")
     only = {} if options.only is None else {"only": options.only.split(",")}
-    figures = module.run(options.quick, **only)
+    data = {} if options.data is None else {"data": options.data}
+    figures = module.run(options.quick, **only, **data)
     print(module.table(figures))
     if options.json:
         print(json.dumps({"benchmark": options.name, **figures, "machine": machine()}))

@@ -1,14 +1,17 @@
 """Accuracy: what is decoded against what is true, over the range of a unit and on an array.
 
-The truth is magnet theory, which the decoder does not share; the decoder knows what a bench has
-found in noisy scans of each unit. `drawn` are films as drawn, of which only the law's own misfit
-and the noise of the calibration are left; `made` are films with the errors of their fabrication.
+The truth is magnet theory, which the decoder does not share; the decoder knows what `skin
+calibrate` has found in a recording of each unit (`benchmarks.bench`). There are 16 units, 4 in a
+quick run, and the array has each of them several times. `drawn` are films as drawn, of which only
+the law's own misfit and the noise of the calibration are left; `made` are films with the errors of
+their fabrication.
 
 `crlb_ratio` is the error of the tangential displacement over the least that any unbiased estimator
 could reach (`benchmarks.accuracy_noise`), `systematic` what is left without noise on an array of
 which six units in ten are pressed and sheared at random, `coverage` the share of errors within the
 sigma that is told with each number, least and largest over all cells of the stated range (H to
-2 mm and R to 3 mm for `field-angle`, to 1.5 mm for `sine`), all components and both films.
+2 mm and R to 2.8 mm, where recordings end, for `field-angle`, to 1.5 mm for `sine`), all components
+and both films.
 `placed` is the same array with units off their places, which the decoder does not know.
 
 The simulated laws of gel, capacitor and force are the decoder's own, inverted exactly; what they do
@@ -26,7 +29,7 @@ from benchmarks.accuracy_array import PLACEMENTS, crosstalk, placed, turning
 from benchmarks.accuracy_coverage import by_chance, coverage, lines
 from benchmarks.accuracy_noise import Cells, Found, explore
 from benchmarks.accuracy_picture import draw
-from benchmarks.accuracy_skin import Made, apart, made
+from benchmarks.accuracy_skin import BAG_SIDE, QUICK_BAG_SIDE, Made, apart, made
 from skin import Decoder
 
 PICTURE = Path(__file__).parent / "pictures" / "accuracy.png"
@@ -49,11 +52,13 @@ TARGETS = {
 def run(quick: bool) -> dict[str, Any]:
     """Measure, draw the picture; see `table` for what the figures are."""
     rounds, count = (6, 20) if quick else (60, 100)
+    bag_side = QUICK_BAG_SIDE if quick else BAG_SIDE
+    skins = {name: made(SIDE, fabricated=fabricated, bag_side=bag_side)
+             for name, fabricated in FILMS.items()}  # fmt: skip
     cells = Cells(DEPTH_MM, REACH_MM)
     films: dict[str, Any] = {}
     found: dict[tuple[str, str], Found] = {}
-    for name, fabricated in FILMS.items():
-        skin = made(SIDE, fabricated=fabricated)
+    for name, skin in skins.items():
         films[name] = {}
         for estimator in ESTIMATORS:
             rows, found[name, estimator] = _single(skin, cells, estimator, rounds)
@@ -68,14 +73,14 @@ def run(quick: bool) -> dict[str, Any]:
             films[name][estimator] = rows
     turned = {
         estimator: {
-            name: turning(made(SIDE, fabricated=True), estimator, ambient=ambient)
+            name: turning(skins["made"], estimator, ambient=ambient)
             for name, ambient in (("ambient off", False), ("ambient on", True))
         }
         for estimator in ESTIMATORS
     }
     draw(PICTURE, cells, found, films)
     best, worst = (films[name]["field-angle"] for name in FILMS)
-    figures = {"temperature_rmse_c": _temperature(made(SIDE, fabricated=False), 2000)}
+    figures = {"temperature_rmse_c": _temperature(skins["drawn"], 2000)}
     for suffix, rows in (("", best), ("_made", worst)):
         touching = rows["crosstalk"]["12 mm"]
         figures |= {

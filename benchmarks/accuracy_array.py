@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.accuracy_skin import Made, with_rate
 from skin import Decoder
+from skin.calibrate.bench.spread import rms
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 from skin.physics.surroundings import Surroundings
 from topology.pose import from_rpy
@@ -84,10 +85,10 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
         force[i] = np.linalg.norm(reading.force - true[i], axis=0)
     below = np.hypot(displacement[:, 0], displacement[:, 1]) < 2.0
     return {
-        "um_rms": 1e3 * _rms(off),
+        "um_rms": 1e3 * rms(off),
         "um_max": 1e3 * float(off.max()),
-        "pressed_um_rms": 1e3 * _rms(off[depth > 0.0]),
-        "force_n_rms": _rms(force[below]),
+        "pressed_um_rms": 1e3 * rms(off[depth > 0.0]),
+        "force_n_rms": rms(force[below]),
     }
 
 
@@ -105,7 +106,7 @@ def placed(skin: Made, count: int, estimator: str) -> dict[str, Any]:
     for name, (place_mm, tilt_rad) in PLACEMENTS.items():
         real = skin.misplaced(place_mm, tilt_rad)
         off, _ = _scattered(real, count, estimator, noise=False)
-        row = {"um_rms": 1e3 * _rms(np.hypot(off[:, 0], off[:, 1]))}
+        row = {"um_rms": 1e3 * rms(np.hypot(off[:, 0], off[:, 1]))}
         for key, known in (("held", real.told(place_mm, tilt_rad)), ("held_untold", real)):
             off, sigma = _scattered(known, count, estimator, noise=True)
             row[key] = float(np.mean(np.abs(off) <= sigma))
@@ -155,8 +156,8 @@ def turning(
     added = with_it - without
     added = added[1:] - added[0]
     return {
-        "um_rms": 1e3 * _rms(np.hypot(added[:, 0], added[:, 1])[:, pressed]),
-        "free_mn_rms": 1e3 * _rms(np.hypot(added[:, 2], added[:, 3])[:, ~pressed]),
+        "um_rms": 1e3 * rms(np.hypot(added[:, 0], added[:, 1])[:, pressed]),
+        "free_mn_rms": 1e3 * rms(np.hypot(added[:, 2], added[:, 3])[:, ~pressed]),
     }
 
 
@@ -186,7 +187,3 @@ def _turn(
             out[i + 1 - calm, :2] = reading.displacement_mm[:2]
             out[i + 1 - calm, 2:] = reading.force[:2]
     return out
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

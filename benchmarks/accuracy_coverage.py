@@ -9,12 +9,14 @@ import numpy as np
 from scipy.special import ndtri
 
 from benchmarks.accuracy_noise import COMPONENTS, TIMES, Cells, Found
+from benchmarks.bench import FARTHEST_MM
 
 RIGHT = 0.6827
 """Share of normal errors within one sigma."""
-STATED_MM = {"field-angle": 3.0, "sine": 1.5}
-"""R to which the sigma of an estimator is held to its share, at all depths to the deepest. Beyond,
-the sine nears its crest, where an error has no normal distribution: SATURATED says so."""
+STATED_MM = {"field-angle": FARTHEST_MM, "sine": 1.5}
+"""R to which the sigma of an estimator is held to its share, at all depths to the deepest: to the
+end of a recording. Beyond 1.5 mm the sine nears its crest, where an error has no normal
+distribution: SATURATED says so."""
 
 
 def coverage(found: Found, cells: Cells, estimator: str, units: int, rounds: int) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.accuracy_skin import Made
 from skin import Decoder
 from skin.sim.unit import UnitSimulator
+from skin.state import if_wanted
 from topology import CHANNELS
 
 FREQUENCY, BZ = CHANNELS.index("frequency"), CHANNELS.index("bz")
@@ -141,7 +142,7 @@ def explore(
         lengths = np.stack([np.hypot(error[:, 0], error[:, 1]),
                             np.sqrt((error[:, 3:] ** 2).sum(axis=1))], axis=1)  # fmt: skip
         worst.append(cells.most(lengths))
-        if reading.force_sigma is not None:
+        if if_wanted(reading, "force_sigma") is not None:
             sigma = np.concatenate([reading.displacement_sigma_mm, reading.force_sigma], axis=1)
             held.append(cells.mean((np.abs(error) <= sigma).astype(float)))
     return Found(

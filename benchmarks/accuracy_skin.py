@@ -1,7 +1,8 @@
 """Simulated skins that were on a simulated bench: what they really are, and what is known of them.
 
 The truth is magnet theory (`HalbachField`) and the material's laws with constants that differ from
-unit to unit; what is known of a unit is what `skin.calibrate` finds in noisy, quantised scans.
+unit to unit; what is known of a unit is what `skin calibrate` finds in the recording of a bench
+(`benchmarks.bench`).
 """
 
 from __future__ import annotations
@@ -11,17 +12,17 @@ import tempfile
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 
 import topology
-from skin.calibrate.unit import calibrate
+from benchmarks.bench import Bench, Material, dealt
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
 from skin.physics.surroundings import Surroundings
-from skin.sim.bench import Bench, record
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 from topology.pose import from_rpy
@@ -45,6 +46,10 @@ SPREAD = {
 OFFSET_UT, DRIFT_UT_PER_K = 150.0, 1.0
 """Largest offset of a Hall axis, and its drift."""
 FILM_SEED = 3
+PITCH_M = 0.012
+BAG_SIDE, QUICK_BAG_SIDE = 4, 2
+"""Root of how many units are recorded and fitted, which takes some seconds each; a larger skin has
+each of them several times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,20 +107,19 @@ class Made:
     def tiled(self, times: int, pitch_m: float) -> Made:
         """A square of `times` x `times` such squares: units repeat."""
         side = round(np.sqrt(self.true.n))
-        whole = square(times * side, pitch_m)
         row = np.arange(times * side) % side
         each = (side * row[:, np.newaxis] + row).ravel()
-        true, known = (
-            dataclasses.replace(
-                whole, parameters={name: v[..., each] for name, v in t.parameters.items()}
-            )
-            for t in (self.true, self.known)
-        )
+        return self.dealt(square(times * side, pitch_m), each)
+
+    def dealt(self, whole: Topology, which: np.ndarray) -> Made:
+        """A skin `whole` of these units, by their index, shape (n,)."""
         parts = (
-            values[..., each] if name in ("centre_mm", "tilt_rad") else values[each]
+            values[..., which] if name in ("centre_mm", "tilt_rad") else values[which]
             for name, values in vars(self.films).items()
         )
-        return Made(true, known, Fabrication(*parts))
+        return Made(
+            dealt(whole, self.true, which), dealt(whole, self.known, which), Fabrication(*parts)
+        )
 
     def field(
         self, *, reach_m: float = 0.0, surroundings: Surroundings | None = None
@@ -130,6 +134,23 @@ class Made:
     ) -> UnitSimulator:
         """Displacement to counts; each unit alone if no field is given."""
         return UnitSimulator(self.true, seed=seed, noise=noise, field=field or self.field())
+
+    def bench(self, *, seed: int, material: Material | None = None, **board: Any) -> Bench:
+        """The units on a bench, each alone with its own film; `known` is what is believed of them.
+
+        Parameters
+        ----------
+        seed : int
+        material : Material, optional
+            How faces relax.
+        **board
+            Electronics, as of `UnitSimulator`.
+        """
+        return Bench(
+            self.known,
+            lambda: UnitSimulator(self.true, seed=seed, field=self.field(), **board),
+            Elastic(self.true), material=material, seed=seed,
+        )  # fmt: skip
 
     def force(self, displacement_mm: np.ndarray, depth_mm: np.ndarray) -> np.ndarray:
         """Force at displacements, shape (t, 3, n), newton, unit frame.
@@ -181,22 +202,25 @@ def differing(nominal: Topology, seed: int) -> Topology:
 
 
 @cache
-def made(side: int, *, fabricated: bool, seed: int = 0) -> Made:
-    """A square of units that was on the bench, each unit alone.
+def made(side: int, *, fabricated: bool, seed: int = 0, bag_side: int = BAG_SIDE) -> Made:
+    """A square of units that were on the bench, each unit alone.
 
     Parameters
     ----------
     side : int
     fabricated : bool
         Films with the errors of their fabrication; else as drawn.
+    seed : int
+        Of units and bench.
+    bag_side : int
+        So many units squared there are at most.
     """
-    nominal = square(side, 0.012)
-    n, true = nominal.n, differing(nominal, seed)
-    films = Fabrication.draw(n, FILM_SEED) if fabricated else Fabrication.perfect(n)
-    bench = Bench(true, fabrication=films, seed=seed, quantised=True)
-    no_films = with_parameters(true, field_amplitude_ut=np.full(n, 1e-6))
-    bare = Bench(no_films, seed=seed + 1, quantised=True)
-    return Made(true, calibrate(nominal, record(bench, bare)).topology, films)
+    nominal = square(min(side, bag_side), PITCH_M)
+    true = differing(nominal, seed)
+    films = Fabrication.draw(nominal.n, FILM_SEED) if fabricated else Fabrication.perfect(nominal.n)
+    alone = Made(true, nominal, films)
+    units = dataclasses.replace(alone, known=alone.bench(seed=seed).calibrated())
+    return units.dealt(square(side, PITCH_M), np.arange(side**2) % nominal.n)
 
 
 def with_parameters(skin: Topology, **changed: np.ndarray) -> Topology:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from skin.grasp.object import GraspObject
 from skin.grasp.world import grasp
-from skin.sim.engine.object import GraspObject
 
 __all__ = ["microseconds"]
 

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.slip_intervals import per_minute, rate
-from skin.tasks.gesture_trial import (
+from benchmarks.touch_trial import TOUCH_KINDS, run_touches
+from skin.demos.gesture_trial import (
     KINDS,
     STRENGTHS_N,
     GestureTrial,
@@ -28,7 +29,6 @@ from skin.tasks.gesture_trial import (
     asked_pulls,
     run_gestures,
 )
-from skin.tasks.touch_trial import TOUCH_KINDS, run_touches
 
 REPORTED = 8000
 WORKERS = 2
@@ -118,7 +118,7 @@ def _directions(trials: list[GestureTrial], strengths: list[float]) -> dict[str,
         return {
             "right_share": rate(right, len(every)),
             "direction_rms_deg": float(np.sqrt(np.nanmean(off**2))),
-            "unseen": sum(seen.told is None for seen in every),
+            "unseen": sum(seen.reported is None for seen in every),
         }
 
     return row(trials) | {
@@ -134,7 +134,7 @@ def _confusion(trials: list[GestureTrial], kinds: tuple[str, ...]) -> dict[str, 
     every = [seen for trial in trials for seen in trial.seen]
     rows: dict[str, dict[str, int]] = {kind: {} for kind in kinds}
     for seen in every:
-        told = "none" if seen.told is None else seen.told.kind.replace("push", "pull")
+        told = "none" if seen.reported is None else seen.reported.kind.replace("push", "pull")
         row = rows[seen.asked.kind]
         row[told] = row.get(told, 0) + 1
     return {
@@ -144,7 +144,9 @@ def _confusion(trials: list[GestureTrial], kinds: tuple[str, ...]) -> dict[str, 
 
 
 def _calibration(every: list[Seen]) -> list[dict[str, Any]]:
-    told = [(seen.told.confidence, seen.is_right) for seen in every if seen.told is not None]
+    told = [
+        (seen.reported.confidence, seen.is_right) for seen in every if seen.reported is not None
+    ]
     rows = []
     for low, high in pairwise(BINS):
         mine = [(c, right) for c, right in told if low <= c and (c < high or high == 1.0)]

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.handover_trial import Carry, Take, run_carry, run_take
 from benchmarks.slip_intervals import per_minute, rate
-from skin.tasks.handover_trial import Carry, Take, run_carry, run_take
 
 REPORTED = 8000
 WORKERS = 2

@@ -18,8 +18,8 @@ from benchmarks.behaviours_cost import microseconds
 from benchmarks.slip_intervals import rate
 from skin.behaviours.pouring import Pouring
 from skin.behaviours.warmth import Warmth
-from skin.tasks.play import Story
-from skin.tasks.tea import GOAL_C, run_tea
+from skin.demos.play import Story
+from skin.demos.tea import GOAL_C, run_tea
 from topology import load
 
 REPORTED = 18_000

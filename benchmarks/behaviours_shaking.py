@@ -19,8 +19,8 @@ from benchmarks.behaviours_cost import microseconds
 from benchmarks.slip_intervals import rate
 from skin.behaviours.level import Level
 from skin.behaviours.shaking import Shaking
-from skin.tasks.pva import pva_episode, pva_setting
-from skin.tasks.station import Station
+from skin.demos.pva import pva_episode, pva_setting
+from skin.demos.station import Station
 from topology import load
 
 REPORTED = 19_000

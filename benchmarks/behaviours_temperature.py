@@ -10,20 +10,17 @@ of units and noise are drawn by seed.
 
 from __future__ import annotations
 
-import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import skin.tasks.pva as pva_module
 from benchmarks.behaviours_cost import microseconds
 from benchmarks.slip_intervals import rate
 from skin.behaviours.warmth import Warmth
-from skin.tasks.play import Story
-from skin.tasks.pva import run_pva
+from skin.demos.play import Story
+from skin.demos.pva import pva_script, run_pva
 from topology import load
 
 REPORTED = 18_000
@@ -104,17 +101,12 @@ def table(figures: dict[str, Any]) -> str:
 def _judge(job: tuple[int, bool]) -> dict[str, Any]:
     """One run, against its truth."""
     seed, stuck = job
-    text = Path(pva_module.__file__).with_name("pva.toml").read_text(encoding="utf-8")
     if stuck:
-        text = text.replace("warmth.inside_c >= 74.5", "warmth.inside_c >= 200")
+        script = pva_script(hot=("warmth.inside_c", ">=", 200.0))
     else:
-        text = text.replace("times = 2", "times = 1")
-        text = text.replace('"warmth.inside_c <= 60.5"',
-                            '"warmth.inside_c <= 63", "warmth.in_band == false"')  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "pva.toml"
-        file.write_text(text, encoding="utf-8")
-        _, story = run_pva(seed, file=file, water_c=STUCK_START_C if stuck else START_C)
+        left = (("warmth.inside_c", "<=", 63.0), ("warmth.in_band", "==", False))
+        script = pva_script(cool=left, rounds=1)
+    _, story = run_pva(seed, script=script, water_c=STUCK_START_C if stuck else START_C)
     delays, onsets, false_turns = _turns(story)
     heat_ends = [passed.ended_s for passed in story.timeline if passed.name == "heat"]
     shake_ends = [passed.ended_s for passed in story.timeline if passed.name == "shake"]

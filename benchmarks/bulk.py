@@ -25,12 +25,12 @@ import topology
 from bus.frame import ECHO, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.logs import read_all, write
 from bus.memory import MemoryTransport
-from skin.bulk.decode_part import decode_part
-from skin.bulk.job import WANT, Job, parts_of
-from skin.bulk.run import run as run_job
+from skin.io.bulk.decode_part import decode_part
+from skin.io.bulk.job import WANT, Job, parts_of
+from skin.io.bulk.run import run as run_job
 from skin.options import Options
 from skin.pipeline import Pipeline
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 
 SKIN, SCENE = "palm", "slide"
@@ -100,7 +100,7 @@ def _scene_frames() -> np.ndarray:
     """Frames of one round of the scene, SYNC and answers."""
     loaded = topology.load(SKIN)
     near, far = MemoryTransport.pair()
-    Nodes(loaded, open_scene(SCENE, loaded)).attach([far])
+    SimulatedUnits(loaded, open_scene(SCENE, loaded)).attach([far])
     batch, parts = FrameBatch(4096), []
     for cycle in range(ROUND):
         sync = np.zeros(1, FRAME_DTYPE)

@@ -4,7 +4,7 @@ Films come from magnet theory, with errors of fabrication, and heat goes through
 neither is what the fits believe. Every unit has its own reference with lag, drift, rate, turned
 axes, noise, and a zero that is not the touch (`benchmarks.lab`). ``foreign`` decodes units whose
 gel, capacitor and forces follow other laws than the fits' as well; ``relaxing`` units of which the
-material creeps by stretched exponentials (`benchmarks.lab_creep`), and ``without_hold`` the same
+material creeps by stretched exponentials (`benchmarks.creep`), and ``without_hold`` the same
 ones by fits of recordings without their hold.
 
 Errors beyond the noise are those of readings without noise; intervals of 95 % are of a bootstrap
@@ -19,10 +19,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy_skin import apart
-from benchmarks.lab import ORDER, RATE_HZ, Lab, protocol, unseen
+from benchmarks.bench import ORDER, RATE_HZ, protocol
+from benchmarks.lab import Lab, unseen
 from skin import Decoder
-from skin.calibrate.bench.fit import UnitResult, fit_unit
-from skin.calibrate.unit import with_fits
+from skin.calibrate.bench.fit import fit_unit
+from skin.calibrate.bench.result import UnitResult
+from skin.calibrate.write import with_fits
 from topology import Topology
 
 UNITS, FEW = (10, 5), 5
@@ -48,7 +50,7 @@ def run(quick: bool) -> dict[str, Any]:
     known = with_fits(lab.nominal, {r.unit: r.fits for r in results})
     inside = _inside(lab.true, results)
     foreign = Lab(FEW, seed=2, laws=FOREIGN)
-    other, _ = _fitted(foreign, share)
+    other = foreign.fits(protocol(share=share))
     known_foreign = with_fits(foreign.nominal, {r.unit: r.fits for r in other})
     return {
         "units": lab.nominal.n,
@@ -93,11 +95,9 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join(rows)
 
 
-def _fitted(
-    lab: Lab, share: float, order: tuple[str, ...] = ORDER
-) -> tuple[list[UnitResult], float]:
-    """Every unit's fit, and the seconds of aligning and fitting."""
-    path = protocol(order, share)
+def _fitted(lab: Lab, share: float) -> tuple[list[UnitResult], float]:
+    """As `Bench.fits`, and the seconds of aligning and fitting."""
+    path = protocol(share=share)
     counts, seconds, results = lab.counts(path), 0.0, []
     for unit in range(lab.nominal.n):
         reference = lab.reference(path, unit)
@@ -111,7 +111,7 @@ def _relaxing(share: float) -> dict[str, Any]:
     """Scores of units that relax, with their holds and without."""
     lab, told = Lab(FEW, seed=4, laws=frozenset({"creep"})), {}
     for name, order in (("relaxing", ORDER), ("without_hold", ORDER[:1] + ORDER[2:])):
-        results, _ = _fitted(lab, share, order)
+        results = lab.fits(protocol(order, share))
         known = with_fits(lab.nominal, {r.unit: r.fits for r in results})
         told[name] = _scored(lab, known, 30.0)
     return told

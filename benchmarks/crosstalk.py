@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skin.calibrate.bench.spread import rms
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 from skin.decode.decoder import Decoder
 from skin.options import ESTIMATORS
@@ -116,8 +117,8 @@ class Scenes:
             for moved, stray in zip(self.moved, self.stray, strict=True)
         ]
         return {
-            "missed_ut": _rms(np.array(off)),
-            "residue_ut": _rms(crosstalk.residue_ut),
+            "missed_ut": rms(np.array(off)),
+            "residue_ut": rms(crosstalk.residue_ut),
             **{f"{estimator}_um": self._swept(crosstalk, estimator) for estimator in ESTIMATORS},
         }
 
@@ -135,7 +136,7 @@ class Scenes:
                 found = decoder(counts, None, background, advance=sweep == 0)
                 off[sweep, scene] = np.hypot(*(found.displacement_mm - self.moved[scene])[:2])
                 crosstalk.predict(found.displacement_mm, found.valid, background[1:])
-        return [1e3 * _rms(each) for each in off]
+        return [1e3 * rms(each) for each in off]
 
 
 def times(crosstalk: CrossTalk, rounds: int = 40) -> dict[str, float]:
@@ -161,10 +162,6 @@ def times(crosstalk: CrossTalk, rounds: int = 40) -> dict[str, float]:
     figures = {name: float(np.median(each)) / n for name, each in taken.items()}
     copy = figures.pop("copy")
     return {**figures, "copy_ratio": figures["ns_per_unit"] / copy}
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def table(figures: dict) -> str:

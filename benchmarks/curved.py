@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from skin.calibrate.bench.laws import displaced
+from skin.calibrate.bench.spread import rms
 from skin.calibrate.film import fit_film
 from skin.physics.film_table import Film, load_film_table
 from skin.physics.halbach import CHIP_AXES
-from skin.physics.scan import strokes
 
 RADII_MM = (10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
 HEIGHT_MM = 5.0
@@ -30,7 +30,8 @@ def run(quick: bool) -> dict[str, Any]:
     """Bend, decode and compare; see `table` for what the figures are."""
     film = load_film_table().film
     around = np.linspace(-np.pi, np.pi, 8 if quick else 16, endpoint=False)
-    depth, reach, direction = strokes(DEPTHS_MM, REACH_MM, around)
+    poses = np.meshgrid(DEPTHS_MM, REACH_MM, around, indexing="ij")
+    depth, reach, direction = (each.ravel() for each in poses)
     place = reach * np.stack([np.cos(direction), np.sin(direction)])
     flat = _field(film, place, depth, np.inf)
     known = fit_film(flat, depth, reach, direction, sigma_ut=1.0, reading_ut=1.0).fit
@@ -63,12 +64,12 @@ def _told(
     left = found / gains[:, np.newaxis] - place
     near = np.hypot(*place) < 2.0
     return {
-        "rms_um": 1e3 * _rms(error),
+        "rms_um": 1e3 * rms(error),
         "gain_across": float(gains[0]),
         "gain_along": float(gains[1]),
-        "left_one_um": 1e3 * _rms(found / gains.mean() - place),
-        "left_um": 1e3 * _rms(left),
-        "force_mn": 1e3 * SHEAR_N_PER_MM * _rms(error[:, near]),
+        "left_one_um": 1e3 * rms(found / gains.mean() - place),
+        "left_um": 1e3 * rms(left),
+        "force_mn": 1e3 * SHEAR_N_PER_MM * rms(error[:, near]),
     }
 
 
@@ -104,7 +105,3 @@ def _grains(film: Film, arc_mm: float) -> tuple[np.ndarray, np.ndarray]:
         pole = np.stack([pole[0] * np.cos(turn) - pole[2] * np.sin(turn), pole[1],
                          pole[0] * np.sin(turn) + pole[2] * np.cos(turn)])  # fmt: skip
     return np.stack([x, y, z]), 1e6 * film.remanence_t * pole * volume / (4.0 * np.pi)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -23,7 +23,7 @@ from skin.decode.decoder import Decoder
 from skin.decode.parts import Parts
 from skin.decode.records import LANES
 from skin.options import ESTIMATORS
-from skin.state import Reading
+from skin.state import Reading, if_wanted
 from topology import Topology
 
 __all__ = [
@@ -137,7 +137,7 @@ def touched(decoder: Decoder, counts: np.ndarray) -> dict[str, dict[tuple, int]]
     control["first"], control["last"] = 0, 1
     found: dict[str, dict] = {"coefficients": {}, "limits": {}, "state": {}}
     model = decoder._model
-    kernel.decode_python(Parts.of(decoder.plan, decoder._names, LANES))(
+    kernel.decode_python(Parts.of(decoder.plan, LANES))(
         model._replace(
             coefficients=Watched(model.coefficients, found["coefficients"]),
             limits=Watched(model.limits, found["limits"]),
@@ -243,7 +243,7 @@ def _bound(decoder: Decoder, counts: np.ndarray) -> Side:
 def _rows(reading: Reading) -> np.ndarray:
     """A reading in the peers' rows, as many as are there."""
     rows = [reading.temperature, *np.moveaxis(reading.force, -2, 0)]
-    if reading.tangential is not None:
+    if if_wanted(reading, "tangential") is not None:
         moved = np.moveaxis(reading.displacement_mm, -2, 0)
         rows += [reading.tangential, reading.theta, *moved]
     return np.stack(rows)

@@ -2,11 +2,12 @@
 
 Every unit of a square bears 100 g from 50 s on, the same along x from 100 s and along y from 150 s.
 Every non-ideality of the simulator is on. The units were on the bench first, as those of a user
-are: each alone, with its own film and electronics, held still at each pose and loaded from rest. On
-the skin their elastomer creeps and lags, and they feel their neighbours and the Earth; the skin
-rests for 50 s before it is loaded, and from that the decoder tells the ambient field. How a unit
-creeps was measured by steps and holds on the bench: `benchmarks.creep`, whose material is none of
-the decoder's. Beside stands what is decoded without these laws.
+are: each alone, with its own film and electronics, and were calibrated as `skin calibrate` does
+(`benchmarks.bench`). There are 16 of them, 4 in a quick run, and the skin has each several times.
+They relax on the bench as on the skin, by a material that is none of the decoder's
+(`benchmarks.creep`); loops of the elastomer are on the skin alone. There units feel their
+neighbours and the Earth; the skin rests for 50 s before it is loaded, and from that the decoder
+tells the ambient field. Beside stands what is decoded without the laws of creep.
 
 With all three loads on, faces are sheared by 2.13 mm, beyond the break of their law: 1 µm is 3 mN.
 The Earth's 44 µT along z, which a flat skin at rest does not tell from its films, are 14 µm there,
@@ -28,18 +29,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy_skin import square, with_parameters
-from benchmarks.creep import Stretched, with_creep
+from benchmarks.accuracy_skin import BAG_SIDE, PITCH_M, QUICK_BAG_SIDE, Made, square
+from benchmarks.creep import Stretched
 from benchmarks.timing import ratio
 from benchmarks.timing import times as timed
 from skin import Decoder
-from skin.calibrate.creep import CreepFit
-from skin.calibrate.unit import calibrate
 from skin.physics.fabrication import Fabrication
-from skin.physics.halbach import HalbachField
-from skin.physics.scan import Recordings
 from skin.physics.surroundings import Surroundings
-from skin.sim.bench import Bench, record
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import NonIdeal, SceneFile
@@ -53,7 +49,7 @@ CASES = (*((name, name, True) for name in ESTIMATORS), (ELASTIC, ESTIMATORS[0], 
 """Name, estimator, and whether with the laws of creep."""
 EVERYWHERE_M = 1.0
 """Reach of the films."""
-SIDE = 6
+SIDE, BENCH_SEED = 6, 11
 WINDOW_S = 1.0
 FRESH_S = 20.0
 """How long a load counts as fresh."""
@@ -68,31 +64,34 @@ HUES = ("#0072b2", "#d55e00", "#009e73")
 def run(quick: bool) -> dict[str, Any]:
     """Play, decode, draw the picture; see `table` for what the figures are."""
     rate_hz = 10.0 if quick else 25.0
-    skin = square(SIDE, 0.012, rate_hz)
-    script = load_scene("fig4a", skin)
-    material = Stretched(skin.n, script.seed)
-    elastic = calibrate(skin, on_the_bench(skin, script)).topology
-    films = Fabrication.draw(skin.n, script.seed)
-    alone = _units(skin, script, HalbachField(skin, fabrication=films, reach_m=0.0))
-    known, found = with_creep(elastic, alone, script, material, script.seed)
-    material.rest()
-    times, counts, true, warm = _play(skin, script, rate_hz, material)
+    whole = square(SIDE, PITCH_M, rate_hz)
+    few = square(min(SIDE, QUICK_BAG_SIDE if quick else BAG_SIDE), PITCH_M, rate_hz)
+    script = load_scene("fig4a", whole)
+    material = Stretched(few.n, script.seed)
+    alone = Made(few, few, Fabrication.draw(few.n, script.seed))
+    bench = alone.bench(seed=BENCH_SEED, material=material.stage_driven(), **_board(script))
+    which = np.arange(SIDE**2) % few.n
+    units = dataclasses.replace(alone, known=bench.calibrated())
+    skin = units.dealt(whole, which)
+    known = skin.known
+    times, counts, true, warm = _play(skin, script, rate_hz, material.dealt(which))
     figures: dict[str, Any] = {
         "rate_hz": rate_hz,
         "window_s": WINDOW_S,
         "paper": {"force_n": PAPER_FORCE_N, "temperature_c": PAPER_TEMPERATURE_C},
-        "creep": {law: _terms(fits) for law, fits in found.items()},
+        "units": few.n,
+        "creep": {law: _terms(units.known, law) for law in ("normal", "shear")},
     }
     decoded = {}
     for name, estimator, creep in CASES:
-        decoder = _decoder(known if creep else elastic, estimator, creep=creep)
+        decoder = _decoder(known, estimator, creep=creep)
         (force, sigma), temperature = np.empty((2, *true.shape)), np.empty_like(warm)
         for i, raw in enumerate(counts):
             reading = decoder(raw)
             force[i], sigma[i] = reading.force, reading.force_sigma
             temperature[i] = reading.temperature
-        figures[name] = _errors(times, force - true, temperature - warm, rate_hz)
-        figures[name]["sigma"] = _held_by_sigma(times, force - true, sigma)
+        figures[name] = _errors(times, force - true, temperature - warm, rate_hz, which)
+        figures[name]["sigma"] = _held_by_sigma(times, force - true, sigma, which)
         decoded[name] = force, temperature
     figures["cost"] = _cost(known, counts[-1])
     _draw(times, true, warm, decoded, rate_hz)
@@ -113,13 +112,13 @@ def _decoder(known: Topology, estimator: str, *, creep: bool) -> Decoder:
     return Decoder(known, want, estimator, sweeps=1, ambient=True, creep=creep)
 
 
-def _terms(fits: list[CreepFit]) -> dict[str, float]:
+def _terms(known: Topology, law: str) -> dict[str, float]:
     """What was found of a law, on average over units."""
+    weight = known.parameters[f"{law}_creep_relative"]
     return {
-        "terms": float(np.mean([(fit.fit.values[:3] > 0.0).sum() for fit in fits])),
-        "relative": float(np.mean([fit.fit.values[:3].sum() for fit in fits])),
-        "sigma_relative": float(np.mean([fit.fit.values[-1] for fit in fits])),
-        "gain": float(np.mean([fit.gain for fit in fits])),
+        "terms": float(np.mean((weight > 0.0).sum(axis=0))),
+        "relative": float(np.mean(weight.sum(axis=0))),
+        "sigma_relative": float(np.mean(known.parameters[f"{law}_creep_sigma_relative"])),
     }
 
 
@@ -187,20 +186,11 @@ def table(figures: dict[str, Any]) -> str:
     for law, creep in figures["creep"].items():
         rows.append(
             f"creep of the {law} force: {creep['terms']:.1f} terms, {creep['relative']:.3f} of the "
-            f"elastic force, sigma {creep['sigma_relative']:.4f}, gain {creep['gain']:.4f}"
+            f"elastic force, sigma {creep['sigma_relative']:.4f}"
         )
     rows.append("laws of gel, capacitor and force: the decoder's own, inverted exactly "
                 "(`python -m benchmarks foreign` has others)")  # fmt: skip
     return "\n".join([*rows, f"picture: {figures['picture']}"])
-
-
-def on_the_bench(skin: Topology, script: SceneFile, seed: int = 11) -> Recordings:
-    """Recordings of the scene's units, each alone: their films and boards, with noise."""
-    board = {**_board(script), "quantised": True}
-    films = Fabrication.draw(skin.n, script.seed)
-    bench = Bench(skin, fabrication=films, seed=seed, **board)
-    no_films = with_parameters(skin, field_amplitude_ut=np.full(skin.n, 1e-6))
-    return record(bench, Bench(no_films, seed=seed + 1, **board))
 
 
 def _board(script: SceneFile) -> dict[str, Any]:
@@ -210,19 +200,14 @@ def _board(script: SceneFile) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _units(skin: Topology, script: SceneFile, field: HalbachField) -> UnitSimulator:
-    return UnitSimulator(skin, seed=script.seed, field=field, **_board(script))
-
-
 def _play(
-    skin: Topology, script: SceneFile, rate_hz: float, material: Stretched
+    skin: Made, script: SceneFile, rate_hz: float, material: Stretched
 ) -> tuple[np.ndarray, ...]:
     """Times (t,), counts (t, c, n), true forces (t, 3, n) and gel temperatures (t, n)."""
-    scene = ScriptedScene(skin, script, non_ideal=NonIdeal.everything(), material=material)
-    films = Fabrication.draw(skin.n, script.seed)
+    scene = ScriptedScene(skin.true, script, non_ideal=NonIdeal.everything(), material=material)
     # the skin lies still in the Earth's field, and feels all of its films, not the nearest alone
-    field = HalbachField(skin, fabrication=films, reach_m=EVERYWHERE_M, surroundings=Surroundings())
-    units = _units(skin, script, field)
+    field = skin.field(reach_m=EVERYWHERE_M, surroundings=Surroundings())
+    units = UnitSimulator(skin.true, seed=script.seed, field=field, **_board(script))
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     counts, force, warm = [], [], []
     for time_s in times:
@@ -241,17 +226,26 @@ def _mean_over_window(values: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 def _errors(
-    times: np.ndarray, force: np.ndarray, temperature: np.ndarray, rate_hz: float
-) -> dict[str, dict[str, Any]]:
-    """Errors of single readings and of means over `WINDOW_S`."""
-    means = (_mean_over_window(values, rate_hz) for values in (times, force, temperature))
+    times: np.ndarray, force: np.ndarray, temperature: np.ndarray, rate_hz: float,
+    which: np.ndarray,
+) -> dict[str, dict[str, Any]]:  # fmt: skip
+    """Errors of single readings and of means over `WINDOW_S`; `which` is the unit of the bench."""
+    means = [_mean_over_window(values, rate_hz) for values in (times, force, temperature)]
     return {
-        "reading": _errors_of(times, force, temperature),
-        "second": _errors_of(*means),
+        "reading": _errors_of(times, force, temperature, which),
+        "second": _errors_of(*means, which),
     }
 
 
-def _errors_of(times: np.ndarray, force: np.ndarray, temperature: np.ndarray) -> dict[str, Any]:
+def _interval(each: np.ndarray, which: np.ndarray) -> float:
+    """Half of the 95 % interval of a mean over units; those that are alike count once."""
+    of_units = np.bincount(which, each) / np.bincount(which)
+    return float(1.96 * of_units.std(ddof=1) / np.sqrt(of_units.size))
+
+
+def _errors_of(
+    times: np.ndarray, force: np.ndarray, temperature: np.ndarray, which: np.ndarray
+) -> dict[str, Any]:
     each, warm = np.abs(force), np.abs(temperature)
     stage = np.searchsorted(STAGES_S, times, side="right")
     stages = [each[stage == i].mean(axis=(0, 2)) for i in (1, 2, 3)]
@@ -264,7 +258,7 @@ def _errors_of(times: np.ndarray, force: np.ndarray, temperature: np.ndarray) ->
         "force_n": float(stages[-1].max()),
         "length_n": float(np.sqrt((force[stage == 3] ** 2).sum(axis=1)).mean()),
         "fresh_n": float(fresh[worst].mean()),
-        "fresh_interval_n": float(1.96 * fresh[worst].std(ddof=1) / np.sqrt(fresh.shape[2])),
+        "fresh_interval_n": _interval(fresh[worst], which),
         "fresh_stages_n": fresh.mean(axis=2).tolist(),
         "any_force_n": float(each[stage > 0].mean(axis=(0, 2)).max()),
         "stages_n": [row.tolist() for row in stages],
@@ -273,7 +267,9 @@ def _errors_of(times: np.ndarray, force: np.ndarray, temperature: np.ndarray) ->
     }
 
 
-def _held_by_sigma(times: np.ndarray, error: np.ndarray, sigma: np.ndarray) -> dict[str, Any]:
+def _held_by_sigma(
+    times: np.ndarray, error: np.ndarray, sigma: np.ndarray, which: np.ndarray
+) -> dict[str, Any]:
     """While all loads are on: share of single tangential components within one sigma, and the mean
     square of error over sigma, with 95 % intervals over units, whose readings share their errors.
     """
@@ -283,7 +279,7 @@ def _held_by_sigma(times: np.ndarray, error: np.ndarray, sigma: np.ndarray) -> d
     for name, values in (("within", over <= 1.0), ("square", over)):
         each = values.mean(axis=(0, 1))
         found[name] = float(each.mean())
-        found[f"{name}_95"] = float(1.96 * each.std(ddof=1) / np.sqrt(each.size))
+        found[f"{name}_95"] = _interval(each, which)
     return found
 
 

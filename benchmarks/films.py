@@ -3,7 +3,8 @@
 Arrays of 6 x 6 units at 12 mm, each of films of one shape drawn from a family (radius, thickness,
 wavelength, sectors, profile of the remanence), 5 % apart in strength, 0.2 mm and 2° off their
 places; their fields are sums of dipoles, see `benchmarks/films_truth.py`. Each unit is calibrated
-by itself. The decoder then knows its units, and of its neighbours:
+by itself, as `skin calibrate` does; 9 of an array are unlike (4 in a quick run). The decoder then
+knows its units, and of its neighbours:
 
 - `untared`: what theory says;
 - `tared`: what an untouched skin reads in two seconds;
@@ -24,7 +25,15 @@ import numpy as np
 
 from benchmarks.accuracy_array import scenes
 from benchmarks.accuracy_skin import apart, square, with_parameters
-from benchmarks.films_truth import PITCH_M, PLACE_MM, TILT_DEG, Array, array_of
+from benchmarks.films_truth import (
+    BAG_SIDE,
+    PITCH_M,
+    PLACE_MM,
+    QUICK_BAG_SIDE,
+    TILT_DEG,
+    Array,
+    array_of,
+)
 from skin import Decoder
 from skin.calibrate.learn import StrayEstimate
 from skin.calibrate.tare import tare
@@ -50,7 +59,7 @@ def run(quick: bool) -> dict[str, Any]:
     rows: dict[str, list[dict[str, float]]] = {way: [] for way in WAYS}
     films = []
     for seed in range(FIRST_SEED, FIRST_SEED + arrays):
-        array = array_of(SIDE, seed)
+        array = array_of(SIDE, seed, QUICK_BAG_SIDE if quick else BAG_SIDE)
         films.append({**dataclasses.asdict(array.shape), "stray_share": array.shape.stray_share})
         bound = _scored(array, array.known, None, count, alone=True)
         for way, (known, stencil) in _ways(array).items():

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.accuracy_skin import differing, square, with_parameters
+from benchmarks.accuracy_skin import differing, square
+from benchmarks.bench import Bench, dealt
 from bus.compiled.jit import compiled
-from skin.calibrate.unit import calibrate
 from skin.physics.elastic import Elastic
-from skin.sim.bench import Bench, record
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 from topology.pose import from_rpy
@@ -34,6 +33,9 @@ DRAWN_STRAY_UT = 92.82
 """Stray field of the film as drawn, at rest at a chip 12 mm away, for 1000 µT of its own
 [derived: this sum with 6 mm, 0.5 mm, 10.6 mm and 16 sectors]."""
 STRAY_SHARE = (0.6, 1.3)
+BAG_SIDE, QUICK_BAG_SIDE = 3, 2
+"""Root of how many units of an array are unlike and fitted; a larger array has them several times.
+"""
 
 
 @dataclass(frozen=True)
@@ -175,16 +177,6 @@ class DipoleField:
         return seen * self._strength[by] * np.array([[-1.0], [-1.0], [1.0]])
 
 
-class _Bench(Bench):
-    """A bench on which each unit is alone, with its own film or none."""
-
-    def __init__(self, true: Topology, shape: FilmShape | None, seed: int) -> None:
-        super().__init__(true, seed=seed, quantised=True)
-        if shape is not None:
-            field = DipoleField(true, shape, alone=True)
-            self._unit = UnitSimulator(true, seed=seed, field=field)
-
-
 @dataclass(frozen=True, eq=False)
 class Array:
     """A square array of films of one shape.
@@ -221,15 +213,19 @@ class Array:
         return Elastic(self.true).tangential(reach, depth_mm)[:, np.newaxis] * along
 
 
-def array_of(side: int, seed: int) -> Array:
+def array_of(side: int, seed: int, bag_side: int = BAG_SIDE, share: float = 1.0) -> Array:
     """An array of films drawn from the family, placed `PLACE_MM` and `TILT_DEG` off, whose units
-    were calibrated one by one."""
+    were calibrated one by one, of `bag_side` squared; `share` as of `benchmarks.bench.protocol`."""
     rng = np.random.default_rng((18, seed))
-    shape, nominal = FilmShape.draw(rng), square(side, PITCH_M)
-    true = differing(nominal, seed=1000 + seed)
-    no_films = with_parameters(true, field_amplitude_ut=np.full(true.n, 1e-6))
-    recordings = record(_Bench(true, shape, seed), _Bench(no_films, None, seed + 1))
-    known = calibrate(nominal, recordings).topology
+    shape, few = FilmShape.draw(rng), square(min(side, bag_side), PITCH_M)
+    nominal, which = square(side, PITCH_M), np.arange(side**2) % few.n
+    units = differing(few, seed=1000 + seed)
+    field = DipoleField(units, shape, alone=True)
+    bench = Bench(
+        few, lambda: UnitSimulator(units, seed=seed, field=field), Elastic(units), seed=seed
+    )
+    known = dealt(nominal, bench.calibrated(share), which)
+    true = dealt(nominal, units, which)
     position = true.position + 1e-3 * PLACE_MM * rng.standard_normal((3, true.n))
     tilted = np.radians(TILT_DEG) * rng.standard_normal((2, true.n))
     tilt = np.stack([from_rpy(x, y, 0.0) for x, y in tilted.T], axis=2)

@@ -12,7 +12,6 @@ from scipy.special import gamma
 
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
-from skin.sim.bench import Bench
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
 
@@ -122,13 +121,3 @@ class ForeignUnit(UnitSimulator):
             squeezed = depth_mm * p["frequency_slope_hz_per_mm"] / rest
             values[..., FREQUENCY, :] = loaded(rest, squeezed)
         return values
-
-
-class ForeignBench(Bench):
-    """A bench with such units on it."""
-
-    def __init__(self, topology: Topology, laws: frozenset[str], *, seed: int) -> None:
-        super().__init__(topology, seed=seed, quantised=True)
-        self._unit = ForeignUnit(topology, laws, seed=seed)
-        if "force" in laws:
-            self._elastic = Hyperelastic(topology)

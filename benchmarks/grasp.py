@@ -23,12 +23,12 @@ import numpy as np
 
 from benchmarks.grasp_hand import hand_model, hand_topology
 from benchmarks.slip_intervals import rate
+from skin.demos.grasp_trial import OVER_SQUEEZED, run_trial
+from skin.grasp.object import GraspObject
+from skin.grasp.plant import Plant
+from skin.grasp.spec import engine_library
+from skin.grasp.steps import split
 from skin.grasp.world import grasp
-from skin.sim.engine.object import GraspObject
-from skin.sim.engine.plant import Plant
-from skin.sim.engine.spec import engine_library
-from skin.sim.engine.steps import split
-from skin.tasks.grasp_trial import OVER_SQUEEZED, run_trial
 from topology import load
 
 G = 9.81
@@ -123,7 +123,7 @@ def _held(thing: GraspObject, target_m: float, settle_s: float, seconds: float) 
     _go(plant, settle_s)
     settled_m = _height(plant)
     sag_m = start_m - settled_m + float(plant.data.qpos[0])
-    stiffness = 1e3 / plant.mounted.springs.shear[0, 0] * touching
+    stiffness = 1e3 * plant.mounted.springs.shear[0, 0] * touching
     _go(plant, seconds)
     creep = abs(_height(plant) - settled_m) / seconds * 1e6
     return {

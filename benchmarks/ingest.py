@@ -46,7 +46,7 @@ def run(quick: bool) -> dict[str, object]:
         loopback = _side_by_side(*ends, rounds=10 if quick else 200)
     seconds = 1.0 if quick else 4.0
     cpu, latency, missing = {}, {}, {}
-    for way in ("drain", "event", "pythoncan"):
+    for way in ("deadline", "event", "pythoncan"):
         cpu[way], late, missing[way] = _cycles(way, seconds)
         if late is not None:
             latency[way] = late
@@ -267,9 +267,9 @@ def _read_by_waiter(sock: socket.socket, way: str, expected: int):
         due = started + PERIOD_NS
         while frames < expected:
             batch.clear()
-            wait = due - time.monotonic_ns() if way == "drain" else 1_000_000_000
+            wait = due - time.monotonic_ns() if way == "deadline" else 1_000_000_000
             taken = waiter.receive(batch, wait)
-            if way == "drain":
+            if way == "deadline":
                 due += PERIOD_NS
                 if due - started > (expected // UNITS + 1000) * PERIOD_NS:
                     break

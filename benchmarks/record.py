@@ -24,8 +24,8 @@ from msgspec.structs import replace
 
 import skin
 from bus.logs import buses_of, read
+from skin.io.record.recorder import Recorder
 from skin.pipeline import Pipeline
-from skin.record.pipeline import RecordedPipeline
 from skin.state import State
 from topology import Topology
 
@@ -92,11 +92,13 @@ def _batches(folder: Path) -> tuple[Topology, list[list[np.ndarray]]]:
 
 
 @contextmanager
-def _recorded(palm: Topology, file: Path) -> Iterator[RecordedPipeline]:
-    pipeline = RecordedPipeline(palm, file=file)
+def _recorded(palm: Topology, file: Path) -> Iterator[tuple[Pipeline, Recorder]]:
+    pipeline = Pipeline(palm)
+    recorder = Recorder(file, pipeline)
+    pipeline.attach(recorder)
     try:
         pipeline.warmup()
-        yield pipeline
+        yield pipeline, recorder
     finally:
         pipeline.close()
         file.unlink()
@@ -115,8 +117,7 @@ def _cost(palm: Topology, cycles: list[list[np.ndarray]], folder: Path, rounds: 
     plain = Pipeline(palm)
     plain.warmup()
     spent: dict[str, list[float]] = {"plain": [], "recorded": [], "recorder": []}
-    with _recorded(palm, folder / "cost.mcap") as recorded:
-        recorder = recorded.recorder
+    with _recorded(palm, folder / "cost.mcap") as (recorded, recorder):
         for turn in range(rounds):
             sides = [("plain", plain), ("recorded", recorded)]
             for k, batches in enumerate(cycles):
@@ -129,8 +130,8 @@ def _cost(palm: Topology, cycles: list[list[np.ndarray]], folder: Path, rounds: 
                     if pipeline is recorded and state is not None and turn and not k % 5:
                         started = time.perf_counter_ns()
                         for batch in batches:
-                            recorder.fed(batch)
-                        recorder.take(state)
+                            recorder.frames(batch)
+                        recorder.state(recorded.now)
                         spent["recorder"].append(1e-3 * (time.perf_counter_ns() - started))
                 time.sleep(0.0005)
     p50 = {name: float(np.median(values)) for name, values in spent.items()}
@@ -151,8 +152,7 @@ def _at_rate(
     palm: Topology, cycles: list[list[np.ndarray]], folder: Path, rate_hz: int, seconds: float
 ) -> dict:
     """Feed cycles at a rate, whether or not anybody keeps up."""
-    with _recorded(palm, folder / "rate.mcap") as pipeline:
-        recorder = pipeline.recorder
+    with _recorded(palm, folder / "rate.mcap") as (pipeline, recorder):
         total = round(rate_hz * seconds)
         before_s = recorder.report()["cpu_s"]
         started = time.monotonic()

@@ -1,18 +1,25 @@
 """All benchmarks in one go: what exactly was compared, its value with spread, its target.
 
-Each benchmark runs in a process of its own, those whose figures tell of the machine several times,
-by turns with the others; what is found goes into `figures.json` beside this file, into
-`docs/figures.md` and, in short, into the README. The spread of a time or ratio is where another run
-lies in 95 of 100 cases [derived: prediction interval of Student's t on logarithms]; that of a rate
-its 95 % interval after Wilson. Everything else has a seed, and another run tells the same.
+Each benchmark runs in a process of its own, those whose figures depend on the machine several
+times, by turns with the others; what is found goes into `figures.json` next to this file, into
+`docs/explanation/figures.md` and, in short, into the README. The spread of a time or ratio is where
+another run lies in 95 of 100 cases [derived: prediction interval of Student's t on logarithms];
+that of a rate its 95 % interval after Wilson. Everything else has a seed, and another run gives the
+same.
 
 ``--only decode,skip`` renews the figures of these alone. A run with ``--quick`` does not overwrite
 what a whole one has found.
+
+Figures that depend on the machine are those of a quiet one. Each of their runs first waits until
+others use little of it, `benchmarks.quiet`; what runs in one thread is pinned to a core. A run
+while others used more is repeated; a benchmark that never had a quiet machine is reported as busy,
+and its stored figures stay.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -21,13 +28,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
-from benchmarks.report_figures import FIGURES, HEAD, RUNS, TIMED, Figure
+from benchmarks import quiet
+from benchmarks.report_figures import (
+    FIGURES,
+    HEAD,
+    PINNED,
+    RUNS,
+    SENTENCES,
+    TIMED,
+    TITLES,
+    Figure,
+)
 
 FOLDER = Path(__file__).parent
 STORE = FOLDER / "figures.json"
-PAGE = FOLDER.parent / "docs" / "figures.md"
+PAGE = FOLDER.parent / "docs" / "explanation" / "figures.md"
+TRIES = 3
+"""Runs of a benchmark until one of them had a quiet machine."""
 UNDECIDED = ", not decided"
 HELD = {True: "held", False: "**missed**", None: ""}
 SHORT_RUN = " ¹"
@@ -45,10 +64,19 @@ def run(quick: bool, only: Collection[str] | None = None) -> dict[str, Any]:
         )  # fmt: skip
     chosen = sorted(names if only is None else only)
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in chosen}
+    busy: dict[str, float] = {}
     for turn in range(RUNS):
         for name in chosen:
-            if turn == 0 or name in TIMED:
+            if name in TIMED and name not in busy:
+                one, others = _quietly(name, quick)
+                if one is None:
+                    busy[name] = others
+                else:
+                    found[name].append(one)
+            elif turn == 0 and name not in TIMED:
                 found[name].append(_once(name, quick))
+    for name in busy:
+        del found[name]
     stored = json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
     for figure in FIGURES:
         whole = not stored.get(_key(figure), {"quick": True})["quick"]
@@ -58,12 +86,19 @@ def run(quick: bool, only: Collection[str] | None = None) -> dict[str, Any]:
     STORE.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     PAGE.write_text(page(kept), encoding="utf-8")
     README.write_text(with_short(README.read_text(encoding="utf-8"), kept), encoding="utf-8")
-    return {"figures": kept, "missed": [key for key, row in kept.items() if row["held"] is False]}
+    return {
+        "figures": kept,
+        "busy": busy,
+        "missed": [key for key, row in kept.items() if row["held"] is False],
+    }
 
 
 def table(figures: dict[str, Any]) -> str:
     """The figures for a person."""
-    lines = []
+    lines = [
+        f"{name}: busy, others used {others:.1f} cores: not stored"
+        for name, others in figures.get("busy", {}).items()
+    ]
     for figure in FIGURES:
         row = figures["figures"].get(_key(figure))
         if row is not None:
@@ -74,16 +109,39 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _quietly(name: str, quick: bool) -> tuple[dict[str, Any] | None, float]:
+    """What a benchmark finds while others use little of the machine, or None and how many cores
+    they used in the quietest of some runs."""
+    least = np.inf
+    for _ in range(TRIES):
+        used = quiet.wait()
+        if used is not None and used >= quiet.LIMIT:
+            return None, min(least, used)  # a run would be of a busy machine, too
+        others = quiet.Others()
+        found = _once(name, quick)
+        used = others.cores()
+        if used is None or used < quiet.LIMIT:
+            return found, used or 0.0
+        least = min(least, used)
+    return None, least
+
+
 def _once(name: str, quick: bool) -> dict[str, Any]:
     """What a benchmark finds, run in a process of its own."""
     command = [sys.executable, "-m", "benchmarks", name, "--json", *(["--quick"] * quick)]
     done = subprocess.run(
-        command, stdout=subprocess.PIPE, text=True, cwd=FOLDER.parent, check=False
-    )
+        command, stdout=subprocess.PIPE, text=True, cwd=FOLDER.parent, check=False,
+        preexec_fn=_pin if name in PINNED and hasattr(os, "sched_setaffinity") else None,
+    )  # fmt: skip
     if done.returncode:
         raise SystemExit(f"report: {name}: ended with status {done.returncode}; see above")
     print(f"report: {name} done", file=sys.stderr, flush=True)
     return json.loads(done.stdout.splitlines()[-1])
+
+
+def _pin() -> None:
+    """Keep this process on one core: the last, as interrupts go to the first by default."""
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
 def described(figure: Figure, found: list[dict[str, Any]], quick: bool) -> dict[str, Any]:
@@ -92,7 +150,7 @@ def described(figure: Figure, found: list[dict[str, Any]], quick: bool) -> dict[
     known = [float(value) for value in values if value is not None]
     low = high = None
     if len(known) > 1:
-        low, high = prediction(known)
+        low, high = prediction(known, figure.kind)
     elif known and figure.trials:
         trials = int(_at(found[0], figure.trials))
         hits = round(known[0] * trials)
@@ -113,13 +171,16 @@ def described(figure: Figure, found: list[dict[str, Any]], quick: bool) -> dict[
     }  # fmt: skip
 
 
-def prediction(values: list[float]) -> tuple[float, float]:
-    """Ends of the interval in which another value lies in 95 of 100 cases."""
-    if min(values) <= 0.0:  # counts; one that varies has no logarithm
+def prediction(values: list[float], kind: str = "") -> tuple[float, float]:
+    """Ends of the interval in which another value lies in 95 of 100 cases: of times and ratios on
+    their logarithm, of shares on their log-odds. Counts, and what has no logarithm, have the least
+    and the largest."""
+    if kind == "count" or min(values) <= 0.0 or (kind == "share" and max(values) >= 1.0):
         return min(values), max(values)
-    logs = np.log(values)
-    reach = stats.t.ppf(0.975, logs.size - 1) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / logs.size)
-    return float(np.exp(logs.mean() - reach)), float(np.exp(logs.mean() + reach))
+    there, back = (special.logit, special.expit) if kind == "share" else (np.log, np.exp)
+    seen = there(np.array(values))
+    reach = stats.t.ppf(0.975, seen.size - 1) * seen.std(ddof=1) * np.sqrt(1.0 + 1.0 / seen.size)
+    return float(back(seen.mean() - reach)), float(back(seen.mean() + reach))
 
 
 def held(figure: Figure, value: float | None, low: float | None, high: float | None) -> bool | None:
@@ -137,7 +198,7 @@ def held(figure: Figure, value: float | None, low: float | None, high: float | N
 
 
 def verdict(figure: Figure, row: dict[str, Any]) -> str:
-    """Whether the target is held, and whether another run might tell otherwise."""
+    """Whether the target is held, and whether another run might say otherwise."""
     if row["held"] and row["quick"] and figure.extreme:
         return HELD[True] + UNDECIDED
     if row["held"] is None or row["low"] is None or figure.trials or figure.interval:
@@ -147,37 +208,58 @@ def verdict(figure: Figure, row: dict[str, Any]) -> str:
 
 
 def page(stored: dict[str, dict[str, Any]]) -> str:
-    """The page of all figures."""
-    lines = [HEAD + "| benchmark | what was compared | value | spread | target | | runs |",
-             "|---|---|---|---|---|---|---|"]  # fmt: skip
-    for figure in FIGURES:
-        row = stored.get(_key(figure))
-        if row is not None:
-            quick = ", quick" if row["quick"] else ""
-            lines.append(
-                f"| {figure.benchmark} | {figure.compared} (`{figure.path}`) "
-                f"| {number(row['value'])} {figure.unit} | {spread(row)} | {bound(figure)} "
-                f"| {verdict(figure, row)} | {row['runs']}{quick}, {row['date']} |"
-            )
+    """The page of all figures, a table for each benchmark."""
+    lines = [HEAD.rstrip()]
+    for benchmark in dict.fromkeys(figure.benchmark for figure in FIGURES):
+        rows = [
+            _row(figure, stored[_key(figure)])
+            for figure in FIGURES
+            if figure.benchmark == benchmark and _key(figure) in stored
+        ]
+        if rows:
+            title = TITLES.get(benchmark, benchmark)
+            lines += ["", f"## {title}", "", f"`python -m benchmarks {benchmark}`", "",
+                      "| what was measured | value | spread | target | | runs, date | key |",
+                      "|---|---|---|---|---|---|---|", *rows]  # fmt: skip
     machines = sorted({row["on"] for row in stored.values()})
     return "\n".join([*lines, "", f"Measured on: {'; '.join(machines)}.", ""])
 
 
+def _row(figure: Figure, row: dict[str, Any]) -> str:
+    """A line of the page."""
+    quick = ", quick" if row["quick"] else ""
+    value = f"{number(row['value'])} {figure.unit}".rstrip()
+    cells = [figure.compared, value, spread(row), bound(figure), verdict(figure, row),
+             f"{row['runs']}{quick}, {row['date']}", f"`{figure.path}`"]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
 def with_short(readme: str, stored: dict[str, dict[str, Any]]) -> str:
-    """The README with its short form of the figures."""
-    lines = ["| | value | spread | target | |", "|---|---|---|---|---|"]
-    for figure in FIGURES:
-        row = stored.get(_key(figure))
-        if figure.short and row is not None:
-            mark = SHORT_RUN if row["quick"] else ""
-            lines.append(
-                f"| {figure.compared} | {number(row['value'])} {figure.unit}{mark} "
-                f"| {spread(row)} | {bound(figure)} | {verdict(figure, row)} |"
-            )
+    """The README with its sentences of figures."""
+    known = {_key(figure): figure for figure in FIGURES}
+    lines = []
+    for sentence in SENTENCES:
+        rows = [stored.get(key) for key in sentence.keys]
+        if any(row is None or row["value"] is None for row in rows):
+            continue
+        targets = [
+            f"{bound(known[key])} {known[key].unit}".rstrip() + f": {verdict(known[key], row)}"
+            for key, row in zip(sentence.keys, rows, strict=True)
+            if known[key].target
+        ]
+        text = sentence.text.format(*(row["value"] for row in rows))
+        text = re.sub(r"(\d)%", r"\1 %", text)
+        mark = SHORT_RUN if any(row["quick"] for row in rows) else ""
+        lines.append(f"- {text}{mark}" + _targets(targets))
     if any(SHORT_RUN in line for line in lines):
         lines += ["", f"{SHORT_RUN.strip()} `--quick`: fewer units, cycles or trials."]
     short = BEGIN + "\n".join(lines) + "\n" + END
     return re.sub(re.escape(BEGIN) + ".*?" + re.escape(END), lambda _: short, readme, flags=re.S)
+
+
+def _targets(targets: list[str]) -> str:
+    """Targets of a sentence, and whether they are held."""
+    return f" Target{'s' * (len(targets) > 1)}: {'; '.join(targets)}." if targets else ""
 
 
 def number(value: float | None) -> str:

@@ -5,7 +5,7 @@ ambient field, one sweep of cross-talk), on as many buses as the check of a topo
 three contacts press and drag. `sockets`: a process of its own plays the units, each frame when the
 wire would bring it, over datagram sockets of the loopback interface, read by the same system calls
 as those of CAN. `process`: the frames of a cycle are there as soon as SYNC is sent; playing them is
-not counted. `drain` is `sockets` with one wake-up a cycle (`wait="drain"`).
+not counted. `deadline` is `sockets` with one wake-up a cycle (`wait="deadline"`).
 
 A frame is lost if the state of its cycle does not show the temperatures that stand in it: neither
 the receiver's counters nor its flags are asked. Units send only when asked: the frames of a period
@@ -50,7 +50,7 @@ WARM_S = 1.0
 SAME_C = 1e-3
 """°C within which a temperature is the one that was sent; the noise is 0.05 °C."""
 TARGET_SHARE = 0.5
-WAYS = ("process", "sockets", "drain")
+WAYS = ("process", "sockets", "deadline")
 PUBLISHED = (
     "TUM H1, 1260 cells at 250 Hz (315 000 packets/s): 2.7 cores and a quarter of the packets "
     "lost, clock-driven; 40 000 packets/s and 1.0 core, event-driven "
@@ -129,7 +129,7 @@ def measure(skin: Topology, units: Units, way: str, seconds: float) -> dict:
         Time that is measured, after `WARM_S`.
     """
     warm, cycles = (round(s * skin.cycle_rate_hz) for s in (WARM_S, seconds))
-    wait: Wait = "drain" if way == "drain" else "event"
+    wait: Wait = "deadline" if way == "deadline" else "event"
     source = _in_process if way == "process" else _over_sockets
     with source(skin, units) as played:
         with product.open(skin, transports=played.ends, wait=wait) as live:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.fast import play
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
@@ -83,9 +83,9 @@ def _measure(topology: Topology, seconds: float, repeats: int) -> dict:
         for _ in range(repeats):
             scene = ScriptedScene(topology, replace(script, non_ideal=non_ideal))
             # the first cycle loads what is compiled
-            play(Nodes(topology, scene, history=0), 1.0 / RATE_HZ)
+            play(SimulatedUnits(topology, scene, history=0), 1.0 / RATE_HZ)
             scene = ScriptedScene(topology, replace(script, non_ideal=non_ideal))
-            nodes = Nodes(topology, scene, history=0)
+            nodes = SimulatedUnits(topology, scene, history=0)
             started, worked = time.perf_counter(), time.process_time()
             served, _ = play(nodes, seconds)
             times.append(time.perf_counter() - started)

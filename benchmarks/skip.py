@@ -107,8 +107,7 @@ def counts_of(skin: Topology, share: float) -> np.ndarray:
 def _share(skin: Topology, share: float, target_s: float) -> dict:
     counts = counts_of(skin, share)
     plain, full = Decoder(skin, sweeps=1, ambient=False), Decoder(skin, sweeps=1, ambient=False)
-    assert full.loop is not None
-    full.loop.crosstalk = CrossTalk(skin, idle_mm=0.0)
+    full.crosstalk = CrossTalk(skin, idle_mm=0.0)
     skip, bare = (
         Decoder(skin, sweeps=1, skip=True, ambient=False),
         Decoder(skin, skip=True, sweeps=0, ambient=False),

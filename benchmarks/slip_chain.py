@@ -2,9 +2,10 @@
 
 Units differ from the drawing (`differing`, but for the elastic laws, which are those that the trial
 was played with), their films have errors of fabrication, and each chip is in the field of all films
-around it. Some units were on the bench, each alone, and their relaxation was measured there by
-steps and holds; a skin is made of their likes, which repeat. It lay still before it was touched and
-was tared. The decoder has what the bench and the tare have found, and sweeps over the neighbours.
+around it. Some units were on the bench, each alone, and were calibrated as `skin calibrate` does,
+with their relaxation; a skin is made of their likes, which repeat. It lay still before it was
+touched and was tared. The decoder has what the bench and the tare have found, and sweeps over the
+neighbours.
 """
 
 from __future__ import annotations
@@ -14,22 +15,17 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.accuracy_skin import FILM_SEED, apart, differing, square, with_parameters
-from benchmarks.creep import QUICK_S, REFERENCE_N
+from benchmarks.accuracy_skin import FILM_SEED, Made, differing, square, with_parameters
+from benchmarks.creep import Relaxing
 from benchmarks.slip_play import PITCH_M, Trial, skin_of
 from benchmarks.slip_seen import Seen
-from skin.calibrate.creep import fit_creep
 from skin.calibrate.learn import StrayEstimate
 from skin.calibrate.tare import tare
-from skin.calibrate.unit import calibrate
-from skin.calibrate.write import parameter_values
 from skin.decode.decoder import Decoder
-from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
-from skin.sim.bench import Bench, record
-from skin.sim.mechanics.viscoelastic import Prony
+from skin.sim.mechanics.viscoelastic import SILICONE, SILICONE_S
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
@@ -44,9 +40,6 @@ ELASTIC = (
     "shear_soft_n_per_mm", "shear_break_mm", "shear_stiff_n_per_mm",
 )  # fmt: skip
 """Parameters of the law between displacement and force."""
-HOLDS_N = ((0.0, 0.0, 2.0), (0.6, 0.0, 2.0), (0.6, -0.6, 2.0))
-"""Loads of the bench along x, y and z, put on one after the other."""
-HOLD_S, HOLD_HZ = 60.0, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +73,9 @@ class Chain:
 def chain_of(name: str, side: int = 4) -> Chain:
     """The chain of a skin of `benchmarks.slip_play.SKINS`; of units on the bench there are
     ``side**2``."""
-    skin = skin_of(name)
-    benched_true, benched, benched_films = _benched(side)
-    each = np.arange(skin.n) % benched.n
-    true, known = (
-        replace(skin, parameters={key: v[..., each] for key, v in some.parameters.items()})
-        for some in (benched_true, benched)
-    )
-    films = Fabrication(
-        *(
-            values[..., each] if key in ("centre_mm", "tilt_rad") else values[each]
-            for key, values in vars(benched_films).items()
-        )
-    )
+    skin, benched = skin_of(name), _benched(side)
+    units = benched.dealt(skin, np.arange(skin.n) % benched.true.n)
+    true, known, films = units.true, units.known, units.films
     on_the_skin = UnitSimulator(true, seed=SEED, field=HalbachField(true, fabrication=films))
     untouched = _counts(on_the_skin, np.zeros((TARE_CYCLES, 3, skin.n)))
     found = tare(known, untouched)
@@ -101,19 +84,16 @@ def chain_of(name: str, side: int = 4) -> Chain:
 
 
 @cache
-def _benched(side: int) -> tuple[Topology, Topology, Fabrication]:
-    """Units as they are, what the bench has found of them, and their films."""
+def _benched(side: int) -> Made:
+    """Units, and what the bench has found of each, on the material that trials are played on."""
     nominal = square(side, PITCH_M)
-    n = nominal.n
     true = with_parameters(
         differing(nominal, SEED), **{name: nominal.parameters[name] for name in ELASTIC}
     )
-    films = Fabrication.draw(n, FILM_SEED)
-    bench = Bench(true, fabrication=films, seed=SEED, quantised=True)
-    no_films = with_parameters(true, field_amplitude_ut=np.full(n, 1e-6))
-    scans = record(bench, Bench(no_films, seed=SEED + 1, quantised=True))
-    known = calibrate(nominal, scans).topology
-    return true, _with_creep(known, true, films), films
+    units = Made(true, nominal, Fabrication.draw(nominal.n, FILM_SEED))
+    weight = np.repeat(np.reshape(SILICONE, (-1, 1)), nominal.n, axis=1)
+    material = Relaxing(weight, np.array(SILICONE_S))
+    return replace(units, known=units.bench(seed=SEED, material=material).calibrated())
 
 
 def _counts(units: UnitSimulator, moved_mm: np.ndarray) -> np.ndarray:
@@ -128,43 +108,3 @@ def _seen(decoder: Decoder, counts: np.ndarray) -> Seen:
     return Seen(
         reading.force, reading.force_sigma, reading.displacement_mm, reading.displacement_sigma_mm
     )
-
-
-def _with_creep(known: Topology, true: Topology, films: Fabrication) -> Topology:
-    """The skin with the relaxation of each unit, fitted to steps and holds on the bench, each unit
-    alone, on the material that trials are played on."""
-    rng, n = np.random.default_rng(SEED), known.n
-    count = round(HOLD_S * HOLD_HZ)
-    load = np.repeat(np.array(HOLDS_N), count, axis=0)
-    load = np.concatenate([np.zeros((round(HOLD_HZ), 3)), load])
-    force = np.repeat(load[:, :, np.newaxis], n, axis=2)
-    prony, dt_s = Prony((3, n)), 1.0 / HOLD_HZ
-    needed = np.array([prony.elastic(now, dt_s) for now in force])
-    material = Elastic(true)
-    depth = material.depth(np.maximum(needed[:, 2], 0.0))
-    size = np.hypot(needed[:, 0], needed[:, 1])
-    per_n = material.displacement(size, depth) / np.maximum(size, 1e-300)
-    moved = np.concatenate([per_n[:, np.newaxis] * needed[:, :2], depth[:, np.newaxis]], axis=1)
-    bench = UnitSimulator(
-        true, seed=SEED + 3, field=HalbachField(true, fabrication=films, reach_m=0.0)
-    )  # fmt: skip
-    told = Decoder(apart(known), {"force"}, creep=False, sweeps=0, ambient=False)(
-        _counts(bench, moved)
-    ).force
-    reference = force + REFERENCE_N * rng.standard_normal(force.shape)
-    time_s = dt_s * np.arange(len(force))
-    # a lab samples fast after each step, and slowly later
-    since = (np.arange(len(force)) - round(HOLD_HZ)) % count * dt_s
-    used = (since < QUICK_S) | (np.arange(len(force)) % round(HOLD_HZ) == 0)
-    changed = {name: values.copy() for name, values in known.parameters.items()}
-    for unit, name in enumerate(known.unit_names):
-        for law, axes in (("normal", (2,)), ("shear", (0, 1))):
-            fit = fit_creep(
-                np.tile(time_s[used], len(axes)),
-                np.concatenate([told[used, a, unit] for a in axes]),
-                np.concatenate([reference[used, a, unit] for a in axes]), law,
-                run=np.repeat(np.arange(len(axes)), used.sum()),
-            )  # fmt: skip
-            for parameter, (value, _) in parameter_values(name, [fit.fit], np.inf).items():
-                changed[parameter][..., unit] = value
-    return replace(known, parameters=changed)

@@ -16,6 +16,8 @@ __all__ = ["Watched", "listen", "watch"]
 
 HEAVIEST = ("friction", "slip_probability", "grip_force", "grip_force_sigma")
 """What is read of the heaviest contact; NaN where the detector does not say it."""
+OF_FRICTION = [0, 2, 3]
+"""Those that are bounds where friction is not known."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,9 @@ def listen(trial: Trial, seen: Seen, settings: SlipSettings | None = None) -> Wa
         if contacts:
             alarm[t] = max(contact.slip for contact in contacts) >= SlipState.INCIPIENT
             heaviest = max(contacts, key=lambda contact: contact.load)
-            said[:, t] = [getattr(heaviest, name, np.nan) for name in HEAVIEST]
+            said[:, t] = [getattr(heaviest, name) for name in HEAVIEST]
+            if not heaviest.friction_known:  # bounds are no estimates
+                said[OF_FRICTION, t] = np.nan
     return Watched(alarm, *said)
 
 

@@ -60,8 +60,7 @@ def dense(quick: bool) -> dict:
     ):  # fmt: skip
         decoder = Decoder(skin, {"force"}, dtype=dtype, sweeps=2, consistency=False, ambient=False)
         crosstalk = CrossTalk(skin, dtype=dtype, tolerance_ut=0.0, lattices=lattices)
-        assert decoder.loop is not None
-        decoder.crosstalk = decoder.loop.crosstalk = crosstalk
+        decoder.crosstalk = crosstalk
         forces[name] = np.stack(
             [decoder(counts_of(skin, most=0.5, seed=i)).force for i in range(4 if quick else 40)]
         ).astype(np.float64)

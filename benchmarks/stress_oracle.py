@@ -118,6 +118,7 @@ def _model(
     over = np.maximum(drop - p["normal_break_hz"], 0)
     normal = p["normal_soft_n_per_hz"] * drop
     normal = normal + (p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]) * over
+    normal = normal + p["normal_cubic_n_per_hz3"] * over * over * over
     depth = drop / p["frequency_slope_hz_per_mm"]
 
     above = chip - p["hall_reference_c"]
@@ -181,5 +182,6 @@ def _shear(p, x, y, radius, depth, m: Numbers):
         x, y = x / away, y / away
     beyond = np.maximum(radius - p["shear_break_mm"], 0)
     force = p["shear_soft_n_per_mm"] * radius + p["shear_stiff_n_per_mm"] * beyond
+    force = force + p["shear_cubic_n_per_mm3"] * beyond * beyond * beyond
     force = force * (1 + p["shear_gain_per_mm"] * (depth - p["field_reference_mm"]))
     return force * x, force * y

@@ -58,5 +58,6 @@ def aged(skin: Topology, dtype: str, counts: np.ndarray) -> Decoder:
     decoder(counts[1])
     decoder(counts[0])
     longest_s = float(skin.parameters["film_lag_s"].max())
-    decoder.elapse(AGES[dtype] * longest_s)
+    decoder.set_elapsed(AGES[dtype] * longest_s)
+    decoder(counts[0])
     return decoder

@@ -100,7 +100,7 @@ def _scored(
         ends.append(sum(len(part.depth_mm) for part in parts) - 1)
     touch = Touch.joined(*parts)
     counts, true = skin.plant.counts(touch, rng), skin.plant.forces(touch)
-    player = Player(known, want={"wrench", "contacts"}, tare=way != "untared",
+    player = Player(known, want={"wrench", "contacts"}, auto_tare=way != "untared",
                     stencil=stencil)  # fmt: skip
     held, square, flagged, error = [], [], 0, []
     for i, state in enumerate(player.play(counts)):

@@ -215,8 +215,8 @@ class Plant:
 
     def values(
         self, touch: Touch, *, warm_c: float | np.ndarray = 25.0,
-        world_ut: np.ndarray | None = None,
-        chip_c: float | np.ndarray | None = None, films: bool = True,
+        world_ut: np.ndarray | None = None, film_c: float | np.ndarray | None = None,
+        chip_c: float | np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Physical values of the channels without noise, shape (t, c, n).
 
@@ -224,29 +224,26 @@ class Plant:
         ----------
         touch : Touch
         warm_c : float or ndarray, shape (t, n)
-            Gel and film, °C.
+            Gel, °C.
         world_ut : ndarray, shape (t, 3), optional
             Ambient field in the skin frame.
-        chip_c : float or ndarray, optional
-            Chip; as warm as the gel if not given.
-        films : bool
-            Whether there are any; without, there are chips alone.
+        film_c, chip_c : float or ndarray, optional
+            Film and chip; as warm as the gel if not given.
         """
         t, cycles = self.true, len(touch.depth_mm)
         warm = np.broadcast_to(warm_c, (cycles, self.n))
-        chip = warm if chip_c is None else np.broadcast_to(chip_c, (cycles, self.n))
+        film, chip = (
+            warm if each is None else np.broadcast_to(each, (cycles, self.n))
+            for each in (film_c, chip_c)
+        )
         values = np.zeros((cycles, len(CHANNELS), self.n))
         rise = (warm - 20.0) / 60.0
         values[:, GEL] = t["gel_current_20c_ua"] * t["gel_current_ratio"] ** rise
         values[:, FREQUENCY] = (
             t["frequency_rest_hz"] - t["frequency_slope_hz_per_mm"] * touch.depth_mm
         )
-        weaker = 1.0 + t["film_drift_per_k"] * (warm - t["film_reference_c"])
-        field = (
-            self.film_field(touch) * weaker[:, np.newaxis]
-            if films
-            else np.zeros((cycles, 3, self.n))
-        )
+        weaker = 1.0 + t["film_drift_per_k"] * (film - t["film_reference_c"])
+        field = self.film_field(touch) * weaker[:, np.newaxis]
         if world_ut is not None:
             here = np.einsum("abn,ta->tbn", self.topology.rotation, world_ut)
             field = field + CHIP[:, np.newaxis] * here

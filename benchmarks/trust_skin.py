@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 import topology
+from benchmarks.bench import Bench, dealt
 from benchmarks.trust_film import DRAWN, Film
-from benchmarks.trust_plant import BX, BZ, FREQUENCY, Plant, Touch, Units
+from benchmarks.trust_plant import Plant, Touch, Units
 from bus.cycle import ClosedBy, RawCycle
-from skin.calibrate.unit import calibrate
 from skin.options import Options
-from skin.physics.scan import Recordings, Scan, strokes
 from skin.pipeline import Pipeline
 from skin.state import State
 from topology import Topology
@@ -26,11 +25,8 @@ __all__ = ["BAG", "QUICK_BAG", "SHAPES", "Player", "Skin", "skin_of"]
 
 REST_S = 1.6
 """Untouched at first: the second of the tare, and time to take it."""
-FORCE_SIGMA_N = 0.005
-READINGS = 16
-BAG, QUICK_BAG = 32, 8
-"""Units of a kind that are calibrated; a larger skin has some of them several times."""
-BENCH_MM = 2.0, 3.0
+BAG, QUICK_BAG = 16, 4
+"""Units of a kind that are recorded and fitted; a larger skin has each of them several times."""
 
 HEAD = """format = 1
 name = "{name}"
@@ -95,16 +91,19 @@ def square(count: int) -> Topology:
 
 
 @cache
-def bag_of(count: int, seed: int, film: Film = DRAWN) -> tuple[Units, Topology]:
+def bag_of(count: int, seed: int, film: Film = DRAWN, share: float = 1.0) -> tuple[Units, Topology]:
     """Units, and what a bench of the plant has found of each alone."""
     nominal = square(count)
     units = Units.drawn(nominal, seed)
     plant = Plant(nominal, units, film, alone=True)
-    return units, calibrate(nominal, _recorded(plant, seed)).topology
+    bench = Bench(nominal, lambda: _OnBench(plant, seed), _Springs(plant), seed=seed)
+    return units, bench.calibrated(share)
 
 
 @cache
-def skin_of(name: str, seed: int = 0, film: Film = DRAWN, bag: int = BAG) -> Skin:
+def skin_of(
+    name: str, seed: int = 0, film: Film = DRAWN, bag: int = BAG, share: float = 1.0
+) -> Skin:
     """A skin of calibrated units that have come to their places by chance.
 
     Parameters
@@ -117,70 +116,61 @@ def skin_of(name: str, seed: int = 0, film: Film = DRAWN, bag: int = BAG) -> Ski
         Of all units.
     bag : int
         Units that there are: a larger skin has some of them several times.
+    share : float
+        Of the length of a recording, as of `benchmarks.bench.protocol`.
     """
     nominal = shape_of(name)
-    units, found = bag_of(bag, seed, film)
+    units, found = bag_of(bag, seed, film, share)
     rng = np.random.default_rng((38, seed))
     deals = [rng.permutation(bag) for _ in range(-(-nominal.n // bag))]
     which = np.concatenate(deals)[: nominal.n]
-    known = dataclasses.replace(
-        nominal, calibrated=np.ones(nominal.n, bool),
-        parameters={name: values[..., which] for name, values in found.parameters.items()},
-    )  # fmt: skip
+    known = dataclasses.replace(dealt(nominal, found, which), calibrated=np.ones(nominal.n, bool))
     return Skin(Plant(nominal, units.dealt(which), film), known)
 
 
-def _recorded(plant: Plant, seed: int) -> Recordings:
-    """What the bench of `skin calibrate` is asked for."""
-    rng = np.random.default_rng((37, seed))
-    deepest, farthest = BENCH_MM
-    film, chip = (t.ravel() for t in np.meshgrid([20.0, 50.0, 80.0], [20.0, 40.0, 60.0]))
-    poses = np.array([[0.0, 0.0, 0.0], [deepest, 0.0, 0.0], [deepest, 1.5, 0.0],
-                      [deepest, 1.5, 0.5 * np.pi]])  # fmt: skip
-    held = np.repeat(poses, film.size, axis=0).T
-    warming = np.repeat(np.linspace(20.0, 60.0, 9), 16)
-    around = np.linspace(-np.pi, np.pi, 16, endpoint=False)
-    ways = strokes(np.linspace(0.0, deepest, 7), np.linspace(0.2, farthest, 10), around)
-    pressed = np.repeat(np.linspace(0.0, deepest, 41), 2)
-    none = np.zeros(warming.size)
-    many, one = READINGS, 1
-    warmed = np.repeat(np.linspace(20.0, 80.0, 25), 4)
-    return Recordings(
-        bare=_scan(plant, rng, none, none, none, warming, warming, many, films=False),
-        heated=_scan(plant, rng, *held, np.tile(film, len(poses)), np.tile(chip, len(poses)), many),
-        pressed=_scan(plant, rng, pressed, 0 * pressed, 0 * pressed, None, None, many),
-        sheared=_scan(plant, rng, *ways, None, None, many),
-        warmed=_scan(plant, rng, *np.zeros((3, warmed.size)), warmed, warmed, one),
-        readings=READINGS, force_sigma_n=FORCE_SIGMA_N,
-    )  # fmt: skip
+class _OnBench:
+    """Units of a plant, as `benchmarks.bench.Units` has them."""
+
+    def __init__(self, plant: Plant, seed: int) -> None:
+        self._plant, self._rng = plant, np.random.default_rng((37, seed))
+
+    def quantities(
+        self, depth_mm: np.ndarray, displacement_mm: np.ndarray, temperature: np.ndarray,
+        film_temperature: np.ndarray, hall_temperature: np.ndarray, /,
+    ) -> np.ndarray:  # fmt: skip
+        """Values of the channels."""
+        touch = Touch(depth_mm, displacement_mm)
+        return self._plant.values(
+            touch, warm_c=temperature, film_c=film_temperature, chip_c=hall_temperature
+        )
+
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """The same with noise, in place."""
+        return self._plant.noisy(values, self._rng)
+
+    def measure(self, values: np.ndarray) -> np.ndarray:
+        """The plant's boards have ideal converters."""
+        return values
+
+    def quantise(self, values: np.ndarray) -> np.ndarray:
+        """Counts on the wire."""
+        return self._plant.quantised(values)
 
 
-def _scan(
-    plant: Plant, rng: np.random.Generator, depth: np.ndarray, length: np.ndarray,
-    direction: np.ndarray, film_c: np.ndarray | None, chip_c: np.ndarray | None, readings: int,
-    *, films: bool = True,
-) -> Scan:  # fmt: skip
-    n, t = plant.n, depth.size
-    wide = np.ones(n)
-    way = length[:, np.newaxis] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
-    touch = Touch(depth[:, np.newaxis] * wide, way[:, :, np.newaxis] * wide)
-    film_c, chip_c = (np.full(t, 25.0) if each is None else each for each in (film_c, chip_c))
-    film, chip = film_c[:, np.newaxis] * wide, chip_c[:, np.newaxis] * wide
-    exact = plant.values(touch, warm_c=film, chip_c=chip, films=films)
-    total = np.zeros(exact.shape)
-    counts = np.zeros(exact.shape, np.int16)
-    for _ in range(readings):
-        counts = plant.quantised(plant.noisy(exact.copy(), rng))
-        total += plant.topology.scale * counts + plant.topology.offset
-    mean = total / readings
-    force = np.stack(
-        [plant.shear_n(length[:, np.newaxis] * wide), plant.normal_n(touch.depth_mm)], axis=1
-    )
-    force += FORCE_SIGMA_N / np.sqrt(readings) * rng.standard_normal(force.shape)
-    return Scan(
-        touch.depth_mm, length[:, np.newaxis] * wide, direction[:, np.newaxis] * wide, film, film,
-        chip, mean[:, FREQUENCY], mean[:, BX : BZ + 1], force, counts,
-    )  # fmt: skip
+class _Springs:
+    """Forces of a plant, as `benchmarks.bench.Springs` has them."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.normal, self.depth = plant.normal_n, plant.depth_at
+        self._plant = plant
+
+    def tangential(self, displacement_mm: np.ndarray, _depth_mm: np.ndarray, /) -> np.ndarray:
+        """At a displacement, at any depth."""
+        return self._plant.shear_n(displacement_mm)
+
+    def displacement(self, tangential_n: np.ndarray, _depth_mm: np.ndarray, /) -> np.ndarray:
+        """Under a tangential force, at any depth."""
+        return self._plant.length_at(tangential_n)
 
 
 class Player:

@@ -26,6 +26,7 @@ from benchmarks.contact import plate
 from benchmarks.skip import counts_of
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from skin.pipeline import Pipeline
+from skin.sinks import Sink
 from skin.state import State
 from skin.view import View, show
 
@@ -108,17 +109,17 @@ def measure(n: int, spells: int) -> dict:
     with show(source, port=0) as view, _client(view) as pictures:
         loop = _Loop(pipeline, counts, timing)
         loop.go(WARM)
-        looks = _timed(view, spent)
-        pipeline.unwatch(view._look)
+        looks = _Timed(view, spent)
+        pipeline.detach(view)
         taken, drawn = view.snapshots.taken, pictures()
         for spell in range(2 * spells):
             is_fed = spell % 2 == 0
             if is_fed:
-                pipeline.watch(looks)
+                pipeline.attach(looks)
             began, used = time.monotonic(), _used_s(view)
             work["with" if is_fed else "without"] += loop.go(round(1.0 / PERIOD_S))
             if is_fed:
-                pipeline.unwatch(looks)
+                pipeline.detach(looks)
                 spent["fed"] += time.monotonic() - began
                 spent["view"] += _used_s(view) - used
         taken, drawn = view.snapshots.taken - taken, pictures() - drawn
@@ -160,15 +161,18 @@ class _Loop:
                         self._pipeline.status, none, none, none, FrameCounters())  # fmt: skip
 
 
-def _timed(view: View, spent: dict[str, float]):
-    """What looks at a state for the view, timed."""
+class _Timed(Sink):
+    """What sees states for the view, timed."""
 
-    def look(state: State) -> None:
+    inline = True
+
+    def __init__(self, view: View, spent: dict[str, float]) -> None:
+        self._view, self._spent = view, spent
+
+    def state(self, state: State) -> None:
         began = time.perf_counter()
-        view._look(state)
-        spent["loop"] += time.perf_counter() - began
-
-    return look
+        self._view.state(state)
+        self._spent["loop"] += time.perf_counter() - began
 
 
 @contextmanager

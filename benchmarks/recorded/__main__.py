@@ -1,7 +1,7 @@
 """Score the slip detector and the usual ones on recordings of others.
 
 Files: slip sets of ARQ (uSkin of 18 or 24 taxels, HDF5) and tables of Contactile's PapillArray
-(CSV). `docs/recorded.md` says what is read, what is assumed, and what the figures are.
+(CSV). `docs/explanation/recorded.md` says what is read, what is assumed, and what the figures are.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.recorded.array import Array, lattice_mm
+from benchmarks.recorded.papillarray_names import SlipCode
 from benchmarks.recorded.recording import (
     FASTEST_HZ,
     MOST,
@@ -38,7 +39,6 @@ from benchmarks.recorded.recording import (
     RecordingError,
     check_stamps,
 )
-from skin.contact.papillarray import SlipCode
 from skin.errors import shown
 from topology.files import TooLargeError, read_regular
 
