@@ -1,0 +1,89 @@
+"""The gallery: each script and notebook of examples/ with what it prints and draws, run by the
+build."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+LIMIT_S = 600.0
+FIRST = ("slip_margin_loop", "own_hand", "record_replay_plot")
+"""Of the examples; the others follow by name."""
+
+
+def page(app: Any) -> str:
+    """All examples: what they show, their text, their output and their pictures."""
+    scripts = sorted(
+        [*EXAMPLES.glob("*.py"), *EXAMPLES.glob("*.ipynb")],
+        key=lambda script: (script.stem not in FIRST, script.stem),
+    )
+    return "\n\n".join(_section(script, app) for script in scripts)
+
+
+def program(example: Path) -> str:
+    """An example as a script. The text of a notebook is its docstring and comments; a cell that
+    ends with a value prints it."""
+    text = example.read_text("utf-8")
+    if example.suffix == ".py":
+        return text
+    title, *cells = json.loads(text)["cells"]
+    parts = [f'"""{"".join(title["source"]).removeprefix("# ")}\n"""']
+    for cell in cells:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append("\n".join(f"# {line}" for line in source.splitlines()))
+            continue
+        last = ast.parse(source).body[-1]
+        if isinstance(last, ast.Expr) and not isinstance(last.value, ast.Call):
+            lines = source.splitlines()
+            value = "\n".join(lines[last.lineno - 1 :])
+            source = "\n".join([*lines[: last.lineno - 1], f"print({value})"])
+        parts.append(source)
+    return "\n\n".join(parts) + "\n"
+
+
+def _section(script: Path, app: Any) -> str:
+    text = program(script)
+    tree = ast.parse(text)
+    title, _, rest = (ast.get_docstring(tree) or "").partition("\n")
+    code = "\n".join(text.splitlines()[tree.body[0].end_lineno :]).strip()
+    parts = [f"## {title.rstrip('.')}", rest.strip(), f"`examples/{script.name}`:",
+             f"```python\n{code}\n```"]  # fmt: skip
+    if app.config.run_examples:
+        parts += _output(script, app)
+    return "\n\n".join(filter(None, parts))
+
+
+def _output(script: Path, app: Any) -> list[str]:
+    """What a script prints, and the pictures that it leaves in its folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        file = script
+        if script.suffix != ".py":
+            file = Path(folder, f"{script.stem}.py")
+            file.write_text(program(script), "utf-8")
+        done = subprocess.run(
+            [sys.executable, str(file)], cwd=folder, capture_output=True, text=True, check=False,
+            timeout=LIMIT_S, env=os.environ | {"PYTHONPATH": path, "MPLBACKEND": "agg"},
+        )  # fmt: skip
+        if done.returncode:
+            last = done.stderr.strip().splitlines()[-1:] or ["no output"]
+            if "ModuleNotFoundError" in last[0]:
+                return [f"Not run in this build: {last[0].partition(': ')[2]}."]
+            raise RuntimeError(f"{script.name}: ended with {done.returncode}: {last[0]}")
+        shown = Path(app.srcdir, "_gallery")
+        shown.mkdir(exist_ok=True)
+        parts = [f"Output:\n\n```text\n{done.stdout.strip()}\n```"]
+        for picture in sorted(Path(folder).glob("*.png")):
+            place = shown / f"{script.stem}-{picture.name}"
+            place.write_bytes(picture.read_bytes())
+            parts.append(f"![{picture.stem} of {script.name}](_gallery/{place.name})")
+        return parts
