@@ -18,11 +18,13 @@ if importlib.util.find_spec("ensurepip") is None:
 endef
 export CHECK_PYTHON
 
-.PHONY: help install demo check test test-long test-versions lock mutate bench lint clean
+.PHONY: help install demo docs links check test test-long test-versions lock mutate bench lint clean
 
 help:
 	@echo "make install    a virtual environment in .venv, with everything the tests need (PYTHON=python3)"
 	@echo "make demo       a simulated skin, no hardware needed"
+	@echo "make docs       the site into build/docs, with the output of all examples; a warning is an error"
+	@echo "make links      the links of the site to other sites: are they there? (needs the net)"
 	@echo "make check      ruff, types, doctests, imports, rules for code; the figures of the house"
 	@echo "make test       all tests but the long ones"
 	@echo "make test-long  the long ones, others on a busy machine, and make test-versions"
@@ -46,6 +48,14 @@ install: .venv/installed
 
 demo: install
 	$(BIN)/skin demo
+
+docs: install
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "build/docs/index.html"
+
+links: install
+	$(BIN)/python -m sphinx -W --keep-going -q -b linkcheck -D run_examples=0 docs build/links
+	@echo "build/links/output.txt"
 
 check: install
 	$(BIN)/python -m tests.house

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -10,17 +11,32 @@ from hypothesis import HealthCheck, settings
 # the kernel of the vcan tests included, whatever folder they run in. Set before numba is imported.
 os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parent.parent / "build" / "numba")
 
+AS_MACHINE_CODE = {"divide": "ignore", "invalid": "ignore", "over": "ignore"}
+"""Which computes with infinity and NaN in silence."""
+
 # Neither a deadline nor a check of speed: a law is not about time. In CI the same examples each
 # time, so that a red run is about the change at hand; on a desk new ones.
 settings.register_profile(
     "f3t",
     deadline=None,
-    max_examples=50,
+    max_examples=20,
     derandomize="CI" in os.environ,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("f3t")
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m leaves tests out
+def pytest_collection_modifyitems(items):
+    """Mark all cases but the first of a test that is `long_but_first`."""
+    begun = set()
+    for item in items:
+        if item.get_closest_marker("long_but_first"):
+            test = item.nodeid.split("[")[0]
+            if test in begun:
+                item.add_marker("long")
+            begun.add(test)
 
 
 @pytest.fixture
@@ -30,3 +46,22 @@ def interpreted(monkeypatch):
     from skin.decode import kernel
 
     monkeypatch.setattr(kernel, "decode", kernel.decode_python)
+    with np.errstate(**AS_MACHINE_CODE):
+        yield
+
+
+@pytest.fixture
+def machine_code():
+    """Compile every decoder, in a file of `few_variants`: for a law of machine code."""
+
+
+@pytest.fixture
+def few_variants(request):
+    """Interpret the decoders of variants that `skin.open` has not by default."""
+    if "machine_code" in request.fixturenames:
+        yield
+        return
+    from tests.fixtures.kernels import few_variants
+
+    with few_variants(), np.errstate(**AS_MACHINE_CODE):
+        yield

@@ -70,7 +70,7 @@ def test_scenes_press_six_units_in_ten_and_shear_only_these():
 @pytest.mark.parametrize("fabricated", [False, True])
 def test_a_unit_that_was_on_the_bench_says_how_much_it_errs_to_the_ends_of_its_range(fabricated):
     skin = made(2, fabricated=fabricated, seed=5)
-    cells = Cells(np.array([0.25, 1.5, 2.0]), np.array([0.5, 2.25, 3.0]))
+    cells = Cells(np.array([0.25, 1.5, 2.0]), np.array([0.5, 2.25, 2.75]))
     decoder = Decoder(
         apart(skin.known),
         {"force", "displacement", "sigma"},

@@ -36,6 +36,7 @@ def test_healthy_units_are_not_flagged(sound):
     assert not sound[2].status.any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("channel", "fault"), [*FOUND, *PASSES])
 def test_a_channel_that_lies_is_found_in_time_or_costs_little(channel, fault, sound):
     (trial,) = (one for one in TRIALS if (one.channel, one.fault) == (channel, fault))
@@ -50,7 +51,7 @@ def test_a_channel_that_lies_is_found_in_time_or_costs_little(channel, fault, so
     assert row["passes_n"] < force
 
 
-@pytest.mark.parametrize("channel", ["gel", "frequency", "bx", "by", "bz"])
+@pytest.mark.parametrize("channel", ["gel", "frequency", "bz"])
 def test_nominal_units_are_watched_as_exact_ones_where_a_channel_stands_still(channel):
     skin = load("palm")
     counts = motion(skin, 400, seed=12)

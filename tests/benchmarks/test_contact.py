@@ -12,7 +12,7 @@ import pytest
 import topology
 from benchmarks import contact, peers_contact, peers_live
 from benchmarks.peers_contact import NumpyContacts, force_sigma
-from skin.decode.decoder import Decoder
+from skin.cycle import Cycle
 from skin.options import Options
 from skin.sim.unit import UnitSimulator
 
@@ -42,13 +42,12 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     assert ("nb-touch is not installed" in text) == ("nb_touch" not in rows["1"])
 
 
+@pytest.mark.long
 def test_each_side_does_the_work_that_it_is_named_after(monkeypatch):
     """The very calls that are timed: their options, contacts, and how often they decode."""
     monkeypatch.setattr(contact, "CYCLES", 8)
-    decoded, decode = [], Decoder._decode_cycle
-    monkeypatch.setattr(
-        Decoder, "_decode_cycle", lambda self, *args: (decoded.append(self), decode(self, *args))[1]
-    )
+    decoded, run = [], Cycle.__call__
+    monkeypatch.setattr(Cycle, "__call__", lambda self: (decoded.append(self), run(self))[1])
     skin = contact.plate(64)
     sides = contact.sides_of(skin, 3)
     lean = {"estimator": "sine", "sweeps": 0, "ambient": False}
@@ -104,7 +103,10 @@ def test_laps_of_both_sides_take_turns(monkeypatch):
     assert (found["numpy_ratio"], found["numpy_ratio_95"]) == (10.0, [10.0, 10.0])
 
 
-@pytest.mark.parametrize(("n", "kind", "touches"), [(64, "grid", 3), (363, "cylinder", 1)])
+@pytest.mark.parametrize(
+    ("n", "kind", "touches"),
+    [(64, "grid", 3), pytest.param(363, "cylinder", 1, marks=pytest.mark.long)],
+)
 def test_numpy_does_what_the_live_pass_does(n, kind, touches):
     """The same forces, displacements and contacts, of films that feel each other, as units are
     dragged, on flat and curved skins; after seconds, in which the ambient field is found."""
@@ -144,6 +146,7 @@ def test_plates_have_the_units_and_the_contacts_that_are_asked_for(n, kind):
         assert share == pytest.approx(touches, rel=0.25)
 
 
+@pytest.mark.long
 def test_numpy_would_be_told_apart(monkeypatch):
     palm = topology.load("palm").exact()
     counts = contact.counts_of(palm, 1)[:2]

@@ -41,6 +41,7 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
 
 
 @needs_compiler
+@pytest.mark.usefixtures("interpreted")
 def test_bare_arithmetic_gives_what_the_decoder_gives():
     """Units of the benchmark, whose every parameter that the C reads differs here."""
     skin = array_of(96, alike=False)

@@ -79,9 +79,7 @@ def test_the_tables_of_forces_meet_the_units_own_at_two_millimetres():
 
 @pytest.fixture(scope="module")
 def figures():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(foreign, "SIDE", 2)
-        yield foreign.run(quick=True)
+    return foreign.run(quick=True)
 
 
 @pytest.mark.long
@@ -101,7 +99,8 @@ def test_the_decoders_own_laws_leave_noise_alone_and_keep_the_share(figures):
 )  # fmt: skip
 def test_other_laws_show_in_what_they_are_of_and_in_its_sigma(figures, case, part):
     own, other = (figures["cases"][name]["field-angle"] for name in ("the decoder's own", case))
-    assert other["rms"][part] > 1.3 * own["rms"][part]
+    # 400 readings: three sigma of a ratio of two root mean squares are 15 %
+    assert other["rms"][part] > 1.15 * own["rms"][part]
     # what calibration cannot follow is told: without that, hardly any error would be held
     assert 0.3 < other["held"][part] < 0.95
 

@@ -27,7 +27,7 @@ def test_a_frame_that_differs_is_counted():
     assert ingest._wrong(heard, sent) == 2
 
 
-@pytest.mark.parametrize("way", ["drain", "event", "pythoncan"])
+@pytest.mark.parametrize("way", ["deadline", "event", "pythoncan"])
 def test_the_frames_of_cycles_are_read(way):
     percent, _, missing = ingest._cycles(way, 0.05)
     assert 0 <= missing < 50 * ingest.UNITS, "a busy machine may lose some, and says so"
@@ -41,9 +41,9 @@ def test_the_table_says_where_it_was_measured():
         "measured_on": "no vcan here",
         **{f"loopback_{name}": value for name, value in side.items()},
         "cycle_measured_on": "loopback datagrams",
-        "cycle_cpu_percent_64_units_1khz": {"drain": 1.0, "event": 2.0, "pythoncan": 3.0},
-        "cycle_latency_us_64_units_1khz": {"drain": 10.0, "event": 5.0},
-        "cycle_frames_missing": {"drain": 0, "event": 0, "pythoncan": 7},
+        "cycle_cpu_percent_64_units_1khz": {"deadline": 1.0, "event": 2.0, "pythoncan": 3.0},
+        "cycle_latency_us_64_units_1khz": {"deadline": 10.0, "event": 5.0},
+        "cycle_frames_missing": {"deadline": 0, "event": 0, "pythoncan": 7},
     }
     shown = ingest.table(figures)
     assert "reading: no vcan here" in shown

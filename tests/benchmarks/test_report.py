@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import report
+from benchmarks import quiet, report
 from benchmarks.accuracy_coverage import by_chance
-from benchmarks.report_figures import FIGURES, TIMED, Figure
+from benchmarks.report_figures import FIGURES, SENTENCES, TIMED, TITLES, Figure, Sentence
 
 
 def test_page_and_readme_show_what_was_stored():
@@ -28,16 +30,50 @@ def test_every_figure_is_of_a_benchmark_and_stored():
     assert set(TIMED) <= set(known)
     stored = json.loads(report.STORE.read_text(encoding="utf-8"))
     assert list(stored) == [report._key(figure) for figure in FIGURES]
+    assert {key for sentence in SENTENCES for key in sentence.keys} <= set(stored)
+    assert set(TITLES) == {figure.benchmark for figure in FIGURES}
+    assert {figure.kind for figure in FIGURES} == {"", "share", "count"}
+
+
+def test_every_row_stands_alone():
+    """None refers to the row above it."""
+    referring = re.compile(r"\b(the same (of|from|to)|there)\b|^the (largest|same)\b")
+    assert [row.compared for row in FIGURES if referring.search(row.compared)] == []
+
+
+def test_a_share_stays_one_in_its_interval():
+    stored = json.loads(report.STORE.read_text(encoding="utf-8"))
+    shares = [figure for figure in FIGURES if figure.kind == "share" or figure.trials]
+    assert len(shares) > 20
+    for figure in shares:
+        row = stored[report._key(figure)]
+        ends = [row["value"], *(end for end in (row["low"], row["high"]) if end is not None)]
+        assert all(0.0 <= end <= 1.0 for end in ends), figure
+
+
+def test_shares_vary_on_their_log_odds_and_counts_have_their_ends():
+    rng = np.random.default_rng(4)
+    runs = 1.0 / (1.0 + np.exp(-rng.normal(1.0, 1.5, (4000, 4))))
+    ends = np.array([report.prediction(list(row[:3]), "share") for row in runs])
+    inside = np.mean((ends[:, 0] <= runs[:, 3]) & (runs[:, 3] <= ends[:, 1]))
+    assert inside == pytest.approx(0.95, abs=0.015)
+    assert report.prediction([3.0, 40.0, 7.0], "count") == (3.0, 40.0)
 
 
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     """A report of two benchmarks, one of which tells of the machine."""
     figures = (
-        Figure("decode", "ratio", "one over the other", "", "<= 1.5", True),
-        Figure("slip", "rows/0/caught", "slips told", "", ">= 0.95", True, "rows/0/slips"),
+        Figure("decode", "ratio", "one over the other", "", "<= 1.5"),
+        Figure("slip", "rows/0/caught", "slips told", "", ">= 0.95", "rows/0/slips"),
+    )
+    sentences = (
+        Sentence("Ours takes {:.2f} of it.", ("decode: ratio",)),
+        Sentence("{:.0%} are caught.", ("slip: rows/0/caught",)),
+        Sentence("{:.0f} is of another report.", ("view: x",)),
     )
     monkeypatch.setattr(report, "FIGURES", figures)
+    monkeypatch.setattr(report, "SENTENCES", sentences)
     for name in ("STORE", "PAGE", "README"):
         monkeypatch.setattr(report, name, tmp_path / name)
     (tmp_path / "README").write_text(f"above\n{report.BEGIN}before\n{report.END}below\n")
@@ -50,7 +86,46 @@ def small(tmp_path, monkeypatch):
         return found[name] | {"machine": {"processor": "P", "cores": 2, "date": "2026-01-01"}}
 
     monkeypatch.setattr(report, "_once", once)
+    monkeypatch.setattr(quiet, "wait", lambda: 0.0)
+    monkeypatch.setattr(quiet, "Others", lambda: Idle(0.0))
     return asked, tmp_path
+
+
+class Idle(NamedTuple):
+    """Stands for `quiet.Others`."""
+
+    used: float | None
+
+    def cores(self):
+        return self.used
+
+
+def test_a_run_while_others_use_the_machine_is_repeated(small, monkeypatch):
+    asked, _ = small
+    used = iter([0.7, 0.0, 0.05, None])
+    monkeypatch.setattr(quiet, "Others", lambda: Idle(next(used)))
+    row = report.run(quick=True)["figures"]["decode: ratio"]
+    assert [name for name, _ in asked] == ["decode", "decode", "slip", "decode", "decode"]
+    assert row["value"] == pytest.approx(1.8)
+    assert row["runs"] == 3
+
+
+@pytest.mark.parametrize(
+    ("waited", "used", "runs", "least"), [([0.0] * 3, [0.7, 0.4, 0.5], 3, 0.4), ([0.3], [], 0, 0.3)]
+)
+def test_what_is_of_a_busy_machine_is_not_stored(small, monkeypatch, waited, used, runs, least):
+    asked, _ = small
+    before = report.run(quick=True)["figures"]["decode: ratio"]
+    asked.clear()
+    waited, used = iter(waited), iter(used)
+    monkeypatch.setattr(quiet, "wait", lambda: next(waited))
+    monkeypatch.setattr(quiet, "Others", lambda: Idle(next(used)))
+    figures = report.run(quick=False)
+    assert figures["figures"]["decode: ratio"] == before
+    assert figures["figures"]["slip: rows/0/caught"]["quick"] is False
+    assert [name for name, _ in asked].count("decode") == runs
+    assert figures["busy"] == {"decode": least}
+    assert f"decode: busy, others used {least} cores: not stored" in report.table(figures)
 
 
 def test_what_tells_of_the_machine_runs_several_times(small):
@@ -63,13 +138,14 @@ def test_what_tells_of_the_machine_runs_several_times(small):
     assert row["high"] > 1.8
     assert row["runs"] == 3
     assert figures["missed"] == ["decode: ratio"]
-    assert "| 1.7  |" in (folder / "PAGE").read_text()
+    assert "| one over the other | 1.7 | " in (folder / "PAGE").read_text()
     text = (folder / "README").read_text()
     assert text.startswith("above\n")
     assert text.endswith("below\n")
     assert "before" not in text
-    assert "**missed**, not decided |" in text
-    assert " held |" in text
+    assert "- Ours takes 1.70 of it. ¹ Target: ≤ 1.5: **missed**, not decided." in text
+    assert "- 94 % are caught. ¹ Target: ≥ 0.95: held." in text
+    assert "another report" not in text
     assert "held" in report.table(figures)
 
 
@@ -102,7 +178,7 @@ def test_a_quick_run_does_not_overwrite_what_a_whole_one_found(small):
 def test_the_readme_marks_quick_runs(small):
     report.run(quick=True)
     text = (small[1] / "README").read_text()
-    assert "| 1.7 ¹ |" in text.replace("1.7  ¹", "1.7 ¹")
+    assert "- Ours takes 1.70 of it. ¹ Target" in text
     assert "¹ `--quick`" in text
 
 

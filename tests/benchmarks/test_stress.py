@@ -27,6 +27,8 @@ from skin.state import Status
 from topology.check.models import parameter_faults
 
 ESTIMATORS = ("sine", "field-angle")
+CASES = 13
+"""Of `points`."""
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
@@ -63,9 +65,16 @@ def test_oracles_of_40_and_19_digits_and_of_another_hand_agree(estimator):
     np.testing.assert_allclose(other[1:4], told.astype(float), atol=1e-14)
 
 
+@pytest.fixture(scope="module")
+def thirty_at_ends():
+    return at_ends(30, np.random.default_rng(3))
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_oracle_has_directions_and_films_that_are_corrected(estimator):
-    skin = at_ends(30, np.random.default_rng(3))
+def test_oracle_has_directions_and_films_that_are_corrected(estimator, thirty_at_ends):
+    skin = thirty_at_ends
     counts, units = counts_of(skin), np.arange(30)
     reading = stress.decode(skin, counts, estimator, "float64")
     told = walk(skin, counts, units, estimator)
@@ -87,15 +96,9 @@ def test_units_at_ends_are_let_through_and_at_their_ends():
 
 
 @pytest.fixture(scope="module")
-def cases():
-    """All that one seed walks, quick."""
-    return list(points(quick=True))
-
-
-@pytest.fixture(scope="module")
-def ends(cases):
+def ends():
     """Skin and counts of the last case, and what the model says of them by estimator."""
-    name, skin, counts = cases[-1]
+    *_, (name, skin, counts) = points(quick=True)
     assert name == AT_ENDS
     told = {estimator: walk(skin, counts, np.arange(skin.n), estimator) for estimator in ESTIMATORS}
     return skin, counts, told
@@ -134,14 +137,17 @@ def test_a_parameter_of_the_wrong_sign_is_noticed_at_the_ends(ends, name):
     assert worst_n > 1000.0 * stress.TARGET_N["float32"]
 
 
-def test_every_count_of_every_channel_is_walked(cases):
-    for name, skin, counts in cases:
+def test_every_count_of_every_channel_is_walked():
+    """Of all cases but the last, whose units are drawn for a minute."""
+    for name, skin, counts in islice(points(quick=True), CASES - 1):
+        assert name != AT_ENDS
         assert counts.shape == (6, skin.n)
         assert counts.dtype == np.int16
         if name.startswith("all counts"):
             assert {-32768, 32767} <= set(np.concatenate([row[[0, -1]] for row in counts]).tolist())
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize(("dtype", "most"), stress.TARGET_N.items())
 def test_a_decoder_that_is_off_in_one_place_is_found(estimator, dtype, most):
@@ -165,6 +171,7 @@ def test_a_decoder_that_is_off_in_one_place_is_found(estimator, dtype, most):
     assert stress.count_nonfinite(reading) == 3
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_bounds_are_not_held_for_values_and_shown_beside():
     skin = array_of(64, alike=True)
     counts = counts_of(skin)
@@ -194,7 +201,7 @@ def crest_counts(skin):
     return _crest(skin, counts_of(skin), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.long)])
 def test_both_sides_of_slowdown_do_the_same_work(dtype):
     skin = plate(64)
     calm, other = (Decoder(skin, dtype=dtype, sweeps=0, ambient=False) for _ in range(2))
@@ -237,6 +244,7 @@ def test_a_filter_that_loses_its_covariance_is_found():
     assert stress_lasting._broken(pipeline, touched) == 2 + len(stress_lasting.POSITIVE)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_readings_that_are_not_valid_hide_no_difference():
     skin = array_of(16, alike=True)
     one, other = (stress.decode(skin, counts_of(skin), "sine", dtype) for dtype in stress.DTYPES)

@@ -45,6 +45,7 @@ def test_a_film_without_wave_is_a_magnetised_disc():
     assert sum_of_dipoles(points, *grains(disc))[2] == pytest.approx(expected, rel=5e-3)
 
 
+@pytest.mark.long
 def test_the_table_of_a_film_is_the_sum_of_its_dipoles():
     rng = np.random.default_rng(4)
     angle = rng.uniform(-np.pi, np.pi, 60)

@@ -1,5 +1,7 @@
 """What the doctor makes of heartbeats: each trouble provoked, alone, in words that are kept."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -32,14 +34,15 @@ def data_of(skin, seconds, *, without=()):
     return whole[[key not in without for key in keys]]
 
 
-def beats(node, *, bus=0, serial=None, state="running", seconds=4, late_ns=0):
+def beats(node, *, bus=0, serial=None, state="running", seconds=4, late_ns=0,
+          firmware=1):  # fmt: skip
     """The heartbeats of a node, once a second."""
     serial = bus << 8 | node if serial is None else serial
     return join(
         *(
             frame(
                 FIRST_ID + node,
-                LAYOUT.pack(STATES.index(state), second, 1, serial, 0, 0),
+                LAYOUT.pack(STATES.index(state), second, firmware, serial, 0, 0),
                 bus=bus,
                 stamp_ns=START_NS + second * SECOND_NS + late_ns,
             )
@@ -106,6 +109,14 @@ def a_case(name):
         case "board-fault":
             faulty = beats(2, bus=1, state="fault")
             return skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
+        case "firmware-mismatch":
+            old = beats(2, firmware=7)
+            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)]), old
+        case "firmware-mismatch, of many":
+            skin = make_topology("f3t-fd64", 40)
+            return skin, data_of(skin, 4), *(
+                beats(node, firmware=1 + (node > 6) + (node == 8)) for node in range(1, 9)
+            )  # fmt: skip
     raise KeyError(name)
 
 
@@ -123,6 +134,8 @@ CASES = {
     "duplicate-serial, of many": ["duplicate-serial"],
     "duplicate-node": ["duplicate-node"],
     "board-fault": ["board-fault"],
+    "firmware-mismatch": ["firmware-mismatch"],
+    "firmware-mismatch, of many": ["firmware-mismatch"],
 }
 
 
@@ -136,6 +149,25 @@ def test_the_words_of_findings_about_boards():
     for name in CASES:
         lines += [f"[{name}]", *map(str, found_in(*a_case(name))), ""]
     check_golden("doctor-boards", "\n".join(lines))
+
+
+def test_boards_of_different_layouts_may_have_different_firmware():
+    classic = WireLayout(name="other", size=8, signals=LAYOUTS["f3t-classic"].signals)
+    skin = make_topology(OWN, 2)
+    layouts = np.array([0, 1], skin.frames.layout.dtype)
+    mixed = dataclasses.replace(
+        skin, layouts=(OWN, classic), frames=dataclasses.replace(skin.frames, layout=layouts)
+    )  # fmt: skip
+    same = [beats(1, firmware=3), beats(2, firmware=4)]
+    assert [one.code for one in found_in(skin, data_of(skin, 4), *same)] == ["firmware-mismatch"]
+    assert not found_in(mixed, data_of(mixed, 4), *same)
+
+
+def test_a_board_that_is_not_in_the_file_may_have_its_own_firmware():
+    skin = make_topology("f3t-fd64", 20, buses=2)
+    strange = beats(77, serial=9, firmware=9)
+    found = found_in(skin, data_of(skin, 4), all_beats(skin), strange)
+    assert [one.code for one in found] == ["unknown-board"]
 
 
 @pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd64", "icub-skin"])

@@ -157,6 +157,7 @@ def mixed(tmp_path_factory):
     return load(write_topology(tmp_path_factory.mktemp("mixed"), bus=RATE, patch=patch, more=more))
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_foreign_units_are_flagged_and_never_decoded(mixed):
     assert mixed.counts_only.tolist() == [False, False, True, True]
     counts = np.zeros((2, 6, 4), np.int16)

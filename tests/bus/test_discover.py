@@ -10,14 +10,14 @@ from msgspec.structs import replace as replace_bus
 
 import topology
 from bus import BusClosedError, FrameBatch, MemoryTransport
-from bus.diagnose import TOLD, diagnose, swapped_buses
+from bus.diagnose import MOST_REPORTED, diagnose, swapped_buses
 from bus.discover import Survey, listen
 from bus.faults import FaultScript, FaultyTransport, Injector
 from bus.faults import script as kinds
 from bus.faults.payload import frames_of
 from bus.frame import CAN_EFF, CAN_ERR, ECHO, FD_FDF, FRAME_DTYPE
 from bus.transport import Transport
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from tests.fixtures.bus import data_frames, frame, join, make_topology, sync, with_data_ids
 from tests.topology.test_messages import check_golden
 
@@ -316,7 +316,7 @@ def test_counts_are_exact():
 def test_findings_are_counted_not_repeated():
     skin, records = a_case("flood")
     found = diagnose(survey_of(skin, records))
-    assert len(found) == TOLD
+    assert len(found) == MOST_REPORTED
     assert sum(finding.count for finding in found) == 500
 
 
@@ -359,7 +359,7 @@ NO_FAULTS = FaultScript()
 def open_skin(script=NO_FAULTS, name="strip"):
     """The host's ends of simulated units, past faults, and the nodes."""
     skin = topology.load(name)
-    nodes = Nodes(skin, seed=2)
+    nodes = SimulatedUnits(skin, seed=2)
     pairs = [MemoryTransport.pair(i) for i in range(len(skin.buses))]
     nodes.attach([far for _, far in pairs])
     return skin, nodes, [FaultyTransport(near, script, 1, skin) for near, _ in pairs]

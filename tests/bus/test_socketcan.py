@@ -501,7 +501,7 @@ def two_buses(request):
         yield [far for far, _ in pairs], [near for _, near in pairs]
 
 
-@pytest.mark.parametrize("way", ["event", "drain"])
+@pytest.mark.parametrize("way", ["event", "deadline"])
 def test_a_waiter_takes_the_frames_of_all_buses(two_buses, way):
     far, near = two_buses
     waiter, batch = Waiter(near, way), FrameBatch(64)
@@ -527,9 +527,9 @@ def test_an_event_wakes_the_waiter_whatever_bus_it_comes_on(two_buses, which):
     sender.join()
 
 
-def test_a_drain_sleeps_through_the_frames_of_a_cycle(two_buses):
+def test_a_wait_for_the_deadline_sleeps_through_the_frames_of_a_cycle(two_buses):
     far, near = two_buses
-    waiter, batch = Waiter(near, "drain"), FrameBatch(64)
+    waiter, batch = Waiter(near, "deadline"), FrameBatch(64)
     far[0].send(numbered(3))
     started = time.monotonic()
     assert waiter.receive(batch, 50_000_000) == 3
@@ -538,7 +538,7 @@ def test_a_drain_sleeps_through_the_frames_of_a_cycle(two_buses):
 
 def test_a_full_batch_starves_no_bus(two_buses):
     far, near = two_buses
-    waiter, seen = Waiter(near, "drain"), set()
+    waiter, seen = Waiter(near, "deadline"), set()
     for _ in range(4):
         for end in far:
             end.send(numbered(4))
@@ -549,7 +549,7 @@ def test_a_full_batch_starves_no_bus(two_buses):
 
 
 def test_a_waiter_says_what_it_knows():
-    with pytest.raises(ValueError, match="wait: must be 'event' or 'drain'; got 'poll'"):
+    with pytest.raises(ValueError, match="wait: must be 'event' or 'deadline'; got 'poll'"):
         Waiter([], "poll")
 
 

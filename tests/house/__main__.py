@@ -4,7 +4,8 @@ house.
 ``python -m tests.house``          all checks; exit status 1 if one fails or a figure is over
 ``python -m tests.house --json``   with one JSON object as the last line
 ``python -m tests.house --quick``  without the type checker and the doctests
-``python -m tests.house draw``     docs/imports.svg, the picture of who imports whom
+``python -m tests.house draw``     docs/pictures/imports.svg, the picture of who imports whom, and
+                                   docs/reference/columns.md, the list of columns
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import json
 import sys
 from collections.abc import Iterable
 
-from tests.house import draw, imports, rules, unused, words
+from tests.house import columns, draw, imports, rules, unused, words
 from tests.house.figures import Figure, size_figures, table
 from tests.house.sources import relative
 from tests.house.tools import Doctests, Ruff, Types
@@ -32,9 +33,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="without types and doctests")
     given = parser.parse_args(arguments)
     if given.command == "draw":
-        text = draw.picture()
-        draw.PICTURE.write_text(text, encoding="utf-8")
-        print(relative(draw.PICTURE))
+        for file, text in ((draw.PICTURE, draw.picture()), (columns.PAGE, columns.page())):
+            file.write_text(text, encoding="utf-8")
+            print(relative(file))
         return 0
     return check(quick=given.quick, as_json=given.json)
 
@@ -66,7 +67,7 @@ def check(*, quick: bool = False, as_json: bool = False) -> int:
     say("sizes", rules.size_errors())
     say("kernels", [*rules.numba_errors(), *rules.column_errors()])
     say("unused", unused.unused_errors())
-    say("words", words.word_errors())
+    say("words", [*words.word_errors(), *words.prose_errors()])
     print()
     print(table(figures))
     failed = any(counts.values()) or any(one.over and not one.is_goal for one in figures)

@@ -18,44 +18,47 @@ from tests.house.sources import PACKAGES, ROOT, module_of, relative, sources, tr
 FORBIDDEN = {"topology": {"bus", "skin"}, "bus": {"skin"}, "skin": set()}
 """What a package must not import of the others."""
 
-COMMON = frozenset({"errors", "options", "owned", "state"})
+COMMON = frozenset({"cividis", "errors", "options", "owned", "state"})
 """Rooms that every other may import."""
 
 ROOMS: dict[str, frozenset[str]] = {
     "errors": frozenset(),
     "arrow": frozenset({"errors"}),
+    "sinks": COMMON | {"worker"},
     "worker": frozenset({"errors"}),
     "physics": frozenset({"errors"}),
-    "notebook": frozenset(),
+    "cividis": frozenset(),
+    "notebook": frozenset({"cividis"}),
     "owned": frozenset(),
     "state": frozenset({"errors", "notebook", "owned"}),
     "options": frozenset({"errors", "state"}),
-    "decode": COMMON | {"physics"},
+    "decode": COMMON | {"physics", "cycle"},
     "contact": COMMON | {"physics"},
-    "calibrate": COMMON | {"physics", "decode", "worker", "arrow"},
+    "calibrate": COMMON | {"physics", "decode", "worker", "arrow", "sinks"},
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
-    "messages": COMMON | {"contact"},
+    "cycle": frozenset({"clock"}),
     "robot": COMMON | {"physics", "contact"},
-    "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock", "robot"},
+    "pipeline": COMMON
+    | {"physics", "decode", "contact", "calibrate", "clock", "cycle", "robot"}
+    | {"sinks"},
     "moving": COMMON | {"contact", "pipeline", "robot"},
     "pacing": frozenset(),
     "live": COMMON
     | {"physics", "decode", "contact", "calibrate", "pipeline", "pacing", "compiling", "sim"}
-    | {"moving"},
-    "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
-    "blocks": COMMON | {"pipeline", "decode", "contact", "clock"},
-    "offline": COMMON | {"pipeline", "compiling", "blocks"},
-    "bulk": COMMON
-    | {"contact", "pipeline", "blocks", "offline", "record", "export", "arrow", "messages"},
-    "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},
-    "record": COMMON
-    | {"physics", "contact", "pipeline", "compiling", "offline", "worker", "messages"},
-    "export": COMMON | {"contact", "arrow"},
-    "publish": COMMON | {"live", "contact", "worker", "messages"},
-    "behaviours": COMMON | {"contact", "decode"},
-    "tasks": COMMON | {"contact", "behaviours", "grasp", "physics", "sim", "live", "opening"},
+    | {"moving", "sinks"},
+    "io": COMMON
+    | {"physics", "contact", "pipeline", "compiling", "blocks", "offline", "live", "worker"}
+    | {"arrow", "sinks"},
+    "opening": COMMON
+    | {"physics", "contact", "pipeline", "compiling", "sim", "live", "io"}
+    | {"calibrate"},
+    "blocks": COMMON | {"pipeline", "contact", "cycle"},
+    "offline": COMMON | {"pipeline", "compiling", "blocks", "sinks"},
+    "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker", "sinks", "io", "robot"},
+    "behaviours": COMMON | {"contact", "decode", "physics"},
+    "demos": COMMON | {"contact", "behaviours", "grasp", "physics", "sim", "live", "opening"},
     "grasp": COMMON | {"physics", "contact", "sim", "live", "opening"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
@@ -71,7 +74,10 @@ TYPE_ONLY = {
     ("state", "contact"),  # a State holds contacts; who makes them imports State
     ("options", "contact"),  # Options may hold the parameters of slip
     ("options", "physics"),  # and a stencil
-    ("view", "tasks"),  # pictures draw what tasks have noted
+    ("calibrate", "pipeline"),  # what learns is a sink of a pipeline
+    ("sinks", "pipeline"),  # that calls them
+    ("live", "io"),  # a Skin names its recorder
+    ("view", "demos"),  # pictures draw what demos have noted
     ("sim", "grasp"),  # its world is found under `skin.sim`, and opens a skin
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""

@@ -35,19 +35,16 @@ MANY_ARGUMENTS: dict[str, Callable[[Definition], bool]] = {
         and d.node.name in ("__init__", "__new__")
         and not d.owner.name.startswith("_")
     ),
-    "skin.open, skin.sim.grasp, skin.publish.ros: all a user may set, given by name": lambda d: (
+    "skin.open, skin.sim.grasp, skin.io.publish.ros: all a user may set, given by name": lambda d: (
         (relative(d.file), d.name)
         in (
             ("skin/opening.py", "open"),
-            ("skin/publish/publisher.py", "ros"),
+            ("skin/io/publish/publisher.py", "ros"),
             ("skin/grasp/world.py", "grasp"),
         )
     ),
     "a command: its arguments are the options of the command line": lambda d: (
         relative(d.file).startswith("skin/cli/") and not d.name.startswith("_")
-    ),
-    "contact_features: everything that is known of a contact, given by name": lambda d: (
-        d.name == "contact_features"
     ),
 }
 """Functions that may take more arguments than the limit, by the reason why."""

@@ -9,6 +9,7 @@ ends the output. The exit status is that of the others, or of these where the ot
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -24,19 +25,30 @@ SHARED_OUT = ("--ignore=tests/vcan", "-n", "auto", "--dist", "worksteal")
 WARM = """
 import itertools, sys
 import tests.conftest
-import skin
+import skin, topology
 from skin.contact.slip import SlipSettings
+from skin.contact.stream import ContactStream
+from skin.options import Options
+from skin.pipeline import Pipeline
+if sys.argv[1] == "float64":  # first what is of this type alone: the rest is there by then
+    palm = topology.load("palm")
+    of = palm.position, palm.rotation, palm.area, palm.neighbour_start, palm.neighbour_index
+    ContactStream(*of, want={{"slip"}}, dtype="float64").warmup()
 for name in {skins!r}:
     for chosen in ({{}}, {{"sweeps": 2, "slip": SlipSettings()}}, {{"estimator": "sine"}}):
-        with skin.open(name, simulate=True, pace=False, dtype=sys.argv[1], **chosen) as opened:
+        if sys.argv[1] == "float64":
+            Pipeline(topology.load(name), Options(dtype="float64", **chosen)).warmup()
+            continue
+        with skin.open(name, simulate=True, pace=False, **chosen) as opened:
             for _ in itertools.islice(opened, 3):
                 pass
+if sys.argv[1] == "float64":
+    list(skin.decode_log("strip", "tests/golden/logs/strip-vcan.log"))
 """
 
 
 def warm() -> None:
-    """Compile what most tests run; both kinds of numbers at the same time, as no kernel is of
-    both."""
+    """Compile what most tests run; kernels of both types of numbers at the same time."""
     code = WARM.format(skins=SKINS)
     started = [
         subprocess.Popen([sys.executable, "-c", code, dtype], cwd=ROOT, stderr=subprocess.DEVNULL)
@@ -48,6 +60,9 @@ def warm() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run the tests; the exit status."""
+    # The tests start hundreds of processes that import the same modules.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ.setdefault("PYTHONPYCACHEPREFIX", str(ROOT / "build" / "pycache"))
     print("Compiling kernels that many tests share, once ...", flush=True)
     warm()
     pytest = [sys.executable, "-m", "pytest", "-m", "not long", *arguments]

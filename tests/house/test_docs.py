@@ -1,15 +1,20 @@
 """The documents speak of what is there: files, functions, commands and words."""
 
+import ast
+import doctest
 import re
+import subprocess
+import sys
 
 import pytest
 
+from tests.fixtures.patience import LONG_S
 from tests.house.rules import LIMITS
 from tests.house.sources import ROOT, definitions, sources, text_of
 from tests.house.words import PARAPHRASES
 
-DOCUMENTS = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-ARCHITECTURE = ROOT / "docs" / "architecture.md"
+DOCUMENTS = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+ARCHITECTURE = ROOT / "docs" / "explanation" / "architecture.md"
 LINK = re.compile(r"\[([^\]]+)\]\(([^)#\s]+)\)")
 FUNCTION = re.compile(r"`([\w.]+)`$")
 NAMED = re.compile(r"`([\w./-]+\.(?:py|toml|md|txt|svg|yaml))`")
@@ -58,7 +63,7 @@ def test_every_rule_of_the_house_has_its_limit_in_the_guide():
 
 
 def test_every_forbidden_word_stands_in_the_glossary():
-    text = (ROOT / "docs" / "glossary.md").read_text().split("must not come back")[1]
+    text = (ROOT / "docs" / "reference" / "glossary.md").read_text().split("must not come back")[1]
     plain = {word.replace("_", " ") for word in PARAPHRASES} - {
         "looking back", "matter", "with turning",
     }  # fmt: skip
@@ -71,6 +76,41 @@ def test_every_command_of_make_that_is_named_is_there():
         name for file in DOCUMENTS for name in re.findall(r"`make ([\w-]+)`", file.read_text())
     }
     assert sorted(name for name in named if f"\n{name}:" not in makefile) == []
+
+
+PYTHON = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def programs():
+    """Blocks of Python of the site that open simulated units and end by themselves."""
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        for number, text in enumerate(PYTHON.findall(page.read_text())):
+            if "simulate=" in text and "break" in text:
+                yield pytest.param(text, id=f"{page.stem} {number}")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda document: document.name)
+def test_every_block_of_python_is_python(document):
+    for text in PYTHON.findall(document.read_text()):
+        if ">>>" not in text:
+            ast.parse(text.replace("for ...)", "for _ in ())"))
+
+
+@pytest.mark.parametrize("program", list(programs()))
+def test_every_program_runs_and_reports(program):
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, check=False, capture_output=True, text=True,
+        timeout=LONG_S,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") >= 1
+
+
+def test_every_session_of_a_page_gives_what_it_shows():
+    pages = [page for page in DOCUMENTS if ">>> " in page.read_text()]
+    assert pages
+    for page in pages:
+        assert doctest.testfile(str(page), module_relative=False).failed == 0, page
 
 
 def test_the_names_of_the_guide_are_those_of_the_code():

@@ -72,7 +72,7 @@ def test_no_room_may_import_itself_through_others():
         ("decode/laws.py", "import skin.calibrate\n"),
         ("contact/track.py", "from skin import decode\n"),
         ("contact/slip/friction.py", "def late():\n    from skin.live import Skin\n"),
-        ("calibrate/tare.py", "if TYPE_CHECKING:\n    from skin.sim.bench import Bench\n"),
+        ("calibrate/tare.py", "if TYPE_CHECKING:\n    from skin.sim.unit import UnitSimulator\n"),
         ("physics/film.py", "from bus.status import Status\n"),
         ("physics/film.py", "from skin.state import Reading\n"),
         ("state.py", "from skin.contact.stream import Contact\n"),

@@ -89,6 +89,27 @@ def test_private_paraphrases_are_found_wherever_a_name_is_given(file_of):
     assert sorted(found) == ["_furnish", "ahead", "apart", "reach"]
 
 
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('"""What is told."""\n', 1),
+        ("x = 1  # beside the point\n", 1),
+        ('y = 2\nraise ValueError(f"{y}: tells nothing")\n', 2),
+        ('"""One line.\n\nTaken anew.\n"""\n', 1),
+    ],
+)
+def test_private_words_are_found_in_prose(file_of, text, line):
+    (found,) = words.prose_errors([file_of(text)])
+    assert found.startswith(f"kernel.py:{line}: must be plain words; got ")
+
+
+@pytest.mark.parametrize(
+    "text", ['"""See ``told`` of a file."""\n', 'found["told"] = 1\n', "file.tell()\n"]
+)
+def test_names_in_code_are_no_prose(file_of, text):
+    assert list(words.prose_errors([file_of(text)])) == []
+
+
 def test_an_exception_to_the_limit_of_arguments_has_a_reason_and_is_used():
     every = [one for file in sources() for one in definitions(file)]
     wide = [one for one in every if one.arguments > rules.LIMITS["arguments"]]

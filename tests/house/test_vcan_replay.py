@@ -68,6 +68,7 @@ def replay(tmp_path):
         hidden = conftest.replace('("vcan0", "vcan1")', '("too-long-for-an-interface",)')
         assert hidden != conftest
         (tmp_path / "conftest.py").write_text(hidden)
+        shutil.copy(VCAN / "links.py", tmp_path)
         (tmp_path / "guest.py").write_text(
             GUEST.format(unavailable=unavailable, limit=limit, came_up=came_up)
         )

@@ -28,8 +28,8 @@ HEAD = """\
 """
 CORE = (
     "tests/topology", "tests/bus/compiled", "tests/bus/logs", "tests/bus/test_pythoncan.py",
-    "tests/skin/test_live.py", "tests/skin/test_package.py", "tests/skin/record/test_replay.py",
-    "tests/skin/export", "tests/skin/publish",
+    "tests/skin/test_live.py", "tests/skin/test_package.py", "tests/skin/io/record/test_replay.py",
+    "tests/skin/io/export", "tests/skin/io/publish",
 )  # fmt: skip
 """Tests of what stands on other packages."""
 _NAME = re.compile(r"[A-Za-z0-9._-]+")

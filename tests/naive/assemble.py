@@ -126,8 +126,9 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
             if behind == 0:
                 missed[u] = 0
         else:
-            if last is not None and number - last - 1 < RANGE // 2:
-                totals["lost"] += max(0, number - last - 1 - dropped[u])
+            asked = 0 if last is None else sum(last < one["number"] < number for one in cycles)
+            if asked < RANGE // 2:
+                totals["lost"] += max(0, asked - dropped[u])
             dropped[u] = 0
             totals["data"] += 1
             came[u] = [values.get(name, 0) for name in CHANNELS]

@@ -38,7 +38,8 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
             drop < p["normal_break_hz"],
             p["normal_soft_n_per_hz"] * drop,
             p["normal_soft_n_per_hz"] * p["normal_break_hz"]
-            + p["normal_stiff_n_per_hz"] * (drop - p["normal_break_hz"]),
+            + p["normal_stiff_n_per_hz"] * (drop - p["normal_break_hz"])
+            + p["normal_cubic_n_per_hz3"] * (drop - p["normal_break_hz"]) ** 3,
         )
         flags = _flags_of_counts(
             skin, raw[t], *rails, temperature, frequency, chip_measured, normal, depth
@@ -81,6 +82,7 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
         tangential = (
             p["shear_soft_n_per_mm"] * reach
             + p["shear_stiff_n_per_mm"] * np.maximum(reach - p["shear_break_mm"], 0.0)
+            + p["shear_cubic_n_per_mm3"] * np.maximum(reach - p["shear_break_mm"], 0.0) ** 3
         ) * (1.0 + p["shear_gain_per_mm"] * (depth - p["field_reference_mm"]))
         if estimator == "sine":
             flags = _flags_of_field(skin, ratio, crest * gain, outer, deeper)

@@ -1,8 +1,8 @@
 """Slow and obvious slip of an array of units, to hold the kernel against.
 
-Written from docs/derivations.md, whose numbers stand here once more. The rules are the kernel's,
-the algebra is not: least squares by singular values instead of normal equations, and the odds of a
-pattern are those of two normal distributions whose covariance holds the nuisances.
+Written from docs/explanation/derivations.md, whose numbers stand here once more. The rules are the
+kernel's, the algebra is not: least squares by singular values instead of normal equations, and the
+odds of a pattern are those of two normal distributions whose covariance holds the nuisances.
 """
 
 from types import SimpleNamespace
@@ -73,12 +73,12 @@ class NaiveSlip(Conclusions):
         self.kept["depth"][units] = 0.0
 
     def _judge(self, record, members):
-        fresh = SimpleNamespace(slip=SlipState.NONE, onset_ns=0, friction=NaiveFriction())
+        fresh = SimpleNamespace(slip=SlipState.UNKNOWN, onset_ns=0, friction=NaiveFriction())
         if record["event"] & Event.BORN or int(record["id"]) not in self.contacts:
             self.contacts[int(record["id"])] = fresh
         self.contact = self.contacts[int(record["id"])]
         if record["event"] & Event.RESUMED:
-            self.contact.slip, self.contact.onset_ns = SlipState.NONE, 0
+            self.contact.slip, self.contact.onset_ns = SlipState.UNKNOWN, 0
         for name in KEPT:
             setattr(self, name, self.kept[name][..., members].copy())
         self._gather(record, members)

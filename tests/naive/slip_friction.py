@@ -10,7 +10,7 @@ OUTLIER, FAR = 3.0, -5.0
 
 
 class NaiveFriction:
-    """Equations 19 to 21 of docs/derivations.md, of the units of a `NaiveSlip`."""
+    """Equations 19 to 21 of docs/explanation/derivations.md, of the units of a `NaiveSlip`."""
 
     def __init__(self):
         self.mean, self.spread, self.information, self.lower = np.nan, np.nan, 0.0, 0.0
@@ -55,7 +55,7 @@ class NaiveFriction:
         settings, told = units.settings, SimpleNamespace(friction_lower=self.lower)
         arm = units.size if np.ptp(units.place) else 0.0
         demand = float(np.hypot(record["shear"], record["torsion"] / arm if arm else 0.0))
-        told.used = demand / load
+        told.used, told.safety = demand / load, settings.safety
         told.friction, told.friction_sigma, told.friction_spread = settings.friction, np.nan, np.nan
         if self.information:
             told.friction, told.friction_spread = self.mean, self.spread

@@ -11,7 +11,7 @@ OUTLIER = 3.0
 
 
 class Conclusions:
-    """The part of `NaiveSlip` that follows the state machine of docs/derivations.md."""
+    """The part of `NaiveSlip` that follows the state machine of docs/explanation/derivations.md."""
 
     def _conclude(self, record, odds, sticks, judging):
         """Equations 19 to 21 and the state machine."""
@@ -58,7 +58,7 @@ class Conclusions:
         leave = 0.5 + 0.5 * settings.incipient_ratio
         used_up = np.isfinite(told.margin) and told.margin < 0.0
         if judging < 3 and not np.isfinite(told.margin):
-            after = SlipState.NONE
+            after = SlipState.UNKNOWN
         elif sticks < settings.gross_ratio or (judging - slips < 3 and used_up):
             after = SlipState.GROSS
         elif sticks < (leave if before == SlipState.INCIPIENT else settings.incipient_ratio) or (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import re
 import time
@@ -83,3 +84,73 @@ def test_pauses_are_no_end_while_more_is_to_come(announcer, caplog):
     assert len(said(caplog)) == 1
     announcer.finish()
     assert len(said(caplog)) == 2
+
+
+def test_the_share_of_a_bar_goes_with_code_and_time_and_never_back():
+    progress = compiling.Progress()
+    for kernel, size in (("long", 600), ("short", 100), ("other", 100)):
+        progress.planned(kernel, size)
+    assert progress.share(0.0) == 0.0
+    progress.begins("long", 0.0)
+    progress.begins("short", 0.0)
+    assert progress.share(1.0) == 0.0  # nothing to go by yet
+    progress.ends("short", 2.0)
+    assert progress.share(2.0) == pytest.approx((100 + 2.0 * 50.0) / 800)
+    assert progress.share(4.0) == pytest.approx((100 + 4.0 * 50.0) / 800)
+    progress.planned("late", 800)
+    assert progress.share(4.0) == pytest.approx(300 / 800)
+    assert progress.share(1e6) == pytest.approx((100 + 0.95 * 600) / 1600)
+    progress.ends("long", 20.0)
+    for kernel in ("other", "late"):
+        progress.begins(kernel, 20.0)
+        progress.ends(kernel, 21.0)
+    assert progress.share(21.0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("kernel", "name"),
+    [
+        ("step_python", "step"),
+        ("_share_python", "share"),
+        ("decode_python.<locals>.decode", "decode"),
+        ("_caller.013b2fa0ef35a79ba60bed0d", "caller"),
+    ],
+)
+def test_kernels_have_names_for_people(kernel, name):
+    assert compiling.short(kernel) == name
+
+
+def test_a_terminal_has_a_bar_that_goes_when_all_is_compiled(monkeypatch, caplog):
+    for name, seconds in (("PATIENCE_S", 0.05), ("PAUSE_S", LONG_S), ("DRAW_S", 0.01)):
+        monkeypatch.setattr(compiling, name, seconds)
+    monkeypatch.setenv("COLUMNS", "200")
+    terminal = io.StringIO()
+    announcer = compiling.Announcer(terminal)
+    for kernel, size in (("step_python", 300), ("films_python", 100)):
+        announcer.plans(kernel, size)
+        announcer.begins(kernel)
+    until(lambda: terminal.getvalue().count("\r") >= 2)
+    announcer.ends("films_python")
+    until(lambda: "1 of 2 kernels: step" in terminal.getvalue())
+    announcer.ends("step_python")
+    announcer.finish()
+    first, *_, last = terminal.getvalue().split("\r\x1b[K")[1:]
+    assert re.fullmatch(
+        r"f3t-skin: compiling for this machine, once \[[#.]{24}\] +\d+% +\d+ s, "
+        r"0 of 2 kernels: step, films", first,
+    )  # fmt: skip
+    assert last == ""
+    assert said(caplog) == []
+
+
+def test_a_bar_is_for_terminals_and_not_where_no_colours_are_wanted(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    for file, no_color, has_bar in (
+        (Terminal(), "", True), (Terminal(), "1", False), (io.StringIO(), "", False)
+    ):  # fmt: skip
+        monkeypatch.setattr("sys.stderr", file)
+        monkeypatch.setenv("NO_COLOR", no_color)
+        assert (compiling.terminal() is not None) == has_bar

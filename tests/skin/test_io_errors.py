@@ -16,17 +16,18 @@ from bus.assemble import Assembler
 from bus.dbc import write_dbc
 from bus.frame import FrameBatch
 from bus.logs import write
-from skin.bulk.decode_part import decode_part
-from skin.bulk.job import Job, parts_of
 from skin.calibrate.tare import tare
 from skin.cli.decoded import writer_for
 from skin.errors import SkinError
-from skin.messages.topics import STATE
+from skin.io.bulk.decode_part import decode_part
+from skin.io.bulk.job import Job, parts_of
+from skin.io.export.columns import block_of
+from skin.io.messages.topics import STATE
+from skin.io.record.container import RecordedFile
 from skin.options import Options
 from skin.physics.stencil import Stencil
 from skin.pipeline import Pipeline
-from skin.record.container import RecordedFile
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.sim.scenes.record import Recorder
 from skin.sim.truth import Truth
@@ -39,7 +40,7 @@ EVERY = 10_000
 
 
 def frames_of(count, nodes=None):
-    nodes, parts = Nodes(STRIP, seed=1) if nodes is None else nodes, []
+    nodes, parts = SimulatedUnits(STRIP, seed=1) if nodes is None else nodes, []
     for cycle in range(count):
         batch, answers = FrameBatch(64), FrameBatch(64)
         batch.append(STRIP.buses[0].sync_id, bytes([cycle & 255]), stamp_ns=1 + cycle * 4_000_000)
@@ -59,7 +60,7 @@ def run():
 
 def resting():
     """Counts of units that nothing touches."""
-    nodes, assembler = Nodes(STRIP, Still(), seed=2), Assembler(STRIP)
+    nodes, assembler = SimulatedUnits(STRIP, Still(), seed=2), Assembler(STRIP)
     return np.stack([c.counts.copy() for c in assembler.feed(frames_of(CYCLES, nodes))])
 
 
@@ -77,8 +78,7 @@ class Still:
 def tables(suffix):
     def save(run, path):
         with writer_for(path.with_suffix(suffix), STRIP, Options()) as add:
-            for state in run[1]:
-                add(state)
+            add(block_of(STRIP, run[1]))
 
     return save
 
@@ -191,7 +191,7 @@ def test_a_bulk_decoding_goes_on_after_each_failure(format, run, tmp_path):
     log = tmp_path / "a.log"
     write(log, run[0])
     (part,) = parts_of([log])
-    job = Job(STRIP, tmp_path / "out", {}, format, anew=True)
+    job = Job(STRIP, tmp_path / "out", {}, format, force=True)
     assert decode_part(job, part)["state"] == "decoded"
     with pytest.MonkeyPatch.context() as patch:
         disk = FailingDisk(job.folder, EVERY, patch)

@@ -14,11 +14,12 @@ from skin.contact.graph import neighbour_graph
 from skin.contact.record import CONTACT
 from skin.contact.stream import ContactStream
 from skin.decode.decoder import Decoder
+from skin.errors import NotWantedError
 from skin.options import Options
 from skin.pipeline import Pipeline
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
-from skin.state import Reading
+from skin.state import Reading, if_wanted
 from tests.fixtures.decode import any_counts
 
 STRIP = topology.load("strip").exact()
@@ -43,7 +44,7 @@ class Growing:
 
 def told(state) -> dict[str, bytes]:
     """All that a state says, as bytes."""
-    said = {name: getattr(state.units, name) for name in Reading.__slots__}
+    said = {name: if_wanted(state.units, name) for name in Reading.__slots__}
     said |= {name: getattr(state, name) for name in OF_STATE}
     for k, contact in enumerate(state.contacts):
         said |= {f"{k}.{name}": getattr(contact, name) for name in OF_CONTACT}
@@ -55,7 +56,7 @@ def told(state) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def cycles():
     """What each of some cycles said when it came, and the states that were kept."""
-    nodes, pipeline = Nodes(STRIP, Growing(), seed=3), Pipeline(STRIP, Options())
+    nodes, pipeline = SimulatedUnits(STRIP, Growing(), seed=3), Pipeline(STRIP, Options())
     said, kept, now = [], [], []
     for cycle in range(CYCLES):
         batch, answers = FrameBatch(64), FrameBatch(64)
@@ -111,13 +112,29 @@ def test_a_copy_has_arrays_of_its_own(cycles):
     assert not (state.contacts[0].wrench == 7.0).any()
 
 
-def test_what_is_not_wanted_reads_none():
-    pipeline = Pipeline(STRIP, Options(want={"temperature"}, tare=False))
-    nodes, batch, answers = Nodes(STRIP), FrameBatch(64), FrameBatch(64)
+def test_what_is_not_wanted_says_which_want_gives_it():
+    pipeline = Pipeline(STRIP, Options(want={"temperature"}, auto_tare=False))
+    nodes, batch, answers = SimulatedUnits(STRIP), FrameBatch(64), FrameBatch(64)
     batch.append(STRIP.buses[0].sync_id, b"\0")
     nodes.respond(batch.frames, answers)
     (state,) = pipeline.feed(np.concatenate([batch.frames, answers.frames]))
-    assert state.units.force is state.wrench is state.label is state.contacts is None
+    for kept in (state, state.copy(), pickle.loads(pickle.dumps(state))):
+        for record, name in ((kept.units, "force"), (kept, "wrench"), (kept, "label"),
+                             (kept, "contacts"), (kept, "whole"), (kept, "slips")):  # fmt: skip
+            assert if_wanted(record, name) is None
+            assert not hasattr(record, name)
+        assert "0 touched" not in repr(kept)
+    for record, name, wants in (
+        (state, "contacts", "'contacts'"), (state, "label", "'contacts'"),
+        (state, "wrench_sigma", "'wrench'"), (state, "slips", "'slip'"),
+        (state.units, "displacement_mm", "'displacement'"),
+        (state.units, "force_sigma", "{'force', 'sigma'}"),
+    ):  # fmt: skip
+        with pytest.raises(NotWantedError) as raised:
+            getattr(record, name)
+        assert str(raised.value) == (
+            f"{name}: must be wanted to be read (want={wants}); got states without"
+        )
     assert state.units.temperature.shape == (STRIP.n,)
     with pytest.raises(AttributeError, match="'Reading' object has no attribute 'forces'"):
         _ = state.units.forces
@@ -130,7 +147,7 @@ def test_readings_of_a_decoder_are_kept():
     for t in range(8):
         now = other(counts[t])
         for name in Reading.__slots__:
-            mine, theirs = getattr(kept[t], name), getattr(now, name)
+            mine, theirs = if_wanted(kept[t], name), if_wanted(now, name)
             if theirs is not None:
                 np.testing.assert_array_equal(mine, theirs)
     assert len({reading.temperature.tobytes() for reading in kept}) == 8

@@ -60,7 +60,7 @@ def test_a_log_without_sync_says_so(strip_frames, tmp_path):
     decoded = skin.decode_log("strip", log)
     assert list(decoded) == []
     (fault,) = decoded.faults
-    assert fault.startswith(f"{log}: bus 'main': must carry SYNC (0x080), which tells the cycles;")
+    assert fault.startswith(f"{log}: bus 'main': must carry SYNC (0x080), which starts the cycles;")
 
 
 @pytest.mark.parametrize("order", ["reversed", "step"])

@@ -17,7 +17,7 @@ from bus.memory import MemoryTransport
 from skin.cli import main
 from skin.errors import SkinError
 from skin.sim import load_scene
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.state import INVALID
 from skin.view.terminal import LiveTable
 
@@ -109,7 +109,7 @@ def test_given_faults_take_the_place_of_those_of_the_scene(scene, tmp_path):
 
 
 def test_faults_strike_frames_of_transports_that_are_given():
-    nodes, (near, far) = Nodes(PALM), MemoryTransport.pair()
+    nodes, (near, far) = SimulatedUnits(PALM), MemoryTransport.pair()
     nodes.attach([far])
     script = FaultScript(faults=(Kill(units=("palm/r3c3",)),))
     flags, _ = played(20, transports=[near], faults=script)

@@ -17,7 +17,7 @@ from bus.linux import has_batches
 from bus.memory import MemoryTransport
 from bus.status import Status
 from bus.wait import Lull
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from tests.fixtures.datagram import sockets
 
 PERIOD_NS = 4_000_000
@@ -38,7 +38,7 @@ def test_a_board_that_comes_back_after_all_others_is_heard():
     """Its frame, the last of each cycle, is there before the next SYNC."""
     palm = topology.load("palm")
     near, far = MemoryTransport.pair()
-    nodes, out, owed, looks = Nodes(palm), FrameBatch(64), [], []
+    nodes, out, owed, looks = SimulatedUnits(palm), FrameBatch(64), [], []
     asked = itertools.count()
 
     def answer(records):
@@ -74,7 +74,7 @@ def test_arrivals_that_complete_no_cycle_are_slept_through(slow_palm):
     """13 frames, 0.5 ms apart: a look at each would be 13 looks a cycle. A busy machine delays the
     frames of some cycles; it has to sleep through those of ten in a row."""
     near, far = (DatagramTransport(end, "end") for end in sockets())
-    nodes, stop, looks, each = Nodes(slow_palm), threading.Event(), [], []
+    nodes, stop, looks, each = SimulatedUnits(slow_palm), threading.Event(), [], []
 
     def answer():
         heard, out = FrameBatch(8), FrameBatch(64)

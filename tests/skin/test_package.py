@@ -67,3 +67,12 @@ def test_the_source_archive_holds_what_its_makefile_needs(tracked):
     held = set(table["tool"]["hatch"]["build"]["targets"]["sdist"]["include"])
     tops = {line.partition("/")[0] for line in tracked}
     assert tops - held == {".gitignore", "pyproject.toml"}  # these go in by themselves
+
+
+def test_the_extra_all_is_every_extra_of_users():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    (named,) = extras["all"]
+    own = set(extras) - {"all", "docs", "fuzz", "test"}
+    assert named == f"f3t-skin[{','.join(sorted(own))}]"

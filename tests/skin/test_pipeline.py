@@ -15,7 +15,7 @@ from bus.frame import FrameBatch
 from skin.errors import CountsError
 from skin.options import Options
 from skin.pipeline import Pipeline
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 
 STRIP = topology.load("strip").exact()
 OPTIONS = Options(want={"force", "temperature", "wrench", "contacts"})
@@ -23,7 +23,7 @@ OPTIONS = Options(want={"force", "temperature", "wrench", "contacts"})
 
 def frames_of(cycles, seed=4):
     """Frames of the simulated strip, cycle by cycle."""
-    nodes, batches = Nodes(STRIP, seed=seed), []
+    nodes, batches = SimulatedUnits(STRIP, seed=seed), []
     for cycle in range(cycles):
         batch, answers = FrameBatch(64), FrameBatch(64)
         batch.append(STRIP.buses[0].sync_id, bytes([cycle]))

@@ -67,8 +67,8 @@ def test_a_wrong_file_has_status_2_and_all_its_problems_on_standard_error(tmp_pa
     file = write_topology(tmp_path, patch=FULL.replace("rows", "rwos") + "colour = 1")
     assert main(["check", str(file), "--json"]) == 2
     shown = capsys.readouterr()
-    assert shown.out == ""
     lines = shown.err.splitlines()
+    assert json.loads(shown.out) == {"errors": lines}
     assert len(lines) == 3
     assert all(line.startswith(f"{file}:") for line in lines)
     assert "nearest: 'rows'" in shown.err

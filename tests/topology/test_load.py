@@ -309,6 +309,8 @@ SAW = [-0.39 * (i % 8) for i in range(THETA_KNOTS)]
         ("normal_break_hz = 2159.9\nnormal_max_n = 3.6", True),
         ("frequency_rest_hz = 1800.1", True),  # 540 Hz, and 6.3 N at 200 Hz/N
         ("frequency_rest_hz = 1800", False),
+        ("frequency_rest_hz = 1360\nnormal_cubic_n_per_hz3 = 4e-9", True),  # 1359.58 by roots
+        ("frequency_rest_hz = 1359\nnormal_cubic_n_per_hz3 = 4e-9", False),
         ("shear_break_mm = 2.5", True),
         ("shear_break_mm = 2.501", False),
         ("tangential_max_mm = 2.501", False),
@@ -406,7 +408,8 @@ def test_a_thousand_listed_units_are_read_one_by_one(tmp_path):
 
 def test_a_broken_file_of_a_thousand_units_names_each_line(tmp_path):
     rows = [
-        f"[[patches.units]]\nxyz_m = [{i / 50}, 0, 0]\nnormal = [0, 0, {'nan' if i % 2 else 1}]\n"
+        f"[[patches.units]]\nxyz_m = [{i % 100 / 50}, {i // 100 / 50}, 0]\n"
+        f"normal = [0, 0, {'nan' if i % 2 else 1}]\n"
         for i in range(1000)
     ]
     patch = 'kind = "list"\nlayout = "f3t-fd64"\nfirst_id = 0x100\n' + "".join(rows)
@@ -456,7 +459,7 @@ def test_every_commented_table_of_the_example_is_valid(tmp_path):
     assert [layout["name"] in LAYOUTS for layout in file["layouts"]] == [False, False]
 
 
-UNITS = r"(ua|c|k|hz|mm|mm2|n|rad|s|m|ut|cycles|relative|ratio|xx|xy|yx|yy)"
+UNITS = r"(ua|c|k|hz|hz3|mm|mm2|mm3|n|rad|s|m|ut|cycles|relative|ratio|xx|xy|yx|yy)"
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

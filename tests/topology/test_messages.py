@@ -83,7 +83,10 @@ def unreadable_files(folder, monkeypatch):
         "pipe",
         "values",
     )
-    names = ("plam", *(f"{name}.toml" for name in files), f"{'n' * 300}.toml")
+    (folder / "hand.urdf").write_text("<robot/>")
+    (folder / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    others = ("plam", "gripper.xml", "hand.urdf", "run.mcap")
+    names = (*others, *(f"{name}.toml" for name in files), f"{'n' * 300}.toml")
     return [issue for name in names for issue in issues_of(name)]
 
 

@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 
 import guest
+import links
 import pytest
 
 INTERFACES = ("vcan0", "vcan1")
@@ -62,6 +63,15 @@ def pytest_runtest_makereport(item, call):
         with open(REPORTS, "a") as file:
             print(ascii(data), file=file)  # not JSON, which makes lists of the tuples in it
     return report
+
+
+@pytest.fixture
+def link():
+    """Name of an interface of this test's own, on which no frame of another test arrives late."""
+    name = next(links.names)
+    links.make(name)
+    yield name
+    links.ip("link", "delete", name, check=False)
 
 
 def _is_required():

@@ -11,6 +11,7 @@ import pytest
 from bus.frame import FD_FDF
 from bus.logs import read_all, write
 from tests.fixtures.logs import CANDUMP_FRAMES, CANDUMP_WAYS, check_candump
+from tests.fixtures.patience import LONG_S
 
 CLASSIC, FD = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 
@@ -35,7 +36,7 @@ def recorded(tmp_path_factory):
             else:
                 sender.send(CLASSIC.pack(can_id, length, data))
     for recorder in recorders:
-        assert recorder.wait(30) == 0
+        assert recorder.wait(LONG_S) == 0
     return folder
 
 

@@ -12,7 +12,7 @@ from bus.assemble import Assembler
 from bus.frame import FrameBatch
 from bus.open import open_transport
 from skin import Decoder
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.record import Recorder
@@ -63,8 +63,8 @@ def answers(skin, near, batch, number):
 def test_a_contact_scene_arrives_as_it_was_made(name, channels, tmp_path):
     """The same bits as without any bus, with every non-ideality."""
     skin = topology.load(name).on(interface="socketcan", channel=channels)
-    alike = Nodes(skin, scene_on(skin, tmp_path, NonIdeal.everything()))
-    nodes = Nodes(skin, scene_on(skin, tmp_path, NonIdeal.everything()))
+    alike = SimulatedUnits(skin, scene_on(skin, tmp_path, NonIdeal.everything()))
+    nodes = SimulatedUnits(skin, scene_on(skin, tmp_path, NonIdeal.everything()))
     batch, made, stop = FrameBatch(256), FrameBatch(64), threading.Event()
     with ExitStack() as opened:
         ends = [
@@ -87,6 +87,7 @@ def test_a_contact_scene_arrives_as_it_was_made(name, channels, tmp_path):
     assert nodes.served.cycles == CYCLES
 
 
+@pytest.mark.usefixtures("few_variants")
 def test_a_contact_on_the_palm_is_felt_and_its_truth_is_written(tmp_path):
     skin = topology.load("palm").on(interface="socketcan", channel="vcan0")
     path, felt, batch = tmp_path / "truth.npz", [], FrameBatch(64)
@@ -100,7 +101,7 @@ def test_a_contact_on_the_palm_is_felt_and_its_truth_is_written(tmp_path):
             Recorder(scene_on(skin, tmp_path, NonIdeal.only("noise")), path)
         )
         near, far = (opened.enter_context(open_transport(skin.buses[0])) for _ in range(2))
-        nodes = Nodes(skin, recorder)
+        nodes = SimulatedUnits(skin, recorder)
         units = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
         units.start()
         opened.callback(units.join)

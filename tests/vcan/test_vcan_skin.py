@@ -19,7 +19,9 @@ from bus.assemble import Assembler
 from bus.codec import Packer
 from bus.frame import FrameBatch
 from bus.open import open_transport
-from skin.sim.node import Nodes
+from skin.cli import main
+from skin.sim.node import SimulatedUnits
+from tests.fixtures.patience import LONG_S
 
 GOLDEN = Path(__file__).parent.parent / "golden" / "logs"
 SKIN = [sys.executable, "-c", "import sys; from skin.cli import main; sys.exit(main())"]
@@ -48,12 +50,15 @@ def skin_on_vcan(request):
     return topology.load(request.param).on(interface="socketcan", channel="vcan0")
 
 
-def skin_json(*arguments):
-    done = subprocess.run(
-        [*SKIN, *arguments, "--json"], check=False, capture_output=True, text=True, timeout=90
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+@pytest.fixture
+def skin_json(capsys):
+    """What a command reports."""
+
+    def report(*arguments):
+        assert main([*arguments, "--json"]) == 0
+        return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+    return report
 
 
 def packed(skin, sequence, level):
@@ -71,27 +76,22 @@ def collect(transport, batch, wanted, seconds=10.0):
         transport.receive(batch, 0.2)
 
 
-def test_simulator_and_skin_in_two_processes(background):
-    units = background(*SKIN, "sim", "strip", *ON_VCAN)
-    assert "10 units on socketcan vcan0" in units.stderr.readline()
-    report = skin_json("run", "strip", *ON_VCAN, "--seconds", "4")
-    assert report["units_heard"] == report["units"] == 10
-    assert report["silent_units"] == []
-    assert report["cycles"] > 40
-    counters = report["counters"]
-    assert counters["data"] > 400
-    assert counters["crc"] == counters["short"] == counters["foreign"] == 0
-
-
-def test_scene_plays_on_the_bus_and_its_truth_is_written(background, tmp_path):
+def test_a_scene_in_another_process_is_felt_and_its_truth_is_written(
+    background, skin_json, tmp_path
+):
     truth = tmp_path / "truth.npz"
     units = background(*SKIN, "sim", "strip", "--scene", "press", *ON_VCAN, "--truth", truth)
     assert "10 units on socketcan vcan0" in units.stderr.readline()
     report = skin_json("run", "strip", *ON_VCAN, "--seconds", "5")
     units.send_signal(signal.SIGINT)
-    assert units.wait(60) == 0
-    assert report["units_heard"] == 10
+    assert units.wait(LONG_S) == 0
+    assert report["units_heard"] == report["units"] == 10
+    assert report["silent_units"] == []
+    assert report["cycles"] > 40
     assert report["peak_force_n"] > 0.5
+    counters = report["counters"]
+    assert counters["data"] > 400
+    assert counters["crc"] == counters["short"] == counters["foreign"] == 0
     with np.load(truth, allow_pickle=False) as arrays:
         assert str(arrays["scene"]) == "press"
         assert len(arrays["time_s"]) > 0.5 * report["cycles"]
@@ -136,7 +136,7 @@ def felt_live(loaded, cycles, **options):
     """Forces of a skin on vcan0 whose simulated units answer from a thread of their own."""
     stop, live = threading.Event(), []
     with open_transport(loaded.buses[0]) as far:
-        nodes = Nodes(loaded, seed=4)
+        nodes = SimulatedUnits(loaded, seed=4)
         units = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
         units.start()
         try:
@@ -149,8 +149,10 @@ def felt_live(loaded, cycles, **options):
     return np.stack(live)
 
 
-@pytest.mark.parametrize(("name", "cycles"), [("strip", 200), ("palm", 20)])
-def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "cycles"), [pytest.param("strip", 200, marks=pytest.mark.long), ("palm", 20)]
+)
+def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, skin_json, tmp_path):
     log, output = tmp_path / f"{name}.log", tmp_path / "forces.npz"
     loaded = topology.load(name).on(interface="socketcan", channel="vcan0")
     with log.open("w") as file:
@@ -159,7 +161,7 @@ def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, tmp_pat
         live = felt_live(loaded, cycles, pace=False, deadline_s=60.0, sweeps=2)
         time.sleep(0.5)
         recorder.terminate()
-        recorder.wait(10)
+        recorder.wait(LONG_S)
     report = skin_json("decode", str(log), "--topology", name, "--output", str(output),
                        "--dtype", "float64", "--sweeps", "2")  # fmt: skip
     assert report["counters"]["lost"] == 0

@@ -46,16 +46,16 @@ def run(program, *arguments):
 
 
 @pytest.mark.parametrize("length", range(9))
-def test_a_classic_frame_arrives_as_sent(connect, length):
-    sender, receiver = connect("vcan0"), connect("vcan0")
+def test_a_classic_frame_arrives_as_sent(connect, length, link):
+    sender, receiver = connect(link), connect(link)
     sent = CLASSIC.pack(0x100 + length, length, bytes(range(1, length + 1)))
     sender.send(sent)
     assert receiver.recv(FD.size) == sent
 
 
 @pytest.mark.parametrize("length", [0, 8, 12, 16, 20, 24, 32, 48, 64])
-def test_an_fd_frame_arrives_as_sent(connect, length):
-    sender, receiver = connect("vcan0"), connect("vcan0")
+def test_an_fd_frame_arrives_as_sent(connect, length, link):
+    sender, receiver = connect(link), connect(link)
     data = bytes(range(1, length + 1)).ljust(64, b"\0")
     sender.send(FD.pack(0x123, length, BRS, data))
     received = receiver.recv(FD.size + 1)
@@ -65,8 +65,8 @@ def test_an_fd_frame_arrives_as_sent(connect, length):
     assert flags & ~FDF == BRS  # FDF is the kernel's to set, and only newer ones do
 
 
-def test_a_sender_does_not_hear_itself_but_a_neighbour_socket_does(connect):
-    sender, receiver = connect("vcan0"), connect("vcan0")
+def test_a_sender_does_not_hear_itself_but_a_neighbour_socket_does(connect, link):
+    sender, receiver = connect(link), connect(link)
     sender.send(CLASSIC.pack(0x101, 1, b"\1"))
     receiver.recv(FD.size)
     sender.setblocking(False)
@@ -74,16 +74,16 @@ def test_a_sender_does_not_hear_itself_but_a_neighbour_socket_does(connect):
         sender.recv(FD.size)
 
 
-def test_a_bus_does_not_hear_the_other(connect):
-    other, receiver = connect("vcan1"), connect("vcan0")
-    sender = connect("vcan0")
+def test_a_bus_does_not_hear_the_other(connect, link):
+    other, receiver = connect("vcan1"), connect(link)
+    sender = connect(link)
     other.send(CLASSIC.pack(0x101, 1, b"\1"))
     sender.send(CLASSIC.pack(0x102, 1, b"\2"))
     assert CLASSIC.unpack(receiver.recv(FD.size))[0] == 0x102
 
 
-def test_an_error_frame_reaches_only_who_asked_for_errors(connect):
-    sender, plain, asking = connect("vcan0"), connect("vcan0"), connect("vcan0")
+def test_an_error_frame_reaches_only_who_asked_for_errors(connect, link):
+    sender, plain, asking = connect(link), connect(link), connect(link)
     asking.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, BUS_OFF)
     sender.send(CLASSIC.pack(ERROR_FRAME | BUS_OFF, 8, bytes(8)))
     sender.send(CLASSIC.pack(0x100, 1, b"\1"))
@@ -101,9 +101,9 @@ def test_an_error_frame_reaches_only_who_asked_for_errors(connect):
     ],
     ids=["classic", "empty", "fd-brs", "fd"],
 )
-def test_what_cansend_sends_arrives_at_python_can(text, data, is_fd, is_brs):
-    with can.Bus(interface="socketcan", channel="vcan0", fd=True) as bus:
-        run("cansend", "vcan0", text)
+def test_what_cansend_sends_arrives_at_python_can(text, data, is_fd, is_brs, link):
+    with can.Bus(interface="socketcan", channel=link, fd=True) as bus:
+        run("cansend", link, text)
         message = bus.recv(10)
     assert message is not None
     assert message.arbitration_id == int(text[:3], 16)
@@ -111,14 +111,14 @@ def test_what_cansend_sends_arrives_at_python_can(text, data, is_fd, is_brs):
     assert not message.is_error_frame
 
 
-def test_candump_records_what_is_sent(connect):
-    sender = connect("vcan0")
+def test_candump_records_what_is_sent(connect, link):
+    sender = connect(link)
     assert shutil.which("candump"), "no candump here: sudo apt-get install can-utils"
-    command = ["candump", "-L", "-n", "3", "vcan0"]
-    listeners = _listeners("vcan0")
+    command = ["candump", "-L", "-n", "3", link]
+    listeners = _listeners(link)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as candump:
         try:
-            _wait_until(lambda: _listeners("vcan0") > listeners)
+            _wait_until(lambda: _listeners(link) > listeners)
             sender.send(CLASSIC.pack(0x100, 8, bytes(range(8))))
             sender.send(CLASSIC.pack(0x7E0, 0, b""))
             sender.send(FD.pack(0x6FF, 12, BRS, bytes(range(12)).ljust(64, b"\0")))
@@ -127,7 +127,7 @@ def test_candump_records_what_is_sent(connect):
             candump.kill()
     stamps, names, frames = zip(*(line.split() for line in recorded.splitlines()), strict=True)
     assert list(stamps) == sorted(stamps)
-    assert set(names) == {"vcan0"}
+    assert set(names) == {link}
     assert frames[:2] == ("100#0001020304050607", "7E0#")
     head, payload = frames[2].split("##")
     assert (head, int(payload[0], 16) & ~FDF) == ("6FF", BRS)

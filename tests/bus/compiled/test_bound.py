@@ -11,6 +11,7 @@ from numba import njit
 
 from bus.compiled import aligned
 from bus.compiled.bound import Bound
+from bus.compiled.chained import address, addresses, call
 
 
 class Chosen(NamedTuple):
@@ -130,6 +131,41 @@ def test_what_cannot_be_written_down_is_refused():
 
     with pytest.raises(TypeError, match="a bound kernel takes no complex128"):
         Bound(scale, np.zeros(1), 0.5j)
+
+
+def nothing_python(x):
+    x[1] += 1.0
+
+
+def number_python(x):
+    return np.int32(x[0])
+
+
+def truth_python(x):
+    return x[0] > 1.0
+
+
+def pair_python(x):
+    return x[0] > 5.0, x[0] > 1.0
+
+
+@pytest.mark.parametrize(
+    ("kernel", "expected"),
+    [(nothing_python, 0), (number_python, 2), (truth_python, 1), (pair_python, 2)],
+)
+def test_results_are_the_same_integer_by_address_bound_and_in_python(kernel, expected):
+    x = np.array([2.5, 0.0])
+    compiled = Bound(njit(kernel), x)
+    place = addresses([compiled])
+    assert place is not None
+    assert call([Bound(kernel, x)], 0) == call([compiled], 0) == expected
+
+    @njit
+    def chain(places):
+        return call(places, 0)
+
+    assert chain(place) == expected
+    assert address(Bound(njit(lambda x: x[0]), x)) is None
 
 
 class Data(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import bus
-from bus.compiled import cache
+from bus.compiled import cache, places, stamps
 from bus.compiled.cache import UNUSED_S
 from bus.compiled.jit import compiled
 
@@ -46,7 +46,7 @@ def test_a_changed_constant_is_compiled_anew_wherever_it_stands(tmp_path, monkey
     tmp_path.joinpath("caller.py").write_text(CALLER)
     tmp_path.joinpath("called.py").write_text(CALLED)
     said = []
-    for factor, shift in ((3.0, 0.0), (3.0, 0.0), (5.0, 0.0), (5.0, 1.0), (5.0, 1.0)):
+    for factor, shift in ((3.0, 0.0), (3.0, 0.0), (5.0, 0.0), (5.0, 1.0)):
         tmp_path.joinpath("deeper.py").write_text(f"FACTORS = (1.0, {factor})")
         tmp_path.joinpath("constants.py").write_text(f"SHIFT = {shift}")
         command = [sys.executable, "-B", "caller.py"]
@@ -57,7 +57,6 @@ def test_a_changed_constant_is_compiled_anew_wherever_it_stands(tmp_path, monkey
         ["6.0"],
         ["10.0", "kernel_python"],
         ["11.0", "kernel_python"],
-        ["11.0"],
     ]
 
 
@@ -73,21 +72,22 @@ def kernel_python(x):
     return FACTOR * x
 
 kernel = compiled(kernel_python)
-dump, told = kernel._cache._cache_file._dump, []
+save, told = kernel._cache._save, []
 
-def wait_for_the_other(data):
+def wait_for_the_other(*given):
     Path(sys.argv[1]).touch()
     until = time.monotonic() + 20.0
     while len(sys.argv) > 2 and not Path(sys.argv[2]).exists() and time.monotonic() < until:
         time.sleep(0.01)
-    return dump(data)
+    save(*given)
 
-kernel._cache._cache_file._dump = wait_for_the_other
+kernel._cache._save = wait_for_the_other
 with watch(told.append):
     print(kernel(2.0), *told)
 """
 
 
+@pytest.mark.long
 def test_processes_that_compile_variants_at_once_keep_both(tmp_path, monkeypatch):
     """Numba's own index gives both files one number: one of them then runs the other's code."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
@@ -136,6 +136,7 @@ for factor, kernel in kernels.items():
 """
 
 
+@pytest.mark.long
 def test_variants_that_several_processes_have_compiled_first_are_not_mixed_up(
     tmp_path, monkeypatch
 ):
@@ -192,6 +193,7 @@ def test_a_kernel_is_kept_although_its_compilation_was_interrupted(tmp_path, mon
     assert said == [["6.0", "kernel_python"], ["6.0"]]
 
 
+@pytest.mark.long
 def test_files_that_nobody_reads_go(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
@@ -245,7 +247,7 @@ def test_fields_of_a_named_tuple_may_change_places(tmp_path, monkeypatch):
     assert said == ["22.0", "22.0"]
 
 
-@pytest.mark.parametrize("left", [0, 100])
+@pytest.mark.parametrize("left", [pytest.param(0, marks=pytest.mark.long), 100])
 def test_a_damaged_file_is_compiled_anew(left, tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
@@ -268,25 +270,30 @@ def shift(values, by=1.0):
 
 
 def test_every_part_of_the_key_counts(monkeypatch):
-    """The machine's processor, how this package compiles, defaults, members, numba's version."""
+    """The machine's processor, versions, options, how this package compiles, defaults, members."""
     kernel = compiled(shift)
     codegen = kernel.targetctx.codegen()
-    key = kernel._cache._index_key((), codegen)
-    name = kernel._cache._cache_file._name(key)
-    monkeypatch.setattr(type(codegen), "magic_tuple", lambda self: ("another", "processor"))
-    assert kernel._cache._index_key((), codegen) != key
-    monkeypatch.setattr(kernel._cache._cache_file, "_version", "another")
-    assert kernel._cache._cache_file._name(key) != name
-    before = cache.stamp(shift)
+    named = {kernel._cache.file_of((), codegen)}
+    with monkeypatch.context() as patch:
+        patch.setattr(type(codegen), "magic_tuple", lambda self: ("another", "processor"))
+        named.add(kernel._cache.file_of((), codegen))
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "VERSIONS", ("another",))
+        named.add(kernel._cache.file_of((), codegen))
+    named.add(compiled(shift, fastmath={"contract"})._cache.file_of((), codegen))
+    named.add(compiled(shift, fastmath={"contract", "reassoc"})._cache.file_of((), codegen))
+    named.add(compiled(shift, allocates=False)._cache.file_of((), codegen))
+    assert len(named) == 6
+    before = stamps.stamp(shift)
     monkeypatch.setattr(shift, "__defaults__", (2.0,))
-    assert cache.stamp(shift) != before
-    before = cache.stamp(shift)
-    monkeypatch.setattr(cache, "_file_digest", lambda path: Path(path).name.encode())
-    of_names = cache.stamp(shift)
+    assert stamps.stamp(shift) != before
+    before = stamps.stamp(shift)
+    monkeypatch.setattr(stamps, "_file_digest", lambda path: Path(path).name.encode())
+    of_names = stamps.stamp(shift)
     monkeypatch.setattr(
-        cache, "_file_digest", lambda path: Path(path).name.replace("nested", "other").encode()
+        stamps, "_file_digest", lambda path: Path(path).name.replace("nested", "other").encode()
     )
-    assert len({before, of_names, cache.stamp(shift)}) == 3
+    assert len({before, of_names, stamps.stamp(shift)}) == 3
 
 
 KEPT = """
@@ -311,7 +318,9 @@ def as_nobody(*command):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
-@pytest.mark.parametrize(("temporary", "kept"), [("temporary", 1), ("missing", 0)])
+@pytest.mark.parametrize(
+    ("temporary", "kept"), [("temporary", 1), pytest.param("missing", 0, marks=pytest.mark.long)]
+)
 def test_kernels_run_where_no_folder_can_be_written(temporary, kept, tmp_path):
     """A read-only package, a user without a home: a folder for temporary files, or none."""
     tmp_path.joinpath("kept.py").write_text(KEPT)
@@ -334,15 +343,15 @@ def test_kernels_run_where_no_folder_can_be_written(temporary, kept, tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
-def test_code_that_came_with_a_read_only_package_is_run(tmp_path):
-    """Beside the kernel, or in NUMBA_CACHE_DIR: neither is compiled anew, or said to be lost."""
+def test_code_that_came_with_a_read_only_image_is_run(tmp_path):
+    """It is neither compiled again, nor said to be lost."""
     tmp_path.joinpath("called.py").write_text(CALLED)
     tmp_path.joinpath("deeper.py").write_text("FACTORS = 2.0, 3.0")
     tmp_path.joinpath("constants.py").write_text("SHIFT = 1.0")
     tmp_path.joinpath("caller.py").write_text(CALLER)
-    tmp_path.joinpath("cache").mkdir()
-    for more in ({}, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}):
-        environment = {"PYTHONPATH": str(ROOT), "PATH": os.environ["PATH"], **more}
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        environment = {"PYTHONPATH": str(ROOT), "PATH": os.environ["PATH"]}
+        environment[name] = str(tmp_path / name)
         for found in (["7.0", "kernel_python"], ["7.0"]):
             done = subprocess.run(
                 as_nobody(sys.executable, "caller.py"), check=True, cwd=tmp_path,
@@ -354,12 +363,61 @@ def test_code_that_came_with_a_read_only_package_is_run(tmp_path):
                 folder.chmod(0o555)
         for folder in (tmp_path, *tmp_path.glob("**/")):
             folder.chmod(0o755)
-        for file in tmp_path.glob("__pycache__/*.nbc"):
-            file.unlink()
+
+
+@pytest.mark.long_but_first
+@pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
+@pytest.mark.parametrize("mode", [0o775, 0o757])
+def test_code_from_a_folder_that_others_can_write_is_not_run(mode, tmp_path):
+    """What lies there is compiled again, kept elsewhere, and the reason is said."""
+    for name in ("called", "caller"):
+        tmp_path.joinpath(f"{name}.py").write_text(CALLED if name == "called" else CALLER)
+    tmp_path.joinpath("deeper.py").write_text("FACTORS = 2.0, 3.0")
+    tmp_path.joinpath("constants.py").write_text("SHIFT = 1.0")
+    tmp_path.joinpath("temporary").mkdir()
+    environment = {
+        "PYTHONPATH": str(ROOT),
+        "PATH": os.environ["PATH"],
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+        "TMPDIR": str(tmp_path / "temporary"),
+    }
+
+    def run():
+        return subprocess.run([sys.executable, "caller.py"], check=True, cwd=tmp_path,
+                              capture_output=True, text=True, env=environment)  # fmt: skip
+
+    assert run().stdout.split() == ["7.0", "kernel_python"]
+    folder = tmp_path / "cache/f3t-skin"
+    folder.chmod(mode)
+    done = run()
+    assert done.stdout.split() == ["7.0", "kernel_python"]
+    said = done.stderr.splitlines()
+    assert said[0] == (
+        f"f3t-skin: compiled kernels in {folder} are not used: must be writable by its owner "
+        f"alone; got mode {mode:o}"
+    )
+    assert len(list(folder.glob("*.nbc"))) == 1
+    assert len(list(tmp_path.glob("temporary/f3t-skin-*/*.nbc"))) == 1
+    folder.chmod(0o755)
+    assert run().stdout.split() == ["7.0"]
+
+
+def test_a_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
+    owner = tmp_path.stat().st_uid
+    monkeypatch.setattr(os, "getuid", lambda: owner + 1)
+    fault = places.fault_of(tmp_path)
+    assert fault == (
+        None if owner == 0 else f"must belong to this user or to root; got owner {owner}"
+    )
+    monkeypatch.setattr(os, "getuid", lambda: owner)
+    assert places.fault_of(tmp_path) is None
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs users without a home")
-@pytest.mark.parametrize("home", ["~", "", "nowhere", "{}/missing"])
+@pytest.mark.parametrize(
+    "home",
+    ["~", *(pytest.param(one, marks=pytest.mark.long) for one in ("", "nowhere", "{}/missing"))],
+)
 def test_a_user_without_a_home_finds_no_folder_in_the_working_one(home, tmp_path):
     tmp_path.joinpath("package").mkdir()
     tmp_path.joinpath("working").mkdir()
@@ -367,7 +425,8 @@ def test_a_user_without_a_home_finds_no_folder_in_the_working_one(home, tmp_path
     file.write_text(KEPT)
     file.parent.chmod(0o555)
     home = home.format(tmp_path)
-    environment = {"PYTHONPATH": str(ROOT), "HOME": home, "XDG_CACHE_HOME": home}
+    given = "" if os.path.isabs(home) else home
+    environment = {"PYTHONPATH": str(ROOT), "HOME": home, "XDG_CACHE_HOME": given}
     done = subprocess.run(
         as_nobody(sys.executable, "-B", file, tmp_path), check=True, cwd=tmp_path / "working",
         capture_output=True, text=True, env=environment | {"PATH": os.environ["PATH"]},
@@ -386,9 +445,10 @@ def test_a_full_disk_costs_the_cache_and_nothing_else(tmp_path, monkeypatch, cap
     def full(*_):
         raise OSError(28, "No space left on device", "kernel.nbc")
 
-    monkeypatch.setattr(kernel._cache._cache_file, "_save_data", full)
-    monkeypatch.setattr(kernel._cache._cache_file, "_load_data", full)
-    cache._not_kept.cache_clear()
+    monkeypatch.setattr(kernel._cache, "_save", full)
+    monkeypatch.setattr(Path, "read_bytes", full)
+    monkeypatch.setattr(os, "open", full)
+    cache._say_not_kept.cache_clear()
     assert kernel(2.0) == 3.0
     assert kernel(np.float32(2.0)) == 3.0
     assert [record.getMessage() for record in caplog.records] == [
@@ -399,20 +459,20 @@ def test_a_full_disk_costs_the_cache_and_nothing_else(tmp_path, monkeypatch, cap
 @pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
 def test_a_temporary_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    folder = Path(cache._temporary_folder())
+    folder = places.temporary()
     assert folder.stat().st_mode & 0o777 == 0o700
     folder.chmod(0o722)
-    assert cache._temporary_folder() is None
+    assert places.temporary() is None
     folder.rmdir()
     folder.symlink_to(tmp_path)
-    assert cache._temporary_folder() is None
+    assert places.temporary() is None
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs modes of files")
 def test_the_working_folder_is_no_folder_for_temporary_files(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    assert cache._temporary_folder() is None
+    assert places.temporary() is None
     assert not list(tmp_path.iterdir())
     tmp_path.chmod(0o1777)  # as /tmp itself
-    assert cache._temporary_folder() is not None
+    assert places.temporary() is not None

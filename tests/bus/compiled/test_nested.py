@@ -89,3 +89,33 @@ def test_machine_code_is_made_of_the_kernel_alone(monkeypatch):
     made.clear()
     kernel_of(monkeypatch, None)(np.ones((2, 3)), np.zeros(2))
     assert {"norm", "root"} < set(made)
+
+
+def tails_python(values, first, out):
+    for j in range(out.size):
+        out[j] = values[first[0] + j]
+    return values[-1] + np.flip(values)[-1]
+
+
+@needs
+def test_indices_count_from_the_front_but_for_constants(monkeypatch):
+    """What adds the length to a negative index is gone: it keeps loops from being vectors."""
+    values, first = np.arange(10.0), np.array([3])
+    choices = {}
+    for name, known in (("own", nested.OF_INDEX), ("another version", ())):
+        monkeypatch.setattr(nested, "OF_INDEX", known)
+        kernel, out = jit.compiled(tails_python, cache=False), np.zeros(4)
+        assert kernel(values, first, out) == 9.0
+        assert out.tolist() == [3.0, 4.0, 5.0, 6.0]
+        (code,) = kernel.inspect_llvm().values()
+        choices[name] = code.count(" select ")
+    assert choices["own"] < choices["another version"]
+
+
+@needs
+def test_checked_kernels_refuse_an_index_from_the_end():
+    kernel = jit.compiled(tails_python, cache=False, boundscheck=True)
+    assert kernel(np.arange(10.0), np.array([6]), np.zeros(4)) == 9.0
+    for first in (-1, 7):
+        with pytest.raises(IndexError, match="out of bounds"):
+            kernel(np.arange(10.0), np.array([first]), np.zeros(4))

@@ -240,6 +240,7 @@ def example_file(packed):
     return blf_file(*parts, padded(EXAMPLE[half:]), objects=len(EXAMPLE))
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("packed", [True, False])
 def test_a_file_cut_anywhere_is_read_as_far_as_it_goes(packed, tmp_path):
     content = example_file(packed)

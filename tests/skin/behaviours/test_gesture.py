@@ -6,11 +6,11 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 from bus.status import Status
 from skin.behaviours.gesture import GestureParameters, Gestures, Kind
+from skin.demos.gesture_trial import asked_story, run_gestures
 from skin.errors import OptionError
-from skin.tasks.gesture_trial import asked_story, run_gestures
-from skin.tasks.touch_trial import TOUCH_KINDS, run_touches
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
 
 PULL = ramp(1.2, 0.15, 0.7)
@@ -189,7 +189,7 @@ def test_people_are_understood_on_the_simulator():
 
 def test_a_finger_on_a_bare_skin_is_understood():
     trial = run_touches(5)
-    kinds = {seen.asked.kind: seen.told for seen in trial.seen}
+    kinds = {seen.asked.kind: seen.reported for seen in trial.seen}
     assert set(kinds) == set(TOUCH_KINDS)
     right = sum(seen.is_right for seen in trial.seen)
     assert right >= 5

@@ -5,10 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.handover_trial import run_carry, run_take
 from bus.status import Status
 from skin.behaviours.handover import Handover, HandoverParameters, Phase
 from skin.errors import OptionError
-from skin.tasks.handover_trial import run_carry, run_take
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
 
 

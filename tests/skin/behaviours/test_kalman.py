@@ -61,7 +61,7 @@ def test_a_jump_is_told_and_noise_is_not(seed):
         filter.update(0, 1.0 + random.normal(), 1.0)
         count += 1
         assert count < 100
-    filter.open(0, 1.0)
+    filter.inflate(0, 1.0)
     for _ in range(1000):
         filter.update(0, 1.0 + random.normal(), 1.0)
     assert filter.x[0] == pytest.approx(1.0, abs=0.15)
@@ -78,21 +78,21 @@ def test_a_jump_some_periods_ago_has_led_to_what_it_leads_to_since():
 
 def test_a_long_mean_tells_a_change_that_a_short_one_does_not():
     told = []
-    for judged_s in ((0.12,), (0.12, 1.0)):
+    for innovation_s in ((0.12,), (0.12, 1.0)):
         random = np.random.default_rng(7)
-        filter = Kalman(np.zeros((1, 1)), np.zeros((1, 1)), 0.004, judged_s)
+        filter = Kalman(np.zeros((1, 1)), np.zeros((1, 1)), 0.004, innovation_s)
         filter.begin(np.zeros(1), np.array([[1e-6]]))
         for _ in range(750):
             filter.update(0, 0.4 + random.normal(), 1.0)
         told.append(abs(filter.disagreement))
-        assert filter.lag == pytest.approx(0.4, abs=0.2) or len(judged_s) == 1
+        assert filter.lag == pytest.approx(0.4, abs=0.2) or len(innovation_s) == 1
     assert told[1] > 4.0 > told[0]
 
 
 def test_a_state_that_is_another_and_one_of_another_unit():
     filter = Kalman(np.zeros((2, 2)), np.zeros((2, 2)), 0.01)
     filter.begin(np.array([5.0, 2.0]), np.array([[4.0, 1.0], [1.0, 9.0]]))
-    filter.share(0, 1, 10.0)
+    filter.equate(0, 1, 10.0)
     np.testing.assert_allclose(filter.x, [12.0, 2.0])
     np.testing.assert_allclose(filter.covariance, np.full((2, 2), 9.0))
     filter.scale(0, 2.0)

@@ -234,6 +234,7 @@ def test_a_bad_number_spoils_nothing(held, name, bad):
     assert heated(held, warmth) <= 90.0
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("liars", [1, 4, 12])
 def test_units_that_stay_cold_do_not_hide_the_limit(held, liars):
     held.inside_c = held.wall_c = 60.0

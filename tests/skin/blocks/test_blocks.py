@@ -10,7 +10,7 @@ from bus.frame import FRAME_DTYPE
 from bus.logs import write
 from skin.blocks.block import CLOSED_BY
 from skin.contact.record import CONTACT
-from skin.state import Reading
+from skin.state import Reading, if_wanted
 from tests.fixtures.live import frames_of
 
 WANT = ("temperature", "force", "sigma", "wrench", "centroid", "contacts", "slip")
@@ -52,11 +52,11 @@ def compare(log, **options):
             assert state.coverage == block.coverage[t]
             same(block.totals[t], np.array(list(vars(state.counters).values())))
             for name in Reading.__slots__:
-                same(getattr(block.units, name), getattr(state.units, name), t)
+                same(getattr(block.units, name), if_wanted(state.units, name), t)
             for name in ("wrench", "wrench_sigma", "centroid", "centroid_covariance", "label",
                          "slip", "sampled_ns"):  # fmt: skip
-                same(getattr(block, name), getattr(state, name), t)
-            if state.contacts is not None:
+                same(getattr(block, name), if_wanted(state, name), t)
+            if if_wanted(state, "contacts") is not None:
                 found = block.contacts[block.contact_start[t] : block.contact_start[t + 1]]
                 for record, contact in zip(found, state.contacts, strict=True):
                     for name in CONTACT.names:
@@ -83,11 +83,11 @@ def test_blocks_are_the_states_of_the_log(logs, name):
     "options",
     [
         {"want": "temperature"},
-        {"want": {"force"}, "tare": False},
-        {"want": WANT, "tare": False, "sweeps": 2},
-        {"want": WANT, "tare": False, "sweeps": 0},
-        {"want": WANT, "tare": False, "ambient": False},
-        {"want": WANT, "tare": False, "skip": True},
+        pytest.param({"want": {"force"}, "auto_tare": False}, marks=pytest.mark.long),
+        {"want": WANT, "auto_tare": False, "sweeps": 2},
+        {"want": WANT, "auto_tare": False, "sweeps": 0},
+        pytest.param({"want": WANT, "auto_tare": False, "ambient": False}, marks=pytest.mark.long),
+        {"want": WANT, "auto_tare": False, "skip": True},
     ],
     ids=["temperature", "force", "two sweeps", "no sweeps", "no ambient", "skip"],
 )
@@ -97,7 +97,7 @@ def test_blocks_are_the_states_whatever_is_decoded(logs, options):
 
 def test_single_cycles_are_blocks_as_well(logs):
     """Shocks are told in Python: no cycle of theirs is in a compiled call of many."""
-    assert compare(logs / "whole.log", want=(*WANT, "shocks"), tare=False) > 50
+    assert compare(logs / "whole.log", want=(*WANT, "shocks"), auto_tare=False) > 50
 
 
 def test_where_blocks_end_does_not_depend_on_how_they_are_made(logs):

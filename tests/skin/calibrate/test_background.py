@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,16 +21,15 @@ from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
 from bus.status import Status
 from skin.calibrate import background
 from skin.calibrate.background import WAITING, Learning
-from skin.calibrate.learner import Learner, Window, answer
+from skin.calibrate.learner import Learner, LearnerService, Window
 from skin.decode.decoder import Decoder
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
-from skin.worker import ONE_THREAD, RingBuffer
+from skin.worker import ONE_THREAD, RingBuffer, read
 from tests.fixtures.patience import LONG_S
 from tests.fixtures.process import is_gone
-from topology.packed import unpacked
 
 SIDE, CYCLES = 3, 250
 ARRAYS = ("begun", "counts", "status", "background")
@@ -45,7 +45,7 @@ def array():
 
 def made():
     """Films that theory does not know, each unit calibrated alone and not quite in its place."""
-    found = array_of(2, seed=11)
+    found = array_of(2, seed=11, bag_side=1, share=0.5)
     n = found.known.n
     known = with_parameters(
         found.known, placement_sigma_mm=np.full(n, PLACE_MM),
@@ -54,12 +54,27 @@ def made():
     return dataclasses.replace(found, known=known)
 
 
+def learning_of(decoder):
+    """What learns from the cycles of a decoder, which a test gives it."""
+    n, none = decoder.topology.n, lambda _: None
+    return Learning(SimpleNamespace(
+        topology=decoder.topology, decoder=decoder, detach=none,
+        counts=np.zeros((6, n), np.int16), status=np.zeros(n, np.uint16),
+    ))  # fmt: skip
+
+
+def give(learning, counts, status):
+    """One cycle."""
+    learning.pipeline.counts[:], learning.pipeline.status[:] = counts, status
+    learning.state(None)
+
+
 def fed(learning, decoder, counts, flags=0):
     """Let a second of cycles be decoded and looked at; wait for the process."""
     status = np.zeros(counts.shape[2], np.uint16) | np.asarray(flags, np.uint16)
     for cycle in counts:
         decoder(cycle, status)
-        learning.look(cycle, status)
+        give(learning, cycle, status)
     wait_for(learning)
 
 
@@ -74,15 +89,18 @@ class Here:
     """In place of a process: learns when it is looked after."""
 
     def __init__(self, _module, ring, request):
-        self.ring, self.learner = ring, Learner(unpacked(request["topology"]))
+        self.ring, self.service = ring, LearnerService(request)
+        self.learner = self.service.learner
 
     @property
     def alive(self):
-        self.learner.take_next(self.ring)
+        read(self.ring, self.service, 1)
         return True
 
     def ask(self, command, _timeout_s):
-        return answer(self.learner, self.ring, command)
+        if command not in self.service.at_once:
+            read(self.ring, self.service, self.ring.waiting)
+        return self.service.commands[command]()
 
     def close(self, timeout_s=None):
         """Nothing runs."""
@@ -111,10 +129,11 @@ def used(array, learning, decoder, units, *, offset=0):
         fed(learning, decoder, counts)
 
 
+@pytest.mark.long
 def test_a_skin_in_use_tells_the_fields_of_its_films(array, tmp_path):
     n = array.known.n
     decoder = Decoder(array.known, {"force", "displacement", "sigma"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     used(array, learning, decoder, range(n))
     file = tmp_path / "stencil.npz"
     learning.save(file)
@@ -144,16 +163,17 @@ def true_change(array, moved):
     return change
 
 
+@pytest.mark.long
 def test_nothing_is_learned_before_nothing_has_touched_the_skin(array, tmp_path):
     decoder = Decoder(array.known, {"force", "displacement"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     with pytest.raises(SkinError, match="got no second without a touch"):
         learning.save(tmp_path / "a.npz")
     fed(learning, decoder, array.counts(*second(*press(0, array.known.n)), seed=1))
     with pytest.raises(SkinError, match="got no second without a touch"):
         learning.save(tmp_path / "a.npz")
     used(array, learning, decoder, [])
-    with pytest.raises(SkinError, match="got no press beside an untouched unit"):
+    with pytest.raises(SkinError, match="got no press next to an untouched unit"):
         learning.save(tmp_path / "a.npz")
     assert not (tmp_path / "a.npz").exists()
     learning.close()
@@ -170,7 +190,7 @@ def test_what_the_decoder_follows_is_no_field_of_a_neighbour():
     for field in (np.zeros(3), EARTH_UT):
         units = UnitSimulator(known, seed=1, field=HalbachField(known))
         decoder = Decoder(known, {"force", "displacement"}, sweeps=1, ambient=True)
-        learning = Learning(decoder)
+        learning = learning_of(decoder)
         for number, unit in enumerate((None, 4, 0)):
             moved = np.zeros((CYCLES, 2, n)), np.zeros((CYCLES, n))
             if unit is not None:
@@ -201,7 +221,7 @@ def test_a_live_skin_learns_beside_its_cycles(tmp_path):
 
 def test_large_skins_are_refused():
     with pytest.raises(SkinError, match="must have 256 units or fewer for its stray"):
-        Learning(Decoder(square(17, 0.012), {"force"}, sweeps=0, ambient=False))
+        learning_of(Decoder(square(17, 0.012), {"force"}, sweeps=0, ambient=False))
 
 
 @pytest.mark.usefixtures("here")
@@ -210,7 +230,7 @@ def test_a_slow_skin_learns(rate_hz):
     known = square(SIDE, 0.012, rate_hz)
     n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
     decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     cycles = learning._cycles
     at = np.linspace(0, len(press(4, n)[1]) - 1, cycles).round().astype(int)
     for displacement, depth in (
@@ -222,13 +242,14 @@ def test_a_slow_skin_learns(rate_hz):
     learning.close()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("here")
 def test_a_silent_unit_hinders_only_those_near_it():
     known = square(6, 0.012)
     n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
     decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)
     silent = np.arange(n) == n - 1
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     for unit in (None, 0):
         moved = np.zeros((CYCLES, 2, n)), np.zeros((CYCLES, n))
         if unit is not None:
@@ -242,17 +263,18 @@ def test_a_silent_unit_hinders_only_those_near_it():
 @pytest.mark.usefixtures("here")
 def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
     decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     fed(learning, decoder, array.counts(*second(*press(0, array.known.n)), seed=1))
     with pytest.raises(SkinError, match=r"without a touch \(.*r0c0: .*must hold still"):
         learning.save(tmp_path / "a.npz")
     learning.close()
 
 
+@pytest.mark.long
 def test_a_process_learns_what_the_same_windows_tell_directly(array, tmp_path, monkeypatch):
     """To the bit, with linear algebra on one thread as the process has it."""
     decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     ring, windows = learning._ring, []
 
     def publish():
@@ -286,10 +308,10 @@ def learn_directly():
 
 def test_a_process_that_fails_keeps_nobody_waiting(array, tmp_path, monkeypatch):
     monkeypatch.setattr(background, "LEARNER", "tests.fixtures.failing_learner")
-    learning = Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
+    learning = learning_of(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
     n = array.known.n
     for _ in range(3 * learning._cycles):
-        learning.look(np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
+        give(learning, np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
     wait_for(learning)
     with pytest.raises(SkinError, match=r"^learn: must learn from every second; got singular$"):
         learning.save(tmp_path / "a.npz")
@@ -301,24 +323,24 @@ def test_a_process_that_fails_keeps_nobody_waiting(array, tmp_path, monkeypatch)
 
 def test_cycles_wait_for_no_process_and_those_without_room_are_counted(array, monkeypatch):
     monkeypatch.setattr(background, "LEARNER", "tests.fixtures.stuck_learner")
-    learning = Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
+    learning = learning_of(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
     n, late = array.known.n, 3
     for _ in range((WAITING + 1 + late) * learning._cycles):
-        learning.look(np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
-    assert learning.left_out == late
+        give(learning, np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
+    assert learning.lost == late
     learning.close()
-    with pytest.raises(SkinError, match="must answer 'report'; got the end of its process"):
+    with pytest.raises(SkinError, match="must answer 'report'; worker exited early"):
         learning.report()
 
 
 def test_a_process_that_was_killed_is_told(array, tmp_path):
     decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     used(array, learning, decoder, [])
     os.kill(learning._worker._process.pid, signal.SIGKILL)
     for _ in range(2):
-        with pytest.raises(SkinError, match="learner: must answer 'stencil'; got the end of its "
-                                            "process, status -9"):  # fmt: skip
+        with pytest.raises(SkinError, match=r"learner: must answer 'stencil'; worker exited early "
+                                            r"\(status -9\)"):  # fmt: skip
             learning.save(tmp_path / "a.npz")
         learning.close()
     assert not (tmp_path / "a.npz").exists()
@@ -326,7 +348,7 @@ def test_a_process_that_was_killed_is_told(array, tmp_path):
 
 def test_what_was_learned_is_there_after_the_end(array, tmp_path):
     decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     used(array, learning, decoder, [0])
     before = learning.report()
     learning.close()
@@ -378,7 +400,7 @@ def test_the_process_ends_with_a_loop_that_was_killed():
 def test_what_was_learned_outlasts_the_tare_of_a_unit_that_was_held(array):
     known = dataclasses.replace(array.known, tared=np.arange(array.known.n) != 3)
     decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)
-    learning = Learning(decoder)
+    learning = learning_of(decoder)
     used(array, learning, decoder, [0])
     before = learning.report()["pressed"]
     late = np.arange(known.n) == 3
@@ -394,4 +416,4 @@ def test_what_was_learned_outlasts_the_tare_of_a_unit_that_was_held(array):
 
 def test_without_an_ambient_field_nothing_is_learned(array):
     with pytest.raises(SkinError, match="learn: must be with ambient=True"):
-        Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=False))
+        learning_of(Decoder(array.known, {"force"}, sweeps=1, ambient=False))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.calibrate.cross_validation import cross_validated
+from skin.calibrate.cross_validation import cross_validated, folds_of
 from tests.skin.calibrate.bench.test_posterior import line
 
 
@@ -16,4 +16,4 @@ def test_cross_validation_takes_the_order_that_the_data_have(bent, order):
         return (np.polyval(np.polyfit(x[training], y[training], degree), x[~training])
                 - y[~training]) ** 2  # fmt: skip
 
-    assert cross_validated((1, 2, 3), x.size, error) == order
+    assert cross_validated((1, 2, 3), folds_of(x.size), error)[0] == order

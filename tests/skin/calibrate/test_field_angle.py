@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from skin.calibrate.field_angle import angle_powers, angle_slope, field_angle
-from skin.physics.scan import strokes
-from skin.sim.bench import Bench
-from tests.fixtures.decode import row_of
+from tests.fixtures.decode import posed, row_of, strokes
 from topology import UnitModel
 
 TABLE = np.array(UnitModel().field_angle_mm)
 
 
 def scanned(poses):
-    return Bench(row_of(1), noise=False).scan(*poses).field_ut[..., 0]
+    return posed(row_of(1), *poses, noise=False)[0][:, 2:5, 0]
 
 
 def test_the_preset_of_the_unit_model_is_what_magnet_theory_gives():

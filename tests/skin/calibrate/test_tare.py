@@ -19,7 +19,7 @@ from skin.calibrate.tare import calibration_files, chosen
 from skin.cli import main
 from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
-from skin.errors import CountsError, OptionError, ScanError, SkinError
+from skin.errors import CountsError, OptionError, ScanError
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.stencil import Stencil
@@ -325,15 +325,12 @@ def test_larger_sigma_of_the_field_is_kept(tmp_path):
     assert (tmp_path / "left.toml").read_text() == BEFORE
 
 
-def test_patch_without_a_file_must_be_given_one(tmp_path):
+def test_patch_without_a_file_has_one_next_to_the_topology(tmp_path):
     skin = pair(tmp_path, BEFORE)
-    with pytest.raises(SkinError) as raised:
-        tare(skin, simulated(skin)).write()
-    assert str(raised.value) == (
-        f"{tmp_path / 'pair.toml'}: patch 'right': must name a calibration file to be written "
-        '(calibration = "right.toml"), or another be given; got neither'
-    )
-    assert (tmp_path / "left.toml").read_text() == BEFORE
+    files = tare(skin, simulated(skin)).write()
+    assert files == {name: tmp_path / file for name, file in
+                     (("left", "left.toml"), ("right", "right.calibration.toml"))}  # fmt: skip
+    assert tomllib.loads(files["right"].read_text())["patch"] == "right"
 
 
 def pressed(counts):
@@ -745,7 +742,7 @@ def test_command_refuses_and_writes_nothing(tmp_path, capsys):
     ("arguments", "message"),
     [
         (["strip", "--seconds", "0"], "--seconds: must be above 0"),
-        (["strip", "--simulate"], "patch 'strip': must name a calibration file"),
+        (["strip", "--simulate"], "patch 'strip': must have a calibration file"),
         (["strpi"], "nearest: 'strip'"),
         (["strip", "--simulate", "-o", "x.toml", "--leave-out", "strip/r0c99"], "nearest"),
     ],

@@ -1,35 +1,21 @@
-"""Calibration files: what was fitted is what is loaded, and a skin decodes better with it."""
+"""Calibration files: what was fitted is what is loaded."""
 
 from __future__ import annotations
 
-import functools
 import os
 
 import numpy as np
 import pytest
 
 import topology
-from benchmarks.accuracy_skin import apart
-from skin.calibrate.amplitude import (
-    fit_amplitude,
-    map_field,
-)
-from skin.calibrate.film import fit_film
-from skin.calibrate.normal import fit_frequency
 from skin.calibrate.read import as_fit, read_calibration
 from skin.calibrate.write import parameter_values, write_calibration
-from skin.decode.decoder import Decoder
 from skin.errors import CalibrationError, OptionError
-from skin.physics.fabrication import Fabrication
 from skin.physics.least_squares import Fit
-from skin.physics.scan import strokes
-from skin.sim.bench import Bench
-from tests.fixtures.decode import row_of, with_parameters
 from tests.fixtures.topology import write_topology
 from topology import THETA_KNOTS
 
 UNITS = 4
-AROUND = np.linspace(-np.pi, np.pi, 32, endpoint=False)
 
 
 def told(**values):
@@ -190,67 +176,3 @@ def test_a_write_that_fails_midway_leaves_nothing_behind(tmp_path, monkeypatch):
         write_calibration(file, "patch", {})
     assert file.read_text() == old
     assert [path.name for path in tmp_path.iterdir()] == ["row.toml"]
-
-
-# -- a skin that was on the bench ------------------------------------------------------------------
-
-
-@functools.cache
-def made():
-    """Units that differ from the nominal one, and their films."""
-    rng = np.random.default_rng(5)
-    skin = row_of(UNITS)
-    skin = with_parameters(
-        skin,
-        frequency_rest_hz=4500.0 * (1.0 + 0.02 * rng.uniform(-1.0, 1.0, UNITS)),
-        field_amplitude_ut=11073.0 * (1.0 + 0.05 * rng.uniform(-1.0, 1.0, UNITS)),
-        hall_offset_x_ut=rng.uniform(-150.0, 150.0, UNITS),
-        hall_offset_y_ut=rng.uniform(-150.0, 150.0, UNITS),
-    )
-    return skin, Fabrication.draw(UNITS, seed=3)
-
-
-def fitted(readings=4):
-    """Fits of all units from noisy, quantised scans, as a bench would go about it."""
-    skin, films = made()
-    bench = Bench(skin, fabrication=films, seed=1, quantised=True)
-    press = bench.scan(np.repeat(np.linspace(0.0, 2.0, 9), 4), 0.0)
-    reaches = np.linspace(0.25, 2.25, 9)
-    slide = bench.scan(*strokes(np.linspace(0.0, 2.0, 5), reaches, AROUND[::4]), readings=readings)
-    sigma = 105.0 / np.sqrt(readings)
-    units = {}
-    for i in range(UNITS):
-        frequency = fit_frequency(press.frequency_hz[:, i], press.depth_mm[:, i])
-        angle = slide.direction_rad[:, i]
-        raw = slide.field_ut[..., i]
-        film = fit_film(
-            raw, slide.depth_mm[:, i], slide.displacement_mm[:, i], angle, sigma_ut=sigma
-        ).fit
-        x, y = map_field(raw, film)
-        amplitude = fit_amplitude(
-            x * np.cos(angle) + y * np.sin(angle), slide.depth_mm[:, i],
-            slide.displacement_mm[:, i], sigma_ut=sigma,
-        )  # fmt: skip
-        units[f"r0c{i}"] = [frequency, film, amplitude]
-    return units
-
-
-def test_a_skin_that_was_on_the_bench_decodes_better(tmp_path):
-    write_calibration(tmp_path / "row.toml", "patch", fitted())
-    calibrated = topology.load(patch_of(tmp_path, "row.toml"))
-    skin, films = made()
-    rng = np.random.default_rng(7)
-    poses = rng.uniform(0.3, 2.0, 400), rng.uniform(0.0, 2.0, 400), rng.uniform(-3.1, 3.1, 400)
-    truth = Bench(skin, fabrication=films, seed=9).scan(*poses)
-    reach, angle = truth.displacement_mm, truth.direction_rad
-    wanted = np.stack([reach * np.cos(angle), reach * np.sin(angle), truth.depth_mm], axis=1)
-    error = {}
-    nominal = with_parameters(row_of(UNITS), field_amplitude_sigma_relative=0.03)
-    for name, known in (("nominal", nominal), ("calibrated", calibrated)):
-        reading = Decoder(apart(known), dtype="float64", sweeps=0, ambient=False)(truth.counts)
-        assert reading.valid.all()
-        off = reading.displacement_mm - wanted
-        error[name] = np.sqrt(np.mean(off[:, :2] ** 2)), np.sqrt(np.mean(off[:, 2] ** 2))
-    assert error["calibrated"][0] < 0.65 * error["nominal"][0]
-    assert error["calibrated"][0] < 0.08
-    assert error["calibrated"][1] < 0.008 < 0.2 * error["nominal"][1]

@@ -23,7 +23,7 @@ from skin.options import Options
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.pipeline import Pipeline
 from skin.sim.attached import in_process
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS
@@ -170,7 +170,7 @@ def test_units_that_are_silent_are_not_tared_and_hinder_nobody():
 
 
 def test_who_does_not_want_it_is_not_tared():
-    hand = Hand(tare=False)
+    hand = Hand(auto_tare=False)
     assert hand.pipeline.zeros is None
     assert (hand.run(2 * WINDOW).units.status & Status.UNTARED != 0).all()
     assert Hand(known=PALM.exact()).pipeline.zeros is None
@@ -249,7 +249,7 @@ class Still:
 def opened(file, *, known=PALM, serial=0, temperature_c=25.0, cycles=WINDOW + 40, others=None):
     """A run on units that are none like the model, whose boards have numbers from `serial` on;
     they say nothing if that is None, and there are `others` of the same nodes."""
-    nodes = Nodes(TRUE, Still(temperature_c), history=0)
+    nodes = SimulatedUnits(TRUE, Still(temperature_c), history=0)
     ends = in_process(nodes)
     run = skin.open(known, transports=ends, zeros=file, pace=False, want={"force"})
     board = run.pipeline.zeros._boards
@@ -344,7 +344,7 @@ def test_a_run_that_tares_some_anew_keeps_the_zeros_of_those_that_were_silent(sa
         offset = before["offset_ut"].copy()
     frames = PALM.frames
     changed, silent = (frames.units[f][frames.units[f] >= 0] for f in (0, 1))
-    nodes = Nodes(TRUE, Still(), history=0)
+    nodes = SimulatedUnits(TRUE, Still(), history=0)
     run = skin.open(PALM, transports=in_process(nodes), zeros=saved, pace=False, want={"force"})
     zeros, look = run.pipeline.zeros, run.pipeline.zeros.look
     serial = zeros._serial
@@ -372,7 +372,7 @@ def test_a_run_that_tares_some_anew_keeps_the_zeros_of_those_that_were_silent(sa
 
 
 def test_a_run_that_tares_all_anew_keeps_no_zero_with_another_ambient_field(saved):
-    nodes = Nodes(TRUE, Still(33.0), history=0)
+    nodes = SimulatedUnits(TRUE, Still(33.0), history=0)
     run = skin.open(PALM, transports=in_process(nodes), zeros=saved, pace=False, want={"force"})
     look = run.pipeline.zeros.look
 
@@ -393,7 +393,7 @@ def test_a_run_that_tares_all_anew_keeps_no_zero_with_another_ambient_field(save
 def test_of_two_runs_on_one_file_the_last_to_end_is_kept(saved):
     runs = [
         skin.open(
-            PALM, transports=in_process(Nodes(TRUE, Still(warm), history=0)), zeros=saved,
+            PALM, transports=in_process(SimulatedUnits(TRUE, Still(warm), history=0)), zeros=saved,
             pace=False, want={"force"},
         )
         for warm in (27.0, 23.0)
@@ -448,13 +448,13 @@ def test_zeros_of_a_board_that_nobody_knows_are_not_taken_up(tmp_path, who):
     opened(file, cycles=WINDOW + N, **who)
     told, _ = opened(file, **who)
     assert told["taken_up"] == []
-    assert all("board that tells one serial number" in why for why in told["refused"].values())
+    assert all("board that reports one serial number" in why for why in told["refused"].values())
 
 
 def test_zeros_are_saved_where_the_log_cannot_be_ended(tmp_path):
     file = tmp_path / "zeros.npz"
-    run = skin.open(PALM, transports=in_process(Nodes(TRUE, Still(), history=0)), zeros=file,
-                    pace=False, want={"force"}, log=tmp_path / "run.log")  # fmt: skip
+    run = skin.open(PALM, transports=in_process(SimulatedUnits(TRUE, Still(), history=0)),
+                    zeros=file, pace=False, want={"force"}, log=tmp_path / "run.log")  # fmt: skip
     end = run._recording.close
 
     def full():
@@ -470,8 +470,8 @@ def test_zeros_are_saved_where_the_log_cannot_be_ended(tmp_path):
 
 @pytest.mark.parametrize("silent", [WINDOW // 2, WINDOW])
 def test_cycles_without_an_answer_are_of_no_temperature(saved, silent):
-    run = skin.open(PALM, transports=in_process(Nodes(TRUE, Still(), history=0)), zeros=saved,
-                    pace=False, want={"force"})  # fmt: skip
+    run = skin.open(PALM, transports=in_process(SimulatedUnits(TRUE, Still(), history=0)),
+                    zeros=saved, pace=False, want={"force"})  # fmt: skip
     look, cycle = run.pipeline.zeros.look, itertools.count()
 
     def late(counts, status):
@@ -525,7 +525,7 @@ def test_what_is_no_archive_is_refused(tmp_path):
 
 
 def test_a_log_is_tared_where_the_live_run_was(tmp_path):
-    nodes = Nodes(TRUE, Still(), history=0)
+    nodes = SimulatedUnits(TRUE, Still(), history=0)
     log = tmp_path / "run.blf"
     flags = []
     with skin.open(PALM, transports=in_process(nodes), pace=False, log=log) as run:

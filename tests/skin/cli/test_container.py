@@ -3,7 +3,6 @@ home, no folder for compiled code."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -15,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import skin
+from bus.compiled import places
 from tests.fixtures.topology import PAIR
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
@@ -130,15 +130,10 @@ def assert_same(container, reports, normal):
     pytest.param({"HOME": "/nowhere"}, marks=pytest.mark.long, id="home is missing"),
 ])  # fmt: skip
 def test_commands_run_in_a_read_only_image_with_its_code_compiled(home, container, user, normal):
-    for folder in [*(container / "package").glob("**/")]:
-        source = ROOT / folder.relative_to(container / "package")
-        hashed = hashlib.sha1(str(source).encode()).hexdigest()  # as numba names folders
-        place = Path(os.environ["NUMBA_CACHE_DIR"], f"{source.name}_{hashed}")
-        for file in (*place.glob("*.nbc"), *source.glob("__pycache__/*.nbc")):  # read from both
-            folder.joinpath("__pycache__").mkdir(exist_ok=True)
-            shutil.copy(file, folder / "__pycache__")
+    kept = container / "package/kernels"
+    shutil.copytree(places.wanted(), kept / "f3t-skin")
     spoil(container, user)
-    reports, said = contained(container, user, **home)
+    reports, said = contained(container, user, NUMBA_CACHE_DIR=str(kept), **home)
     assert_same(container, reports, normal)
     assert "f3t-skin" not in said
 

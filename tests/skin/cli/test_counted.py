@@ -7,17 +7,17 @@ import itertools
 import json
 import re
 
-import numpy as np
 import pytest
 
 import skin
 import topology
 from bus.cycle import WRONG_FRAMES, FrameCounters
 from skin.cli import main
+from skin.io.messages.record import COUNTERS
 from skin.state import Status
 from skin.view.health import Health, flagged
-from skin.view.snapshot import COUNTERS, snapshot_dtype
 from skin.view.terminal import LiveTable
+from tests.naive.record import snapshots
 
 
 def last_json(capsys):
@@ -69,7 +69,7 @@ def test_live_views_name_no_unit_that_is_switched_off(partly_off):
     assert flagged(state.units.status, names) == []
     text = "\n".join(LiveTable(palm.topology).lines(state))
     assert "!" not in text
-    record = np.zeros(1, snapshot_dtype(64))[0]
+    record = snapshots(1, 64)[0]
     record["status"], record["whole"] = state.units.status, True
     assert dict(Health(names, 250.0).rows(record))["units"] == "63 of 63 valid"
 
@@ -85,7 +85,7 @@ def test_live_views_name_all_frames_that_are_wrong(palm_state):
     text = "\n".join(LiveTable(palm).lines(dataclasses.replace(state, counters=counters)))
     (shown,) = re.findall(r"frames +\d+, (.*\w)", text)
     assert set(shown.split(", ")) == told
-    record = np.zeros(1, snapshot_dtype(64))[0]
+    record = snapshots(1, 64)[0]
     record["counters"] = [getattr(counters, name) for name in COUNTERS]
     losses = dict(Health(palm.unit_names, 250.0).rows(record))["losses"]
     assert set(losses.split(", ")) == told

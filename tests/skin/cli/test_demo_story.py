@@ -11,8 +11,8 @@ import pytest
 
 from skin.cli import main
 from skin.cli.demo_story import figures_of, reel_of, show
-from skin.tasks.play import COLUMNS, Change, Story
-from skin.tasks.runner import Passed
+from skin.demos.play import COLUMNS, Change, Story
+from skin.demos.runner import Passed
 
 
 def story(outcome="done"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 
 import numpy as np
@@ -15,8 +16,8 @@ from tests.fixtures.live import frames_of
 
 CYCLES = 350
 AXES = ("x", "y", "z")
-GIVEN = [{}, {"sweeps": 2, "dtype": "float64"}]
-"""Options of a command: none, and other ones than the defaults."""
+GIVEN = [{}, {"sweeps": 2}]
+"""Options of a command: none, and another one than the defaults."""
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,15 @@ def test_a_file_of_arrays_has_the_forces_of_decode_log(case, log, tmp_path, caps
         assert stated(str(arrays["_options"]), options)
 
 
+@pytest.mark.long
+def test_numbers_are_of_the_type_that_is_asked_for(log, tmp_path, capsys):
+    decoded(log, ["--dtype", "float64"], tmp_path / "a.npz", capsys)
+    expected = [state.units.force.copy() for state in skin.decode_log("palm", log, dtype="float64")]
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert arrays["force_n"].dtype == np.float64
+        np.testing.assert_array_equal(arrays["force_n"], np.stack(expected))
+
+
 def test_a_table_has_the_forces_of_decode_log(case, log, tmp_path, capsys):
     words, _, force, _, _, options = case
     report = decoded(log, words, tmp_path / "a.csv", capsys)
@@ -120,7 +130,7 @@ def test_a_folder_has_the_forces_of_decode_log(form, case, log, tmp_path, capsys
         text = metadata[b"options"]
     else:
         with np.load(file) as arrays:
-            found, text = arrays["force"], str(arrays["_options"])
+            found, text = arrays["force_n"], str(arrays["_options"])
     assert found.dtype == force.dtype
     np.testing.assert_array_equal(found, force)
     assert stated(text, options)
@@ -165,3 +175,37 @@ def test_options_that_cannot_be_are_refused(words, log, tmp_path, capsys):
         main(["decode", "palm", str(log), "-o", str(tmp_path / "a.npz"), *words])
     assert stopped.value.code == 2
     assert words[0] in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A recording of a run, and the forces that it had."""
+    pytest.importorskip("mcap", reason="mcap is not installed")
+    path = tmp_path_factory.mktemp("recording") / "run.mcap"
+    with skin.open("strip", simulate="press", pace=False, record=path) as strip:
+        force = np.stack([state.units.force for state in itertools.islice(strip, 120)])
+    return path, force
+
+
+@pytest.mark.parametrize("first", [[], ["strip"]], ids=["by its own topology", "by a given one"])
+@pytest.mark.parametrize("suffix", ["npz", "csv", "parquet"])
+def test_a_recording_goes_into_one_file_as_a_log_does(first, suffix, recorded, tmp_path, capsys):
+    path, force = recorded
+    out = tmp_path / f"run.{suffix}"
+    if suffix == "parquet":
+        pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    assert main(["decode", *first, str(path), "-o", str(out), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (report["topology"], report["cycles"]) == ("strip", len(force))
+    assert report["faults"] == []
+    if suffix == "npz":
+        with np.load(out) as arrays:
+            np.testing.assert_array_equal(arrays["force_n"], force)
+    assert out.stat().st_size > 1000
+
+
+def test_recordings_go_into_a_folder_by_their_own_topology(recorded, tmp_path, capsys):
+    given = ["decode", str(recorded[0]), "-o", str(tmp_path / "out"), "--format", "npz", "--json"]
+    assert main(given) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (report["decoded"], report["failed"]) == (1, 0)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from skin.cli import main
+from tests.fixtures.robots import GRIPPER, write_gripper
 
 TOPOLOGY = """name = "palm"
 [[buses]]
@@ -43,7 +44,26 @@ WRITERS = {
     "table": ("a.csv", lambda file, tmp: with_log(tmp, "decode", "-o", file)),
     "arrays": ("a.npz", lambda file, tmp: with_log(tmp, "decode", "-o", file)),
     "columns": ("a.parquet", lambda file, tmp: with_log(tmp, "decode", "-o", file)),
-    "picture": ("a.png", lambda file, tmp: ["demo", "gesture", "--picture", file]),
+    "zeros of a stencil": (
+        "zeros.toml",
+        lambda file, tmp: [
+            "calibrate",
+            "crosstalk",
+            "strip",
+            "--stencil",
+            str(tmp / "s.npz"),
+            "-o",
+            file,
+            "--simulate",
+        ],
+    ),
+    **{
+        f"picture of {demo}": (
+            "a.png",
+            lambda file, tmp, demo=demo: ["demo", demo, "--picture", file],
+        )
+        for demo in ("palm", "gesture", "grasp", "grip", "pva", "tea")
+    },
     "view": ("a.html", lambda file, tmp: ["view", "strip", "--export", file, *SIMULATED]),
     "bus": ("strip-main.dbc", lambda file, tmp: ["dbc", "strip", "-o", str(tmp)]),
 }
@@ -69,6 +89,24 @@ def test_what_another_has_written_stays_and_is_named(name, held, tmp_path, capsy
     assert file in told
     what = "the topology file of 'palm'" if held is TOPOLOGY else repr(NOTES.strip())
     assert what in told or name in ("recording", "zeros")
+
+
+def test_a_model_of_another_stays(tmp_path, capsys):
+    file, out = write_gripper(tmp_path), tmp_path / "out.urdf"
+    out.write_text(GRIPPER)
+    assert main(["mount", str(tmp_path / "gripper.urdf"), str(file), "-o", str(out)]) == 2
+    assert out.read_text() == GRIPPER
+    assert "must be a new file, or a copy of the model with this skin" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["part-notes.txt", "part-00007.txt", "part-1.npz"])
+def test_a_folder_of_partitions_keeps_the_files_of_others(name, tmp_path):
+    given = [*with_log(tmp_path, "decode"), "-o", str(tmp_path / "out"), "--format", "npz"]
+    assert main(given) == 0
+    (folder,) = (tmp_path / "out" / "cycles" / "skin=strip").iterdir()
+    (folder / name).write_text(NOTES)
+    assert main([*given, "--force"]) == 0
+    assert (folder / name).read_text() == NOTES
 
 
 def test_the_calibrations_of_a_skin_go_to_no_topology(tmp_path, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,9 @@ from pathlib import Path
 import pytest
 
 import skin
+import topology
 from skin.cli import main
+from skin.view.terminal import LiveTable
 from tests.fixtures.patience import LONG_S
 
 pytest.importorskip("mcap", reason="mcap is not installed")
@@ -42,6 +45,28 @@ def test_what_was_recorded_is_told(tmp_path, capsys):
     assert recorded["cycles"] == report["cycles"] > 0
     assert recorded["bytes"] <= path.stat().st_size
     assert (recorded["lost_cycles"], recorded["lost_frames"], recorded["failure"]) == (0, 0, None)
+
+
+def test_periods_that_this_machine_left_out_are_shown_live_at_the_end_and_in_the_replay(
+    tmp_path, monkeypatch, capsys
+):
+    show, late = LiveTable.show, iter([0.0, 0.1])
+    monkeypatch.setattr(
+        LiveTable, "show", lambda *given: (show(*given), time.sleep(next(late, 0.0)))
+    )
+    path = tmp_path / "run.mcap"
+    command = ["record", "strip", "-o", str(path), "--simulate", "--seconds", "0.3"]
+    assert main(command) == 0
+    shown = re.search(r"^left out +(\d+) periods without a cycle$", capsys.readouterr().out, re.M)
+    assert shown is not None
+    assert int(shown[1]) >= 0.1 * topology.load("strip").cycle_rate_hz - 2
+    assert main(["replay", str(path), "--speed", "0", "--json"]) == 0
+    report = last_line(capsys)
+    assert report["overruns"] == int(shown[1])
+    assert report["counters"]["lost"] == 0
+    played = skin.replay(path, speed=None)
+    *_, last = played
+    assert f", {shown[1]} periods left out" in LiveTable(played.topology).lines(last)[0]
 
 
 def test_a_replay_tells_that_it_is_the_same(file, capsys):

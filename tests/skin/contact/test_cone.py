@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 import tests.naive.contact as naive
 from skin.contact.cone import cone_in_use, grip_force, grip_margin
-from skin.contact.features import contact_features
 from skin.contact.graph import neighbour_graph
 from skin.contact.slip import SlipSettings
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
+from tests.fixtures.contact_features import contact_features
 
 loads = st.floats(0.1, 50.0)
 shears = st.floats(0.0, 20.0)

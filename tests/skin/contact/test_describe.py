@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.features import contact_features
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.slip import SlipSettings
 from skin.contact.stream import ContactStream
+from tests.fixtures.contact_features import contact_features
 
 seeds = st.integers(0, 2**32)
 

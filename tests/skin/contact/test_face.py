@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tests.naive.contact as naive
-from skin.contact.features import contact_features
+from tests.fixtures.contact_features import contact_features
 
 RADIUS, SIDE = 0.006, 7
 AREA = np.pi * RADIUS**2

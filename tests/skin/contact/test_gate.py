@@ -82,8 +82,15 @@ def test_a_lone_unit_needs_more_than_one_that_lasts_or_has_a_neighbour():
         assert elsewhere.see({FAR: 0.5 * twice + off}) == 0
 
 
-@pytest.mark.parametrize("rise", [0.25, 1.0, 4.0])
-@pytest.mark.parametrize("pattern", [{MIDDLE: 1.0}, {MIDDLE: 1.0, NEXT: 1.0, NEXT + ROWS: 0.8}])
+@pytest.mark.long_but_first
+@pytest.mark.parametrize(
+    ("pattern", "rise"),
+    [
+        ({MIDDLE: 1.0}, 0.25),
+        ({MIDDLE: 1.0}, 4.0),
+        ({MIDDLE: 1.0, NEXT: 1.0, NEXT + ROWS: 0.8}, 1.0),
+    ],
+)
 def test_light_presses_are_seen_as_early_as_by_five_sigmas(pattern, rise):
     """Presses that rise by so many sigmas a cycle; in the mean within a third of a cycle, and the
     slowest twentieth no later."""

@@ -16,7 +16,7 @@ from skin.contact.record import Event
 from skin.errors import SkinError
 from skin.options import Options
 from skin.pipeline import Pipeline
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.unit import UnitSimulator
@@ -130,7 +130,7 @@ def test_moved_patches_carry_their_forces_along():
 def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
     palm = topology.load("palm").exact()
     near, far = MemoryTransport.pair()
-    nodes = Nodes(palm, seed=1)
+    nodes = SimulatedUnits(palm, seed=1)
     nodes.attach([far])
     send = far.send
     with skin.open(palm, transports=[near], pace=False, want={"contacts"}) as opened:
@@ -163,6 +163,7 @@ def test_what_is_known_of_friction_reaches_the_contacts():
         assert contact.slip in tuple(skin.SlipState)
 
 
+@pytest.mark.usefixtures("few_variants")
 def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     palm = topology.load("palm").exact()
     scene, simulator = open_scene("demo", palm), UnitSimulator(palm, seed=5)

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.features import contact_features
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.stream import ContactStream
+from tests.fixtures.contact_features import contact_features
 
 AREA = 1e-4
 seeds = st.integers(0, 2**32)

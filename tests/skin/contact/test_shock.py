@@ -132,7 +132,7 @@ def stamped(shocks, times_s, forces, sigma):
         event = np.array([BEGIN if t == 0 else 0], np.int32)
         shocks.update(1, np.zeros(1, np.int32), event, force[None], np.full((1, 3), sigma),
                       round(1e9 * time_s))  # fmt: skip
-        _, (vibration,), (weight,) = shocks.told
+        _, (vibration,), (weight,) = shocks.values
         seen.append((vibration, shocks.vibrates(vibration, weight)))
     return np.transpose(seen)
 

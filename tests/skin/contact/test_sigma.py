@@ -64,7 +64,7 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
     body = np.arange(n) * bodies // n
     law = np.zeros(n, LAW)
     law["body"], law["axes"] = body, np.moveaxis(rotation, 2, 0)
-    law["soft"], law["knee"], law["stiffer"], law["gain_offset"] = 0.5, 0.8, 2.0, 1.0
+    law["shear"][..., 0], law["gain_offset"] = (0.5, 0.8, 2.0, 0.0), 1.0
     true = drag * np.array([[np.cos(0.7)], [np.sin(0.7)]]) * rng.uniform(0.7, 1.0, n)
     true_force = np.vstack([shear_of(field_of(true))[1], np.full((1, n), 2.0)])
     field, moved, force, sigma = (np.zeros((3, n)) for _ in range(4))

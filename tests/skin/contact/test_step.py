@@ -45,7 +45,7 @@ def test_a_step_says_how_many_contacts_there_are_when_they_are_others():
 
 def test_slip_is_told_the_seconds_since_the_cycle_before(monkeypatch):
     told = []
-    monkeypatch.setattr(module, "judge", lambda *given: told.append(given[:3]))
+    monkeypatch.setattr(module, "detect_slip", lambda *given: told.append(given[:3]))
     stream = row_of(2, want={"slip"})
     for now_ns in (3_000_000, 7_000_000, 13_000_000):
         take(stream, now_ns, 1, 1, kernel=step_python)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from skin.contact.features import contact_features
+from tests.fixtures.contact_features import contact_features
 
 sizes = st.integers(1, 70)
 seeds = st.integers(0, 2**32 - 1)

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from bus.status import Status
-from skin.decode import passes, sharing
+from skin.decode import bound, sharing
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts
 from tests.skin.decode.test_field_angle import counts_at
+
+pytestmark = pytest.mark.usefixtures("few_variants")
 
 NAMES = ("temperature", "force", "displacement_mm", "status", "valid")
 
@@ -26,7 +28,7 @@ def test_many_units_are_read_where_their_counts_lie(monkeypatch):
     for t in range(6):
         reading = copying(raw[t], status[t] if t % 3 else None, background[t] if t % 2 else None)
         expected.append([getattr(reading, name).copy() for name in NAMES])
-    monkeypatch.setattr(passes, "COPIED", 6)
+    monkeypatch.setattr(bound, "COPIED", 6)
     reading_there = Decoder(skin, sweeps=0, ambient=False)
     for t in range(6):
         found = reading_there(

@@ -117,6 +117,7 @@ def test_drift_of_an_offset_is_followed():
     assert np.abs(world.stray_ut[:2] - ambient.zero[1:]).max() < 15.0
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("rate_hz_per_min", [0.3, 0.5, 0.9, 1.2, 2.0, 5.0])
 def test_press_that_creeps_is_not_taken_for_drift(rate_hz_per_min):
     """Three units of 24, slower and faster than a zero may follow: Bz tells it from drift."""
@@ -292,8 +293,11 @@ def moved(skin, counts, estimator):
     return np.abs(minutes - minutes[0]).max(axis=(0, 2))
 
 
-@pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-classic"])
-@pytest.mark.parametrize(("depth_mm", "displacement_mm"), [(0.0, 0.0), (1.0, 1.5)])
+@pytest.mark.long_but_first
+@pytest.mark.parametrize(
+    ("layout", "depth_mm", "displacement_mm"),
+    [("f3t-fd16", 0.0, 0.0), ("f3t-fd16", 1.0, 1.5), ("f3t-classic", 1.0, 1.5)],
+)
 def test_heat_moves_no_force(layout, depth_mm, displacement_mm):
     """Gel, film and chip 36 K warmer, one after the other; the classic wire has no chip
     temperature, so that the chip's is told from the gel's by its lag."""

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from skin.decode.decoder import Decoder
-from skin.physics.scan import strokes
-from skin.sim.bench import Bench
-from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
+from tests.fixtures.decode import (
+    calibrated,
+    posed,
+    row_of,
+    sensible_counts,
+    strokes,
+    with_parameters,
+)
 from tests.naive.decode import naive_decode
+
+pytestmark = pytest.mark.usefixtures("few_variants")
 
 UNITS = 21
 ESTIMATORS = ("sine", "field-angle")
@@ -46,25 +53,25 @@ def test_a_film_without_displacement_reads_none(estimator):
     """The field of a displaced film, on a unit that knows that its film sits there: no shear."""
     plain = row_of(4)
     place = np.array([[0.1, -0.08, 0.0, 0.12], [0.0, 0.05, -0.1, 0.09]])
-    scan = Bench(plain, noise=False).scan(
-        np.full(4, 1.0), np.hypot(*place), np.arctan2(place[1], place[0])
-    )
+    poses = np.full(4, 1.0), np.hypot(*place), np.arctan2(place[1], place[0])
+    _, counts = posed(plain, *poses, noise=False)
     skin = with_parameters(plain, film_x_mm=place[0], film_y_mm=place[1])
-    read = everything(skin, estimator)(scan.counts)
+    read = everything(skin, estimator)(counts)
     own = read.displacement_mm[np.arange(4), :2, np.arange(4)]
     assert np.abs(own).max() < 0.004
     assert np.abs(read.force[np.arange(4), :2, np.arange(4)]).max() < 0.002
 
 
+@pytest.mark.long
 def test_the_sigma_holds_its_share_of_errors_of_off_centre_films():
     plain = row_of(UNITS)
     depth, reach, around = strokes([0.4, 1.0, 1.6], [0.3, 1.0, 1.7, 2.4], np.linspace(-3, 3, 90))
     face = reach * np.stack([np.cos(around), np.sin(around)])
     place = np.array([0.09, -0.07])
     film = face + place[:, np.newaxis]
-    scan = Bench(plain, seed=3).scan(depth, np.hypot(*film), np.arctan2(film[1], film[0]))
+    _, counts = posed(plain, depth, np.hypot(*film), np.arctan2(film[1], film[0]), seed=3)
     skin = with_parameters(plain, film_x_mm=place[0], film_y_mm=place[1])
-    read = everything(skin, "field-angle")(scan.counts)
+    read = everything(skin, "field-angle")(counts)
     off = np.abs(read.displacement_mm[:, :2] - face.T[:, :, np.newaxis])
     held = (off <= read.displacement_sigma_mm[:, :2]).mean()
     assert 0.66 < held < 0.71
@@ -75,3 +82,11 @@ def test_films_in_the_middle_cost_nothing():
     assert not Decoder(plain, sweeps=0, ambient=False).plan.film_centre
     assert Decoder(off_centre(plain), sweeps=0, ambient=False).plan.film_centre
     assert not Decoder(off_centre(plain), {"temperature"}).plan.film_centre
+
+
+def test_kernels_have_cubes_only_where_a_force_law_has_one():
+    plain = calibrated(row_of(5), seed=3)
+    cubed = with_parameters(plain, shear_cubic_n_per_mm3=[0.0, 0.0, 0.1, 0.0, 0.0])
+    assert not Decoder(plain, sweeps=0, ambient=False).plan.cubes
+    assert Decoder(cubed, sweeps=0, ambient=False).plan.cubes
+    assert not Decoder(cubed, {"displacement"}, sweeps=0, ambient=False).plan.cubes

@@ -20,10 +20,12 @@ from skin.decode.decoder import Decoder
 from skin.decode.density import contraction_of
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
-from skin.physics.scan import strokes
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.decode import strokes
 from tests.skin.physics.test_stencil import change_ut, displaced, neighbours_ut, palm
+
+pytestmark = pytest.mark.usefixtures("few_variants")
 
 SKINS = ("palm", "hand", "fingertip", "strip")
 
@@ -135,6 +137,7 @@ def test_pairs_that_were_measured_one_by_one_have_coefficients_of_their_own():
 
 
 # -- against magnet theory -------------------------------------------------------------------------
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("lattices", [True, False])
 @pytest.mark.parametrize("name", ["palm", "hand", "fingertip"])
 def test_what_is_missed_is_what_the_residue_says(name, lattices):

@@ -15,6 +15,8 @@ from skin.physics.stray import monomials, powers, scan_poses
 from tests.fixtures.decode import with_parameters
 from tests.skin.decode.test_crosstalk import part_of, plane, predict
 
+pytestmark = pytest.mark.usefixtures("few_variants")
+
 
 def made_up(skin, degree, reach_mm=13.0, *, own=False, seed=0):
     """A stencil of all pairs within reach, those of one offset alike, or each its `own`, or those

@@ -15,6 +15,8 @@ from tests.fixtures.decode import with_parameters
 from tests.skin.decode.test_crosstalk import plane
 from topology.pose import from_rpy
 
+pytestmark = pytest.mark.usefixtures("few_variants")
+
 PLACED = {"place": (0.3, 0.0), "tilt": (0.0, 0.02)}
 
 

@@ -16,6 +16,8 @@ from skin.decode.flags import judge
 from skin.errors import CalibrationError, CountsError, OptionError, SkinError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
+pytestmark = pytest.mark.usefixtures("few_variants")
+
 REST = {"gel": 1430, "frequency": 18000, "bx": 0, "by": 0, "hall_temperature": 0}
 ROWS = {"gel": 0, "frequency": 1, "bx": 2, "by": 3, "hall_temperature": 5}
 
@@ -167,6 +169,8 @@ def test_chip_follows_the_gel_where_the_wire_does_not_carry_it():
     np.testing.assert_allclose(chip, 50.0 - 50.0 * np.exp(-np.arange(301) / 200.0), atol=0.5)
 
 
+@pytest.mark.long
+@pytest.mark.usefixtures("machine_code")
 def test_a_slow_chip_does_not_stand_still_in_float32():
     """At 1 kHz a chip takes 5e-6 of the way in a cycle: less than float32 can add to 60 °C."""
     skin = with_parameters(

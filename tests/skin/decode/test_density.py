@@ -56,6 +56,7 @@ def checked(tmp_path, text, capsys):
     return file, status, json.loads(capsys.readouterr().out.splitlines()[-1])
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize(
     ("text", "line", "where"),
     [

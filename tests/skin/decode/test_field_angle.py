@@ -122,6 +122,7 @@ def test_it_knows_no_crest(seed, layout):
 # -- what it does not feel -------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @given(seeds, st.floats(0.8, 1.2))
 def test_the_strength_of_the_magnet_and_the_gain_of_the_chip_cancel(seed, gain):
     skin = row_of(30)
@@ -170,6 +171,7 @@ def test_all_of_the_field_scaled_is_the_same_angle(seed, dtype, factor):
     assert np.abs(one - other).max() <= (3e-6 if dtype == "float32" else 1e-12)
 
 
+@pytest.mark.long
 @given(seeds)
 def test_float32_agrees_with_float64(seed):
     skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
@@ -182,6 +184,7 @@ def test_float32_agrees_with_float64(seed):
 # -- its end ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_r_grows_to_its_end_and_stays_there(dtype):
     """From straight up through the horizon to straight down, a field of one strength."""

@@ -24,10 +24,13 @@ from tests.fixtures.decode import (
     row_of,
     sensible_counts,
     sine,
+    stiffening,
     with_parameters,
 )
 from tests.naive.decode import naive_decode
 from topology import THETA_KNOTS
+
+pytestmark = pytest.mark.usefixtures("few_variants")
 
 FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "status", "valid")
 DTYPES = ("float32", "float64")
@@ -124,7 +127,7 @@ def test_decoding_undoes_the_simulated_unit_within_quantisation(seed, dtype, lay
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-fd64", "f3t-classic"])
 def test_every_cycle_is_that_of_the_naive_decoder(layout, estimator):
-    skin = calibrated(row_of(37, layout), seed=3, turn_rad=0.3)
+    skin = stiffening(calibrated(row_of(37, layout), seed=3, turn_rad=0.3))
     raw = np.concatenate([sensible_counts(skin, 6, 4), sensible_counts(skin, 6, 5, most=0.3)])
     lost = np.random.default_rng(6).random((12, 37)) < 0.1
     status = np.where(lost, Status.LATE, 0).astype(np.uint16)
@@ -159,7 +162,8 @@ def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("turn_rad", [0.0, 0.3])
+@pytest.mark.parametrize("turn_rad", [pytest.param(0.0, marks=pytest.mark.long), 0.3])
+@pytest.mark.usefixtures("machine_code")
 def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
     skin = calibrated(row_of(21), seed=9, turn_rad=turn_rad)
     raw = np.concatenate([sensible_counts(skin, 2, 10), any_counts(skin, 1, 11)])
@@ -227,6 +231,7 @@ def test_a_quarter_turn_of_the_field_turns_the_force(seed, dtype):
     assert np.abs(after.force[:, 1] - before.force[:, 0]).max() <= limit
 
 
+@pytest.mark.long
 @given(seeds, dtypes, st.integers(1, 150))
 def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
     whole = calibrated(row_of(150), seed=1, turn_rad=0.2)
@@ -242,6 +247,8 @@ def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
         assert np.ascontiguousarray(a[..., order]).tobytes() == b.tobytes(), name
 
 
+@pytest.mark.long
+@pytest.mark.usefixtures("machine_code")
 def test_units_that_are_fetched_ahead_change_no_bit_either():
     many = array_of(parts_module.FAR + 77, alike=True)
     raw = counts_of(many)

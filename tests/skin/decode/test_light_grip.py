@@ -114,6 +114,7 @@ def settled(skin, field_ut, seed):
     return grip
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("field_ut", [0.0 * EARTH, EARTH], ids=["no field", "earth"])
 @pytest.mark.parametrize("pad_n", [0.4, 0.7, 3.0])
 def test_shear_of_light_pads_is_felt(pair, pad_n, field_ut):

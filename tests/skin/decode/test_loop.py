@@ -10,9 +10,9 @@ import pytest
 import topology
 from bus.status import Status
 from skin.decode.decoder import Decoder
-from skin.decode.loop import Looks
 from skin.physics.halbach import HalbachField
 from skin.sim.unit import UnitSimulator
+from skin.state import if_wanted
 
 
 @functools.cache
@@ -105,10 +105,11 @@ def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
     )
     counts = np.zeros((6, 64), np.int16)
     decoder.warmup()
-    assert decoder(counts).temperature is None
-    assert decoder.loop.whole.temperature is not None
+    assert if_wanted(decoder(counts), "temperature") is None
+    assert decoder.whole.temperature is not None
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("skip", [False, True])
 def test_the_ambient_field_is_found_as_well_where_units_are_looked_at_seldom(skip):
     """A field that appears, in noise: found within its sigma; with `skip` the sigma is wider by
@@ -131,23 +132,3 @@ def test_the_ambient_field_is_found_as_well_where_units_are_looked_at_seldom(ski
     off = (np.array(found) - skin_frame)[:, :2]
     assert np.sqrt(np.mean(off**2)) < 1.5 * np.mean(sigma)
     assert np.mean(sigma) < 5.0 * np.sqrt(every)
-
-
-def test_looks_count_the_time_since_the_last_one():
-    phase = np.zeros(1, np.int64)
-    palm = topology.load("palm")
-    looks = Looks(phase, Decoder(palm, {"force"}, skip=True, ambient=True, sweeps=0).plan, 250.0)
-    told = []
-    for number in range(25):
-        phase[0] = number
-        if number == 5:
-            looks.elapse(0.1)  # a gap
-        told.append(looks.next())
-    assert [t for t, seconds in enumerate(told) if seconds is not None] == [0, 12, 24]
-    assert told[0] == pytest.approx(0.004)
-    assert told[12] == pytest.approx(11 * 0.004 + 0.1)
-    assert told[24] == pytest.approx(0.048)
-    looks.elapse(3.0)
-    looks.reset()
-    phase[0] = 0
-    assert looks.next() == pytest.approx(0.004)

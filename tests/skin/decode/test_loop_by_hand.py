@@ -12,6 +12,7 @@ from bus.status import Status
 from skin.decode.ambient import Ambient
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 from skin.decode.decoder import Decoder
+from skin.state import if_wanted
 from tests.fixtures.ambient import apart
 from tests.fixtures.decode import calibrated, row_of, sensible_counts
 from tests.skin.decode.test_crosstalk import plane
@@ -176,10 +177,10 @@ def test_the_loop_needs_what_is_not_wanted(want, loop):
     for t in range(4):
         whole, part = every(raw[t], status[t]), some(raw[t], status[t])
         for name in SHOWN[:6]:
-            shown = getattr(part, name)
+            shown = if_wanted(part, name)
             asked = name.removesuffix("_mm").removesuffix("_ut").removesuffix("_sigma")
             if asked in want or ("sigma" in name and "sigma" in want and "force" not in name):
-                np.testing.assert_array_equal(shown, getattr(whole, name), name)
+                np.testing.assert_array_equal(shown, if_wanted(whole, name), name)
             else:
                 assert shown is None, name
 

@@ -29,7 +29,7 @@ def assembly():
     decoder(np.zeros((6, 3), np.int16))
     plain = decoder._kernel.py_func
     fresh = njit(plain, nogil=True, error_model="numpy", fastmath={"contract"})
-    fresh(*decoder._own.calls[True].arguments)
+    fresh(*decoder._own.at(False).decodes.arguments)
     (text,) = fresh.inspect_asm().values()
     names = re.findall(r"^([A-Za-z_]\S*decode_python\S*):$", text, re.MULTILINE)
     body = text[text.index(f"\n{names[0]}:") :]

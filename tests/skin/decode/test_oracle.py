@@ -113,6 +113,7 @@ def case(request):
     return skin, raw, oracle(skin, raw)
 
 
+@pytest.mark.long_but_first
 def test_float64_is_the_model(case):
     error, ratio = errors(*case[:2], "float64", case[2])
     assert (ratio > 0.99).any()
@@ -121,6 +122,7 @@ def test_float64_is_the_model(case):
         assert error[name].max() <= 1e-9, name
 
 
+@pytest.mark.long_but_first
 def test_float32_is_the_model_below_the_crest(case):
     error, ratio = errors(*case[:2], "float32", case[2])
     below = ratio < 0.9

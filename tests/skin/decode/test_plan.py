@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
-from skin.decode.plan import DecodeOptions, Plan
 from skin.errors import CountsError, OptionError
-from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
+from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
 seeds = st.integers(0, 2**32 - 1)
@@ -45,7 +44,7 @@ def scene(n, seed, cycles=24, quiet=0.6):
 
 
 def plan_of(skin, want=None, **options):
-    return Plan.of(skin, DecodeOptions(want, **{"sweeps": 0, "ambient": False} | options))
+    return planned(skin, want, **{"sweeps": 0, "ambient": False} | options)
 
 
 # -- the plan --------------------------------------------------------------------------------------
@@ -97,6 +96,7 @@ def test_other_numbers_of_sweeps_are_refused(sweeps):
 # -- skipping --------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @settings(max_examples=20)
 @given(seeds, st.sampled_from([5, 64, 128, 150, 300]), st.sampled_from(["sine", "field-angle"]))
 def test_skipping_changes_no_bit_of_what_it_shows(seed, n, estimator):
@@ -188,6 +188,7 @@ def test_held_temperatures_are_those_of_the_cycles_when_they_were_due(dtype):
         np.testing.assert_array_equal(held[t], each[t - t % 4])
 
 
+@pytest.mark.long
 def test_a_held_temperature_is_late_by_no_more_than_it_changed():
     """A film that warms by 1 K/s, held for 50 ms, and a chip that reads in steps of 0.5 °C."""
     skin = row_of(1, rate_hz=100.0)

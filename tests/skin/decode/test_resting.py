@@ -1,6 +1,7 @@
 """What a tare says of resting neighbours along z, by a plant of its own: sums of dipoles.
 
-Units are calibrated on a bench of the plant; nothing of decoder or simulator makes the counts.
+Of each unit the constants are known, and a film's law that is fitted to its field from rest on;
+nothing of decoder or simulator makes the counts.
 """
 
 from __future__ import annotations
@@ -10,22 +11,68 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.bench import dealt
 from benchmarks.trust_film import FILMS
-from benchmarks.trust_plant import BZ, FREQUENCY, Plant, Touch, Units
-from benchmarks.trust_skin import QUICK_BAG, REST_S, Player, Skin, skin_of
+from benchmarks.trust_plant import BX, BZ, FREQUENCY, Plant, Touch, Units
+from benchmarks.trust_skin import REST_S, Player, Skin, shape_of, square
 from bus.status import Status
+from skin.calibrate.amplitude import fit_crest
+from skin.calibrate.bench.spread import misfit_sigma, rms
+from skin.calibrate.film import fit_film, map_field
+from skin.calibrate.read import as_fit
 from skin.calibrate.tare import tare
+from skin.calibrate.write import with_fits
 from skin.decode.decoder import Decoder
+from tests.fixtures.decode import strokes, with_parameters
+from topology import Topology
 
 ANOMALY = int(Status.MAGNETIC_ANOMALY)
-MIDDLE = 27
+MIDDLE, UNITS = 27, 4
+SIGMA_OF_LAWS = ("temperature_sigma_c", "frequency_sigma_hz", "depth_sigma_mm",
+                 "normal_sigma_relative", "normal_sigma_n", "shear_sigma_relative",
+                 "shear_sigma_n")  # fmt: skip
+NOISE_UT = 105.0 / 4.0
+"""Of a mean of 16 readings."""
 EARTH_UT = np.array([[0.0, 30.0, 40.0]])
 
 
 @pytest.fixture(scope="module", params=FILMS)
 def skin(request) -> Skin:
     """A palm of films of one make."""
-    return skin_of("palm", film=FILMS[request.param], bag=QUICK_BAG)
+    nominal, which = shape_of("palm"), np.arange(64) % UNITS
+    units = Units.drawn(square(UNITS), seed=0)
+    found = known_films(Plant(square(UNITS), units, FILMS[request.param], alone=True))
+    known = dataclasses.replace(dealt(nominal, found, which), calibrated=np.ones(64, bool))
+    return Skin(Plant(nominal, units.dealt(which), FILMS[request.param]), known)
+
+
+def known_films(plant: Plant) -> Topology:
+    """Units with their constants, and with the laws of their films.
+
+    A bench takes the offset of Bz for a part of the film's own field, and extrapolates a film's law
+    to rest, where a face that nothing touches does not move; both are no matter of the tare.
+    """
+    poses = depth, reach, around = strokes(
+        np.linspace(0.0, 2.0, 7), np.linspace(0.2, 3.0, 10), np.linspace(-np.pi, np.pi, 16, False)
+    )
+    place, wide = reach * np.stack([np.cos(around), np.sin(around)]), np.ones(plant.n)
+    touch = Touch(depth[:, np.newaxis] * wide, place.T[:, :, np.newaxis] * wide)
+    field = plant.values(touch)[:, BX : BZ + 1]
+    offset = dict(zip((f"hall_offset_{a}_ut" for a in "xyz"), plant.offset_ut, strict=True))
+    exact = plant.true | offset | dict.fromkeys(SIGMA_OF_LAWS, 0.0)
+    known, found = with_parameters(plant.topology, **exact), {}
+    for unit, name in enumerate(known.unit_names):
+        film = fit_film(
+            field[..., unit], *poses, offset_ut=tuple(plant.offset_ut[:, unit]), sigma_ut=NOISE_UT
+        )
+        centre = np.array([[film.fit["film_x_mm"]], [film.fit["film_y_mm"]]])
+        lateral = np.hypot(*map_field(field[..., unit], film.fit))
+        crest = fit_crest(lateral, depth, np.hypot(*(place + centre)), 2.0, NOISE_UT)
+        amplitude_sigma = misfit_sigma(crest, NOISE_UT) / rms(lateral)
+        sigma = {"field_angle_sigma_mm": film.sigma_mm, "field_sigma_ut": NOISE_UT,
+                 "field_amplitude_sigma_relative": amplitude_sigma}  # fmt: skip
+        found[name] = film.fit, crest, as_fit({k: (v, np.nan) for k, v in sigma.items()}, 0)
+    return with_fits(known, found)
 
 
 def alone(plant: Plant) -> Plant:
@@ -48,6 +95,7 @@ def films_of(skin: Skin, name: str) -> bool:
     return skin.plant.film is FILMS[name]
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("warm_c", [25.0, 45.0])
 def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     """Cold and warm, in a body that stands in the Earth's field."""
@@ -63,6 +111,7 @@ def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     np.testing.assert_array_equal(known["axial_rest_sigma_ut"], sigma)
 
 
+@pytest.mark.long_but_first
 def test_decoders_weigh_a_tare_against_theory_and_go_on_with_it(skin):
     """At rest Bz is then that of the own film, and a decoder that is tared later reads the same."""
     found = tare(skin.known, untouched(skin, 4)).applied()
@@ -100,6 +149,7 @@ def test_what_films_add_as_they_move_is_known_as_films_at_rest_show_it(skin):
     assert share < 0.4 if films_of(skin, "drawn") else 0.5 < share < 1.5
 
 
+@pytest.mark.long_but_first
 def test_a_unit_that_reads_as_at_rest_while_all_round_it_are_pressed_is_found(skin):
     """Its neighbours' films have come nearer, and its chip does not see them; all others do, and
     are no anomaly, whatever their films are. Of films that are not as drawn more is allowed."""

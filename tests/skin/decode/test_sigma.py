@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skin.decode.decoder import Decoder
-from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
+from tests.fixtures.decode import calibrated, row_of, sensible_counts, stiffening, with_parameters
 from tests.naive.decode import naive_decode
 from tests.skin.decode.test_field_angle import counts_at
 
@@ -83,10 +83,11 @@ def test_at_hinges_and_at_the_crest_the_share_is_what_is_documented():
             assert 0.4 <= share <= 0.85, (name, share)
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("estimator", ["sine", "field-angle"])
 def test_sigma_is_what_the_noise_of_each_channel_does_to_the_naive_decoder(estimator):
     """Slopes by differences of the naive decoder, in units that all differ."""
-    skin = calibrated(row_of(200), seed=3)
+    skin = stiffening(calibrated(row_of(200), seed=3))
     p = skin.parameters
     raw = sensible_counts(skin, 1, 8, most=0.8)
     got = Decoder(
@@ -203,6 +204,7 @@ def test_a_direction_of_which_nothing_is_known_is_uniform():
     np.testing.assert_allclose(got.theta_sigma, np.pi / np.sqrt(3.0), rtol=1e-6)
 
 
+@pytest.mark.long
 def test_sigma_does_not_change_what_it_is_of():
     skin = calibrated(row_of(50), seed=2)
     raw = sensible_counts(skin, 2, 3)

@@ -14,6 +14,7 @@ import skin
 from benchmarks import skip as benchmark
 from benchmarks import timing
 from bus.status import Status
+from skin.cycle import Cycle
 from skin.decode.decoder import Decoder
 from skin.options import Options
 from tests.fixtures.decode import row_of
@@ -21,6 +22,7 @@ from tests.skin.decode.test_field_angle import counts_at
 from tests.skin.decode.test_plan import FIELDS, scene
 
 
+@pytest.mark.long
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([64, 128, 300]), st.booleans())
 def test_backgrounds_and_units_that_come_and_go_are_of_their_own_cycle(seed, n, twice):
@@ -116,12 +118,11 @@ def test_a_live_skin_that_skips_tells_the_same_contacts():
     assert shown[0][-1][0][2] < -1.0  # something is pressed in the end
 
 
+@pytest.mark.long
 def test_both_sides_of_the_benchmark_decode_each_cycle_as_often_as_a_skin_does(monkeypatch):
     monkeypatch.setattr(benchmark, "CYCLES", 6)
-    decoded, decode = [], Decoder._decode_cycle
-    monkeypatch.setattr(
-        Decoder, "_decode_cycle", lambda self, *args: (decoded.append(self), decode(self, *args))[1]
-    )
+    decoded, run = [], Cycle.__call__
+    monkeypatch.setattr(Cycle, "__call__", lambda self: (decoded.append(self), run(self))[1])
     plate = benchmark.plate(64)
     counts = benchmark.counts_of(plate, 0.25)
     sides, others = benchmark.sides_of(plate), benchmark.sides_of(plate)
@@ -147,6 +148,7 @@ def test_both_sides_of_the_benchmark_decode_each_cycle_as_often_as_a_skin_does(m
         np.testing.assert_array_equal(told[0].force, told[1].force)
 
 
+@pytest.mark.long
 def test_the_benchmark_compares_what_it_times(monkeypatch):
     monkeypatch.setattr(benchmark, "SIZES", (64,))
     monkeypatch.setattr(benchmark, "SHARES", (0.0, 1.0))

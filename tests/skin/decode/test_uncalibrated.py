@@ -56,6 +56,7 @@ def within(known, others, rows):
 TANGENTIAL, NORMAL = slice(0, 2), slice(2, 3)
 
 
+@pytest.mark.long
 def test_sigma_of_nominal_units_holds_what_units_differ_by(others):
     assert 0.6 < within(PALM, others, TANGENTIAL) < 0.85
     assert 0.45 < within(PALM, others, NORMAL) < 0.85

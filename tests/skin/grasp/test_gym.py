@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from skin.errors import OptionError
 from skin.grasp.episode import Ranges
 from skin.grasp.gym import GraspEnv
-from skin.sim.engine.object import GraspObject
+from skin.grasp.object import GraspObject
 
 CUBE = GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.06)
 

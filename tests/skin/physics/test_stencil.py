@@ -260,14 +260,14 @@ REFUSED = {
     "one depth": (
         (MOVED, FLAT),
         {"degree": 2},
-        "displacement_mm (H): must have 3 levels or more, 0.05 apart, to tell its effect; got 1 "
+        "displacement_mm (H): must have 3 levels or more, 0.05 apart, to show its effect; got 1 "
         "between 2 and 2",
     ),
     "one line": (
         (MOVED, MOVED[:, [0, 0, 2]]),
         {"degree": 2},
-        "scan: must tell dx^1, dy^1, dx^2, dx^1 dy^1, dx^1 H^1, dy^2, dy^1 H^1 apart; got samples "
-        "in which they have one and the same effect",
+        "scan: must determine dx^1, dy^1, dx^2, dx^1 dy^1, dx^1 H^1, dy^2, dy^1 H^1 apart; got "
+        "samples in which they have one and the same effect",
     ),
     "too few": (
         (MOVED[:5], MOVED[:5]),

@@ -143,8 +143,8 @@ def test_a_mesh_in_millimetres_is_named_and_one_with_its_scale_is_fine(tmp_path,
     ("out", "told"),
     [
         ("gripper.urdf", "must be another file than the model; got the model itself"),
-        ("elsewhere/out.urdf", "must be a .urdf file beside the model"),
-        ("out.xml", "must be a .urdf file beside the model"),
+        ("elsewhere/out.urdf", "must be a .urdf file in the folder of the model"),
+        ("out.xml", "must be a .urdf file in the folder of the model"),
     ],
 )
 def test_a_copy_that_would_lose_something_is_refused(tmp_path, capsys, out, told):

@@ -21,6 +21,7 @@ from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.foundation_kernels import Faces
 from skin.sim.mechanics.influence import influence
 from skin.sim.mechanics.springs import Springs, under, under_python
+from tests.fixtures.decode import stiffening
 from tests.naive.mechanics import held_tractions, line_integral_rectangle, linear_contact, square
 from topology import load
 
@@ -88,7 +89,8 @@ class Dragged:
 
 def rigid(n: int) -> Springs:
     """Units that do not yield by themselves: nothing but the half space gives way."""
-    return Springs(np.zeros((3, n)), np.zeros((3, n)), np.zeros(n), np.zeros(n))
+    law = np.outer([1e12, 1.0, 0.0, 0.0], np.ones(n))
+    return Springs(law, law, np.zeros(n), np.zeros(n))
 
 
 def length(vectors: np.ndarray) -> np.ndarray:
@@ -168,7 +170,7 @@ def test_what_is_pushed_at_one_unit_is_felt_at_another_alike(name: str) -> None:
 def test_winkler_is_the_law_of_each_unit(seed: int, name: str) -> None:
     rng, skin = np.random.default_rng(seed), load(name)
     gain = {"shear_gain_per_mm": rng.uniform(-0.1, 0.2, skin.n)}
-    skin = replace(skin, parameters=skin.parameters | gain)
+    skin = stiffening(replace(skin, parameters=skin.parameters | gain), seed)
     elastic, foundation = Elastic(skin), Foundation.winkler(skin)
     depth_mm = rng.uniform(-1.0, 3.0, skin.n)
     load_n, own_mm = pressed(foundation, depth_mm)
@@ -188,7 +190,7 @@ def test_winkler_is_the_law_of_each_unit(seed: int, name: str) -> None:
 @given(seed=SEEDS, body=st.floats(0.0, 2.0), shear_body=st.floats(0.0, 2.0))
 def test_a_soft_body_yields_in_series(seed: int, body: float, shear_body: float) -> None:
     """The unit takes what the body leaves, and both bear the same force."""
-    rng, skin = np.random.default_rng(seed), load("palm")
+    rng, skin = np.random.default_rng(seed), stiffening(load("palm"), seed)
     elastic, foundation = Elastic(skin), Foundation.winkler(skin)
     depth_mm = rng.uniform(0.1, 3.0, skin.n)
     load_n, own_mm = pressed(foundation, depth_mm, soft=body)
@@ -516,7 +518,7 @@ def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> Non
 @given(seed=st.integers(0, 10_000))
 def test_units_yield_to_forces_by_the_elastic_laws(seed: int) -> None:
     """`under` against `Elastic`, which is written from the displacement's side."""
-    skin, rng = load("palm"), np.random.default_rng(seed)
+    skin, rng = stiffening(load("palm"), seed), np.random.default_rng(seed)
     force = rng.uniform(-2.0, 8.0, (3, skin.n))
     force[:, 0] = 0.0
     depth_mm, moved_mm = np.empty(skin.n), np.empty((2, skin.n))

@@ -162,6 +162,7 @@ def test_friction_never_gives_back_what_it_took(kind: str, seed: int, slower: fl
     assert lost.sum() > 0.0
 
 
+@pytest.mark.long_but_first
 @KINDS
 def test_a_way_around_and_around_leaves_all_its_work_in_friction(kind: str) -> None:
     angle = np.linspace(0.0, 6.0 * np.pi, 601)

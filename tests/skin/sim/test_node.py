@@ -21,7 +21,7 @@ from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
 from skin.errors import SkinError
 from skin.physics.halbach import FELT_M, HalbachField
-from skin.sim.node import Nodes, Served
+from skin.sim.node import Served, SimulatedUnits
 from skin.sim.sampled import RECENT
 from skin.sim.scenes.load import open_scene
 from skin.sim.settings import BoardSettings
@@ -45,7 +45,7 @@ def sync(counter: int, **fields: int) -> np.ndarray:
 
 
 def test_the_clock_of_the_faults_of_a_scene_is_that_of_its_cycles() -> None:
-    nodes, (near, far) = Nodes(STRIP), MemoryTransport.pair()
+    nodes, (near, far) = SimulatedUnits(STRIP), MemoryTransport.pair()
     nodes.attach([far])
     told = []
     for number in (3, 4, 9, 255, 256, 300):
@@ -95,7 +95,7 @@ def heartbeats(frames: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("topology", [PALM, STRIP], ids=["fd64", "classic"])
 def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
     films = HalbachField(topology, reach_m=FELT_M)
-    nodes, again = Nodes(topology, seed=3), UnitSimulator(topology, seed=3, field=films)
+    nodes, again = SimulatedUnits(topology, seed=3), UnitSimulator(topology, seed=3, field=films)
     scene, out = open_scene("demo", topology), FrameBatch(64)
     for cycle in range(0, 200, 20):
         out.clear()
@@ -121,7 +121,7 @@ def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
 
 def test_frames_carry_their_crc_and_the_shape_of_their_bus() -> None:
     out = FrameBatch(64)
-    Nodes(PALM).respond(sync(0), out)
+    SimulatedUnits(PALM).respond(sync(0), out)
     frames = data_frames(out.frames)
     assert frames.size == 13
     for record in frames:
@@ -131,14 +131,14 @@ def test_frames_carry_their_crc_and_the_shape_of_their_bus() -> None:
         assert record["length"] == 64
         assert record["flags"] == FD_FDF | FD_BRS
     out.clear()
-    Nodes(STRIP).respond(sync(0), out)
+    SimulatedUnits(STRIP).respond(sync(0), out)
     assert np.all(data_frames(out.frames)["length"] == 8)
     assert np.all(data_frames(out.frames)["flags"] == 0)
 
 
 def test_answers_come_by_priority_and_bear_the_stamp_of_their_sync() -> None:
     out = FrameBatch(64)
-    Nodes(PALM).respond(sync(7, stamp_ns=123_456_789), out)
+    SimulatedUnits(PALM).respond(sync(7, stamp_ns=123_456_789), out)
     ids = data_frames(out.frames)["id"]
     np.testing.assert_array_equal(ids, PALM.frames.can_id)
     assert np.all(np.diff(ids.astype(int)) > 0)
@@ -146,7 +146,7 @@ def test_answers_come_by_priority_and_bear_the_stamp_of_their_sync() -> None:
 
 
 def test_every_board_says_once_a_second_how_it_is() -> None:
-    nodes, out = Nodes(HAND), FrameBatch(64)
+    nodes, out = SimulatedUnits(HAND), FrameBatch(64)
     heard: dict[int, list[int]] = {}
     for cycle in range(500):
         for bus in range(2):
@@ -173,7 +173,7 @@ def test_every_board_says_once_a_second_how_it_is() -> None:
 @settings(max_examples=10)
 @given(start=st.integers(0, 255), steps=st.lists(st.integers(1, 200), min_size=1, max_size=10))
 def test_the_counter_is_counted_on_without_wrapping(start: int, steps: list[int]) -> None:
-    nodes, out = Nodes(STRIP), FrameBatch(4096)
+    nodes, out = SimulatedUnits(STRIP), FrameBatch(4096)
     nodes.respond(sync(start), out)
     number = start
     assert nodes.truth.time_s == 0.0
@@ -187,7 +187,7 @@ def test_the_counter_is_counted_on_without_wrapping(start: int, steps: list[int]
 
 def test_all_buses_of_a_skin_sample_the_same_instant() -> None:
     """A bus that is a few cycles behind gets what was sampled then, bit for bit."""
-    nodes, straight = Nodes(HAND, seed=1), Nodes(HAND, seed=1)
+    nodes, straight = SimulatedUnits(HAND, seed=1), SimulatedUnits(HAND, seed=1)
     out = {bus: FrameBatch(4096) for bus in range(2)}
     expected = {bus: FrameBatch(4096) for bus in range(2)}
     for cycle in range(300, 340):
@@ -203,7 +203,7 @@ def test_all_buses_of_a_skin_sample_the_same_instant() -> None:
 
 
 def test_a_sync_that_one_bus_lost_does_not_move_the_scene() -> None:
-    nodes, out = Nodes(HAND), FrameBatch(4096)
+    nodes, out = SimulatedUnits(HAND), FrameBatch(4096)
     for cycle in (0, 1, 3):
         nodes.respond(sync(cycle), out, 0)
     out.clear()
@@ -215,7 +215,7 @@ def test_a_sync_that_one_bus_lost_does_not_move_the_scene() -> None:
 
 
 def test_a_host_that_starts_anew_is_answered_at_once() -> None:
-    nodes, out = Nodes(PALM), FrameBatch(4096)
+    nodes, out = SimulatedUnits(PALM), FrameBatch(4096)
     for cycle in range(RECENT + 60):
         out.clear()
         nodes.respond(sync(cycle), out)
@@ -226,7 +226,7 @@ def test_a_host_that_starts_anew_is_answered_at_once() -> None:
 
 
 def test_only_a_sync_is_answered() -> None:
-    nodes, out = Nodes(PALM), FrameBatch(64)
+    nodes, out = SimulatedUnits(PALM), FrameBatch(64)
     for other in (
         sync(0, id=0x100), sync(0, length=0), sync(0, origin=ECHO), sync(0, id=SYNC | CAN_ERR),
     ):  # fmt: skip
@@ -239,7 +239,7 @@ def test_only_a_sync_is_answered() -> None:
 
 
 def test_remembered_truth_is_that_of_its_cycle() -> None:
-    nodes, out, scene = Nodes(PALM, history=100), FrameBatch(64), open_scene("demo", PALM)
+    nodes, out, scene = SimulatedUnits(PALM, history=100), FrameBatch(64), open_scene("demo", PALM)
     forces = []
     for cycle in range(500):
         out.clear()
@@ -251,22 +251,22 @@ def test_remembered_truth_is_that_of_its_cycle() -> None:
     assert whole.force.shape == (100, 3, 64)
     np.testing.assert_array_equal(whole.force, forces[400:])
     np.testing.assert_allclose(whole.time_s, np.arange(400, 500) / 250.0)
-    with pytest.raises(SkinError, match=r"^cycle: must be one .*\(400 to 499\); got 399$"):
+    with pytest.raises(SkinError, match=r"^cycle: must be a stored one .*\(400 to 499\); got 399$"):
         nodes.truth_at(399)
 
 
 def test_there_is_no_truth_before_the_first_cycle() -> None:
     with pytest.raises(SkinError, match="must be asked for after the first cycle"):
-        _ = Nodes(PALM).truth
+        _ = SimulatedUnits(PALM).truth
     with pytest.raises(SkinError, match=r"\(none\); got 0"):
-        Nodes(PALM).truth_at(0)
+        SimulatedUnits(PALM).truth_at(0)
 
 
 @pytest.mark.parametrize("noise", [True, False])
 def test_the_seed_determines_every_byte(noise: bool) -> None:
     batches = []
     for seed in (4, 4, 5):
-        nodes, out = Nodes(PALM, seed=seed, noise=noise), FrameBatch(4096)
+        nodes, out = SimulatedUnits(PALM, seed=seed, noise=noise), FrameBatch(4096)
         for cycle in range(20):
             nodes.respond(sync(cycle), out)
         batches.append(out.frames.copy())
@@ -277,7 +277,7 @@ def test_the_seed_determines_every_byte(noise: bool) -> None:
 # -- configuration ---------------------------------------------------------------------------------
 
 
-def cycles_of(nodes: Nodes, first: int, last: int) -> list[np.ndarray]:
+def cycles_of(nodes: SimulatedUnits, first: int, last: int) -> list[np.ndarray]:
     """Counts of SYNCs `first` to `last` - 1 as a host sees them."""
     assembler, out, seen = Assembler(nodes.topology), FrameBatch(256), []
     for number in range(first, last):
@@ -300,7 +300,7 @@ def test_tare_makes_rest_of_what_is_and_leaves_bz() -> None:
         replace(PALM, parameters={**PALM.parameters, **drifted}), seed=1, noise=False
     )
     at_rest = type("Rest", (), {"units": units, "at": lambda self, t: Truth.at_rest(64, 25.0)})()
-    nodes, still = Nodes(PALM, at_rest), FrameBatch(4)
+    nodes, still = SimulatedUnits(PALM, at_rest), FrameBatch(4)
     before = cycles_of(nodes, 0, 20)[-1]
     assert nodes.respond(pack(Command.TARE, node=2), still) == 0
     after = cycles_of(nodes, 20, 22)[-1]
@@ -328,7 +328,7 @@ def test_a_tare_moves_no_count_off_its_rail() -> None:
 
 @pytest.mark.parametrize("divider", [1, 2, 5])
 def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
-    nodes, out = Nodes(PALM), FrameBatch(64)
+    nodes, out = SimulatedUnits(PALM), FrameBatch(64)
     nodes.respond(pack(Command.RATE, node=3, value=divider), out)
     for cycle in range(20):
         out.clear()
@@ -340,7 +340,7 @@ def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
 
 
 def test_free_boards_count_on_over_a_change_of_rate() -> None:
-    nodes, out = Nodes(free_running(STRIP)), FrameBatch(64)
+    nodes, out = SimulatedUnits(free_running(STRIP)), FrameBatch(64)
     numbers: list[int] = []
     for cycle in range(60):
         if cycle in (10, 33):
@@ -353,7 +353,12 @@ def test_free_boards_count_on_over_a_change_of_rate() -> None:
 
 
 def test_what_boards_do_not_know_is_ignored_and_counted() -> None:
-    nodes, plain, out, expected = Nodes(PALM), Nodes(PALM), FrameBatch(64), FrameBatch(64)
+    nodes, plain, out, expected = (
+        SimulatedUnits(PALM),
+        SimulatedUnits(PALM),
+        FrameBatch(64),
+        FrameBatch(64),
+    )
     unknown, elsewhere, later = pack(Command.TARE), pack(Command.RATE, 99, 2), pack(Command.TARE)
     unknown["data"][0, 0], later["data"][0, 6] = 77, 1
     for record in (unknown, elsewhere, later):
@@ -369,7 +374,7 @@ def test_what_boards_do_not_know_is_ignored_and_counted() -> None:
 
 def test_attached_units_answer_before_the_sync_returns() -> None:
     near, far = MemoryTransport.pair()
-    nodes, batch = Nodes(PALM), FrameBatch(4096)
+    nodes, batch = SimulatedUnits(PALM), FrameBatch(4096)
     nodes.attach([far])
     for cycle in range(20):
         batch.clear()
@@ -382,7 +387,7 @@ def test_attached_units_answer_before_the_sync_returns() -> None:
 
 def test_attached_units_without_sync_send_at_their_own_pace() -> None:
     near, far = MemoryTransport.pair()
-    nodes, batch = Nodes(free_running(STRIP)), FrameBatch(8192)
+    nodes, batch = SimulatedUnits(free_running(STRIP)), FrameBatch(8192)
     nodes.attach([far])
     try:
         while len(data_frames(batch.frames)) < 50:
@@ -399,7 +404,7 @@ def test_attached_units_without_sync_send_at_their_own_pace() -> None:
 
 def test_serving_answers_every_sync_of_every_bus() -> None:
     pairs = [MemoryTransport.pair(index=i) for i in range(2)]
-    nodes, stop, served = Nodes(HAND), threading.Event(), []
+    nodes, stop, served = SimulatedUnits(HAND), threading.Event(), []
     worker = threading.Thread(
         target=lambda: served.append(nodes.serve([far for _, far in pairs], stop=stop))
     )
@@ -441,7 +446,12 @@ def test_four_buses_that_can_be_polled_are_served_by_one_thread(tmp_path: Path) 
     """300 cycles as fast as the host asks: every SYNC is answered, and nothing runs ahead."""
     topology = four_buses(tmp_path)
     pairs = [datagram_pair() for _ in topology.buses]
-    nodes, stop, batch, served = Nodes(topology, seed=1), threading.Event(), FrameBatch(64), []
+    nodes, stop, batch, served = (
+        SimulatedUnits(topology, seed=1),
+        threading.Event(),
+        FrameBatch(64),
+        [],
+    )
     worker = threading.Thread(
         target=lambda: served.append(nodes.serve([far for _, far in pairs], stop=stop))
     )
@@ -470,7 +480,7 @@ def test_a_bus_of_several_that_goes_away_ends_the_serving(tmp_path: Path) -> Non
     pairs = [datagram_pair() for _ in range(4)]
     pairs[2][1].close()
     with pytest.raises(BusClosedError):
-        Nodes(four_buses(tmp_path)).serve([far for _, far in pairs])
+        SimulatedUnits(four_buses(tmp_path)).serve([far for _, far in pairs])
     assert not still_serving()
     for end in sum(pairs, ()):
         end.close()
@@ -478,7 +488,7 @@ def test_a_bus_of_several_that_goes_away_ends_the_serving(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("behind", [1, RECENT + 1, 100, 200])
 def test_a_bus_that_lags_answers_its_own_cycles_and_does_not_run_ahead(behind: int) -> None:
-    nodes, out = Nodes(HAND, seed=1), FrameBatch(64)
+    nodes, out = SimulatedUnits(HAND, seed=1), FrameBatch(64)
     for cycle in range(3):
         for bus in (0, 1):
             nodes.respond(sync(cycle), out, bus)
@@ -495,7 +505,7 @@ def test_a_bus_that_lags_answers_its_own_cycles_and_does_not_run_ahead(behind: i
 
 
 def test_a_bus_that_was_silent_while_others_went_around_is_with_them_again() -> None:
-    nodes, out = Nodes(HAND, seed=1), FrameBatch(64)
+    nodes, out = SimulatedUnits(HAND, seed=1), FrameBatch(64)
     for cycle in range(1000):
         if not 3 <= cycle < 900:
             nodes.respond(sync(cycle), out, 1)
@@ -512,7 +522,7 @@ def test_serving_ends_when_it_is_told_and_tells_how_it_goes() -> None:
         told.append(served.frames)
         stop.set()
 
-    served = Nodes(free_running(STRIP)).serve([far], stop=stop, watch=watch)
+    served = SimulatedUnits(free_running(STRIP)).serve([far], stop=stop, watch=watch)
     assert 0 < told[0] <= served.frames
     assert served.seconds >= 1.0
     batch = FrameBatch(16384)
@@ -524,7 +534,7 @@ def test_serving_ends_when_it_is_told_and_tells_how_it_goes() -> None:
 def test_serving_ends_on_time() -> None:
     _, far = MemoryTransport.pair()
     started = time.monotonic()
-    served = Nodes(PALM).serve([far], seconds=0.1)
+    served = SimulatedUnits(PALM).serve([far], seconds=0.1)
     assert time.monotonic() - started >= served.seconds >= 0.1
     assert served == Served(seconds=served.seconds)
     assert not still_serving()
@@ -534,12 +544,12 @@ def test_a_bus_that_goes_away_ends_the_serving() -> None:
     _, far = MemoryTransport.pair()
     far.close()
     with pytest.raises(BusClosedError):
-        Nodes(PALM).serve([far])
+        SimulatedUnits(PALM).serve([far])
     assert not still_serving()
 
 
 def test_one_transport_for_each_bus_is_asked_for() -> None:
     _, far = MemoryTransport.pair()
-    for use in (Nodes(HAND).attach, Nodes(HAND).serve):
+    for use in (SimulatedUnits(HAND).attach, SimulatedUnits(HAND).serve):
         with pytest.raises(SkinError, match=r"^transports: must be one for each of 2 .*; got 1$"):
             use([far])

@@ -25,7 +25,7 @@ from skin.cli import main
 from skin.errors import SceneError, SkinError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
 from skin.sim.scenes.load import load_scene
@@ -446,10 +446,10 @@ def test_a_truth_file_needs_a_folder_to_be_in(tmp_path: Path) -> None:
 
 def test_faults_of_a_scene_are_done_to_its_frames() -> None:
     scene = scene_of("press")
-    whole, _ = play(Nodes(skin(), scene), 1.0)
+    whole, _ = play(SimulatedUnits(skin(), scene), 1.0)
     scene = scene_of("press")
     script = FaultScript(faults=(Drop(probability=0.5),))
-    rest, injected = play(Nodes(skin(), scene), 1.0, script)
+    rest, injected = play(SimulatedUnits(skin(), scene), 1.0, script)
     lost = injected[0]["drop"]
     assert rest.frames == whole.frames - lost
     assert 0.4 < lost / whole.frames < 0.6
@@ -460,7 +460,9 @@ def test_many_instants_at_once_are_the_same_as_one_after_the_other(name: str) ->
     """Counts with every non-ideality, and the truths, of cycles that `play` samples together."""
     script = replace(load_scene(name, skin()), seed=3)
     one, many = (
-        Nodes(skin(), ScriptedScene(skin(), script, non_ideal=NonIdeal.everything()), history=None)
+        SimulatedUnits(
+            skin(), ScriptedScene(skin(), script, non_ideal=NonIdeal.everything()), history=None
+        )
         for _ in range(2)
     )
     batch, cycle, singly = FrameBatch(64), 0, []
@@ -491,7 +493,7 @@ def test_a_played_scene_is_felt_through_a_bus(
     played_scene = ScriptedScene(topology, script, non_ideal=IDEAL)
     with ExitStack() as opened:
         recorder = opened.enter_context(Recorder(played_scene, path))
-        nodes = Nodes(topology, recorder)
+        nodes = SimulatedUnits(topology, recorder)
         assert nodes.units is played_scene.units
         if interface == "memory":
             near, far = MemoryTransport.pair()

@@ -15,7 +15,7 @@ import pytest
 
 from skin.cli import main
 from skin.errors import SceneError
-from skin.sim.node import Nodes
+from skin.sim.node import SimulatedUnits
 from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
 from skin.sim.scenes.load import load_scene
@@ -91,7 +91,7 @@ def test_a_scene_in_which_nothing_happens_is_one(palm: Topology, tmp_path: Path)
     file = tmp_path / "rest.toml"
     file.write_text('format = 1\nname = "rest"\nseconds = 2.0\n', "utf-8")
     scene = ScriptedScene(palm, load_scene(file, palm))
-    nodes = Nodes(palm, scene, history=None)
+    nodes = SimulatedUnits(palm, scene, history=None)
     served, _ = play(nodes, scene.seconds)
     assert served.cycles == 500
     for _, truth in nodes.history:

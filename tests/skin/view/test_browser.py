@@ -12,6 +12,7 @@ from skin.state import Status
 from skin.view import show
 from skin.view.colour import INVALID_COLOUR, colours
 from skin.view.drawing import SLIP_COLOURS
+from skin.view.scene import CHOSEN_COLOUR
 from tests.fixtures.browser import PROGRAM, Browser
 from tests.fixtures.patience import LONG_S
 from tests.fixtures.shown import Shown
@@ -160,7 +161,7 @@ def test_tare_reaches_the_skin_and_the_answer_the_browser(viewed):
     browser.wait_for("touch nothing")
     press(shown, ())
     assert shown.retaken == 1
-    assert view._worker.tell("zeros", text="63 units tared, 1 refused: u3: is pressed")
+    assert view._worker.send("zeros", text="63 units tared, 1 refused: u3: is pressed")
     browser.wait_for("63 units tared, 1 refused: u3: is pressed")
 
 
@@ -176,6 +177,69 @@ def test_a_browser_that_returns_finds_the_view_as_it_was(viewed):
     assert "63 units tared" in browser.text()
     browser.press("Follow live")
     browser.wait_for("Pause")
+
+
+def test_a_click_shows_a_unit_and_its_force(viewed):
+    shown, _, browser = viewed
+    press(shown, range(64), 5.0)  # the scale is as wide from here on
+    press(shown, range(64), 2.5)
+    browser.press("front")
+    magenta = tuple(CHOSEN_COLOUR.tolist())
+    settled(browser, lambda seen: count(seen, shade(2.5, 5.0)) > 10_000)
+    for x in range(300, 600, 20):  # beside a disc there is no unit
+        browser.click(x, 400)
+        found, until = False, time.monotonic() + 3.0
+        while not found and time.monotonic() < until:
+            press(shown, range(64), 2.5)
+            found = "temperature\n30.0 °C" in browser.text()
+        if found:
+            break
+    words = browser.wait_for("2.50 ± 0.01 N")
+    assert "flags\nnone" in words
+    settled(browser, lambda seen: count(seen, magenta, 40) > 100)
+    browser.press("Close")
+    browser.wait_until("!document.body.innerText.includes('2.50 ± 0.01 N')")
+
+
+def test_health_is_amber_for_a_unit_and_red_for_a_patch_and_for_silence(viewed):
+    shown, _, browser = viewed
+    green, amber, red = (46, 125, 70), (255, 176, 32), (229, 53, 43)
+
+    def has(colour):
+        return lambda seen: np.all(seen[:160, PANEL:] == colour, axis=2).sum() > 500
+
+    for units, colour in (([], green), ([9], amber), (slice(None), red), ([], green)):
+        status = np.zeros(64, np.uint16)
+        status[units] = int(Status.STALE)
+        settled(
+            browser, lambda seen, s=status, c=colour: press(shown, (), status=s) or has(c)(seen)
+        )
+    browser.wait_for("no cycle for")  # the skin's loop does not go on
+    settled(browser, has(red))
+
+
+def test_an_exported_page_leaves_its_player_free(viewed, tmp_path):
+    shown, view, browser = viewed
+    for _ in range(4):
+        press(shown, range(16), 5.0)
+    page = tmp_path / "film.html"
+    view.export(page, 5.0)
+    browser.open(page.as_uri())
+    try:
+        browser.wait_for("cylinder: load")
+        browser.wait_until("!!document.querySelector('input')")
+        overlap = (
+            "(() => { const box = e => e.getBoundingClientRect();"
+            " const words = [...document.querySelectorAll('body > div')]"
+            ".find(e => e.innerText.includes('cylinder: load') && e.style.position === 'fixed');"
+            " const a = box(words);"
+            " return [...document.querySelectorAll('input, button')].filter(e => {"
+            " const b = box(e); return b.width && a.left < b.right && b.left < a.right"
+            " && a.top < b.bottom && b.top < a.bottom; }).length; })()"
+        )
+        settled(browser, lambda _: browser.close_notes() or browser.script(overlap) == 0)
+    finally:
+        browser.open(view.address)
 
 
 def test_an_exported_page_shows_the_same(viewed, tmp_path):

@@ -6,9 +6,9 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from skin.cividis import CIVIDIS
 from skin.state import Status
 from skin.view.colour import (
-    CIVIDIS,
     INVALID_COLOUR,
     QUANTITIES,
     Range,
@@ -16,8 +16,8 @@ from skin.view.colour import (
     round_above,
     valid,
 )
-from skin.view.snapshot import snapshot_dtype
 from skin.view.tone import given, given_colours, linear
+from tests.naive.record import snapshots
 
 SEEN_AS = {
     "all cones": np.eye(3),
@@ -110,7 +110,7 @@ def test_a_scale_grows_and_holds_all_that_was_shown():
 
 
 def test_a_unit_is_valid_by_its_flags_alone():
-    record = np.zeros(1, snapshot_dtype(3))[0]
+    record = snapshots(1, 3)[0]
     record["status"] = 0, int(Status.STALE), int(Status.UNTARED)
     assert valid(record).tolist() == [True, False, True]
     assert QUANTITIES["validity"].values(record).tolist() == [1.0, 0.0, 1.0]

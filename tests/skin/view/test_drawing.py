@@ -7,7 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skin.contact.record import SlipState
+from skin.io.messages.record import CONTACTS
 from skin.state import Status
+from skin.view.colour import colours
 from skin.view.drawing import (
     SLIP_COLOURS,
     camera,
@@ -16,13 +18,17 @@ from skin.view.drawing import (
     cross,
     disc,
     frame_of,
+    picked,
     quaternions,
     radii,
+    rim,
+    tag_places,
     unit_arrows,
 )
 from skin.view.history import Pose
-from skin.view.snapshot import CONTACTS, fill, snapshot_dtype
+from skin.view.scene import BACKGROUND, RIM_COLOUR
 from tests.fixtures.shown import Shown
+from tests.naive.record import fill, snapshots
 
 
 @pytest.fixture
@@ -31,7 +37,7 @@ def skin():
 
 
 def snapshot_of(skin, **of_state):
-    record = np.zeros(1, snapshot_dtype(skin.topology.n))
+    record = snapshots(1, skin.topology.n)
     fill(record, skin.state(**of_state))
     return record[0]
 
@@ -64,12 +70,14 @@ def test_arrows_are_those_of_each_unit_that_is_valid_and_loaded(skin):
     status = np.where(rng.random(n) < 0.2, int(Status.LATE | Status.STALE), 0).astype(np.uint16)
     force[:, status > 0] = np.nan
     pose, frame = pose_of(skin), frame_of(pose_of(skin), np.full(n, 0.005))
-    got = unit_arrows(snapshot_of(skin, force=force, status=status), pose, frame, 2.0)
+    radius = rng.uniform(0.01, 0.03, n)
+    got = unit_arrows(snapshot_of(skin, force=force, status=status), pose, frame, radius, 2.0)
     expected = []
     for i in range(n):
-        if status[i] or np.linalg.norm(force[:, i]) <= max(0.03, 0.04):
+        if status[i] or np.linalg.norm(force[:, i]) <= max(0.0555, 0.04):
             continue
-        head = (skin.poses[0][:, i] - frame.middle) * frame.scale
+        beside = (skin.poses[1][:, 0, i] + skin.poses[1][:, 1, i]) / np.sqrt(2.0)
+        head = (skin.poses[0][:, i] - frame.middle) * frame.scale + 1.25 * radius[i] * beside
         push = skin.poses[1][:, :, i] @ force[:, i]
         expected.append((head - 0.2 * push / 2.0, head))
     assert len(got) == len(expected) > 5
@@ -81,16 +89,126 @@ def test_a_press_is_an_arrow_from_outside(skin):
     force[2, 3] = 1.0
     pose = pose_of(skin)
     tail, head = unit_arrows(
-        snapshot_of(skin, force=force), pose, frame_of(pose, np.full(35, 0.005)), 1.0
-    )[0]
+        snapshot_of(skin, force=force), pose, frame_of(pose, np.full(35, 0.005)),
+        np.full(35, 0.02), 1.0,
+    )[0]  # fmt: skip
     outward = -skin.poses[1][:, 2, 3]
     assert (tail - head) @ outward == pytest.approx(0.2, abs=1e-5)
+
+
+def test_noise_has_an_arrow_once_in_a_million():
+    """Of the law of three normal axes, counted over many units with sigmas of their own."""
+    rng = np.random.default_rng(4)
+    n, rounds, shown = 4096, 500, 0
+    skin = Shown(64, 64)
+    record, pose = snapshot_of(skin), pose_of(skin)
+    frame, sigma = frame_of(pose, np.full(n, 0.005)), rng.uniform(0.01, 0.1, (3, n))
+    record["force_sigma"] = sigma
+    for _ in range(rounds):
+        record["force"] = sigma * rng.normal(size=(3, n))
+        shown += len(unit_arrows(record, pose, frame, np.full(n, 0.01), 1e-3))
+    assert shown <= 9  # 2 are expected; more than 9 come once in 20 000 times
+    record["force"] = 6.0 * sigma
+    assert len(unit_arrows(record, pose, frame, np.full(n, 0.01), 1e-3)) == n
+
+
+def test_an_arrow_leaves_the_disc_free(skin):
+    force = np.zeros((3, skin.topology.n))
+    force[2] = 1.0
+    pose, frame = pose_of(skin), frame_of(pose_of(skin), np.full(35, 0.005))
+    radius = np.full(35, 0.02)
+    arrows = unit_arrows(snapshot_of(skin, force=force), pose, frame, radius, 1.0)
+    middles = frame.points(pose.position)
+    away = np.linalg.norm(arrows[:, 1, None] - middles[None], axis=2).min(axis=1)
+    assert (away > radius).all()
+
+
+def test_where_sigma_is_unknown_large_forces_have_arrows(skin):
+    force = np.zeros((3, 35))
+    force[2, 4] = 1.0
+    record = snapshot_of(skin, force=force)
+    record["force_sigma"] = np.nan
+    pose, frame = pose_of(skin), frame_of(pose_of(skin), np.full(35, 0.005))
+    assert len(unit_arrows(record, pose, frame, np.full(35, 0.02), 1.0)) == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_click_chooses_the_unit_in_front(seed):
+    """Against a search by small steps along the ray."""
+    rng = np.random.default_rng(seed)
+    skin = Shown(8, 12)
+    pose = pose_of(skin)
+    frame = frame_of(pose, np.full(96, 0.005))
+    points, radius = frame.points(pose.position), np.full(96, 0.04)
+    axes = pose.rotation[:, 2]
+    found = 0
+    for _ in range(60):
+        origin = rng.normal(size=3)
+        origin *= 2.0 / np.linalg.norm(origin)
+        direction = rng.uniform(-0.4, 0.4, 3) - origin
+        direction /= np.linalg.norm(direction)
+        expected = None
+        places = origin + np.arange(0.0, 4.0, 2e-4)[:, None] * direction
+        for i in range(96):
+            side = (places - points[i]) @ axes[:, i]
+            for k in np.flatnonzero(np.diff(np.sign(side)) != 0):
+                if np.linalg.norm(places[k] - points[i]) <= 0.04 - 4e-4:
+                    expected = (k, i) if expected is None else min(expected, (k, i))
+                elif np.linalg.norm(places[k] - points[i]) <= 0.04 + 4e-4:
+                    expected = (-1, -1)  # too close to the rim to say
+        got = picked(origin, direction, points, axes, radius)
+        if expected is None:
+            assert got is None
+        elif expected[0] >= 0:
+            assert got == expected[1]
+            found += 1
+    assert found > 10
+    assert picked(np.full(3, 9.0), np.full(3, 1.0), points, axes, radius) is None
+
+
+def test_names_of_patches_stand_beside_their_units_in_their_plane():
+    skin = Shown(6, 6)
+    pose = pose_of(skin)
+    flat = Pose(
+        np.stack([np.arange(36) % 6, np.arange(36) // 6, np.zeros(36)]).astype(np.float32),
+        np.repeat(np.diag([1.0, -1.0, -1.0])[:, :, None], 36, axis=2).astype(np.float32),
+    )
+    frame = frame_of(flat, np.full(36, 0.4))
+    points = frame.points(flat.position)
+    patch = (np.arange(36) % 6 >= 3).astype(int)
+    left, right, missing = tag_places(points, flat, patch, 3)
+    assert left[0] < points[:, 0].min()
+    assert right[0] > points[:, 0].max()
+    assert abs(left[2]) < 1e-6
+    assert np.isnan(missing).all()
+    (alone,) = tag_places(points, flat, np.zeros(36, int), 1)
+    assert alone[1] < points[:, 1].min()
+    around = frame_of(pose, np.full(36, 0.005)).points(pose.position)
+    assert np.isfinite(tag_places(around, pose, np.zeros(36, int), 1)).all()
+
+
+def test_rims_make_idle_units_stand_out():
+    """3 to 1 in luminance, by WCAG 2.2, against the background and against an idle unit."""
+
+    def luminance(colour):
+        share = np.asarray(colour, float) / 255.0
+        light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+        return float(light @ [0.2126, 0.7152, 0.0722])
+
+    idle = colours(np.zeros(1), np.ones(1, bool), 0.0, 1.0)[0]
+    for other in (BACKGROUND, idle):
+        low, high = sorted((luminance(other), luminance(RIM_COLOUR)))
+        assert (high + 0.05) / (low + 0.05) >= 3.0
+    vertices, _ = rim()
+    out = np.hypot(*vertices[:, :2].T)
+    assert out.min() > 0.9
+    assert out.max() < 0.5 / 0.46  # rims of neighbours do not meet
 
 
 def test_an_untouched_skin_has_no_arrow_and_no_label(skin):
     record, pose = snapshot_of(skin), pose_of(skin)
     frame = frame_of(pose, np.full(35, 0.005))
-    assert unit_arrows(record, pose, frame, 1.0).shape == (0, 2, 3)
+    assert unit_arrows(record, pose, frame, np.full(35, 0.02), 1.0).shape == (0, 2, 3)
     forces, normals, hues, known = contact_arrows(record, frame, 1.0)
     assert forces.shape == normals.shape == (0, 2, 3)
     assert hues.shape == (0, 3)
@@ -100,7 +218,7 @@ def test_an_untouched_skin_has_no_arrow_and_no_label(skin):
 
 def test_contacts_have_arrow_normal_colour_and_label(skin):
     contacts = [skin.contact(4, 5.0, SlipState.STICK, 7), skin.contact(9, 2.0, SlipState.GROSS, 8)]
-    contacts.append(skin.contact(1, 1.0, SlipState.NONE, 9))
+    contacts.append(skin.contact(1, 1.0, SlipState.UNKNOWN, 9))
     contacts[2].record["centroid"] = contacts[2].record["margin"] = np.nan
     record, pose = snapshot_of(skin, contacts=contacts), pose_of(skin)
     frame = frame_of(pose, np.full(35, 0.005))
@@ -130,7 +248,7 @@ def test_quaternions_turn_as_the_rotations_do(skin):
     np.testing.assert_allclose(np.moveaxis(back, 0, 2), skin.poses[1], atol=1e-6)
 
 
-@pytest.mark.parametrize("mesh", [disc, cross])
+@pytest.mark.parametrize("mesh", [disc, cross, rim])
 def test_faces_look_away_from_the_skin(mesh):
     vertices, faces = mesh()
     corners = vertices[faces]

@@ -28,6 +28,7 @@ def run_of(cycles):
     return Run(time_s, force, force, wrench, wrench, centroid, centroid)
 
 
+@pytest.mark.long_but_first
 @pytest.mark.parametrize("cycles", WAYS.values(), ids=WAYS)
 def test_no_line_crosses_cycles_that_were_left_out_and_each_cycle_is_seen(
     cycles, tmp_path, monkeypatch

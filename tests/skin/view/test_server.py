@@ -78,9 +78,11 @@ def test_a_browser_that_leaves_as_the_view_ends_touches_no_server(monkeypatch):
     server = MagicMock()
     server.on_client_disconnect = lambda callback: heard.setdefault("left", callback)
     monkeypatch.setattr(process, "open_server", lambda *_, **__: server)
-    asked = {"area": [1e-4], "title": "strip", "host": "127.0.0.1", "port": 1, "kept": 10,
-             "names": ["a"], "rate_hz": 250.0, "can_tare": False}  # fmt: skip
-    ring = SimpleNamespace(dtype=np.dtype("i8"))
+    layout = {"area": [1e-4], "title": "strip", "names": ["a"], "patch": [0],
+              "patch_names": ["strip"]}  # fmt: skip
+    asked = {"layout": layout, "host": "127.0.0.1", "port": 1, "kept": 10, "rate_hz": 250.0,
+             "is_live": False}  # fmt: skip
+    ring = SimpleNamespace(dtype=np.dtype([("stamp_ns", "i8")]))
     viewer = process.Viewer(SimpleNamespace(request=asked, ring=ring))
     first = server.initial_camera = SimpleNamespace()
     camera = SimpleNamespace(position=(1, 2, 3), look_at=(0, 0, 0), up_direction=(0, 0, 1))

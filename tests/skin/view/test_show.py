@@ -117,15 +117,17 @@ def test_the_skin_goes_on_without_its_view():
         urlopen(view.address)
 
 
-def test_a_view_that_dies_does_not_stop_the_skin():
+def test_a_view_that_dies_does_not_stop_the_skin(caplog):
     shown = Shown()
     with show(shown, port=0) as view:
         view._worker._process.kill()
         within(LONG_S, lambda: not view.alive)
         for _ in range(300):
             shown.show()
+        within(LONG_S, lambda: shown.show() and view.failure is not None)
         with pytest.raises(SkinError, match="must answer 'export'"):
             view.export("never.html")
+    assert caplog.messages == ["view: worker exited early (status -9)"]
 
 
 def test_a_tare_asked_for_takes_the_zeros_of_untouched_units_anew():
@@ -136,7 +138,7 @@ def test_a_tare_asked_for_takes_the_zeros_of_untouched_units_anew():
         before = palm.pipeline.decoder.topology.parameters["frequency_rest_hz"].copy()
         view._ring.call()
         told = []
-        view._worker.tell = lambda command, **values: told.append(values["text"])
+        view._worker.send = lambda command, **values: told.append(values["text"])
         while not told and palm.pipeline.clock.now_ns:
             state = next(states)
             time.sleep(0.0005)

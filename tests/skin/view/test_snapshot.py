@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import skin
 from skin.contact.record import Flag
-from skin.state import Status
+from skin.io.messages.record import COUNTERS, contacts_of
+from skin.options import Options
+from skin.pipeline import Pipeline
+from skin.state import Status, if_wanted
 from skin.view import snapshot
 from skin.view.colour import QUANTITIES
 from skin.view.drawing import contact_labels
 from skin.view.health import Health, flagged, plotted
 from skin.view.history import History
-from skin.view.snapshot import COUNTERS, Snapshots, fill, snapshot_dtype
+from skin.view.snapshot import Snapshots, snapshot_dtype
 from skin.worker import RingBuffer, described
+from tests.fixtures.robots import write_gripper
 from tests.fixtures.shown import Shown
+from tests.naive.record import fill, snapshots
+from topology import load
 
 
 @pytest.fixture
@@ -27,10 +35,10 @@ def clock(monkeypatch):
 
 
 def watched(shown, slots=8):
-    ring = RingBuffer(snapshot_dtype(shown.topology.n), slots)
-    snapshots = Snapshots(ring, shown.pipeline, shown.timing)
-    shown.watch(snapshots.look)
-    return ring, snapshots
+    ring = RingBuffer(snapshot_dtype(shown.topology), slots)
+    taken = Snapshots(ring, shown.pipeline, shown.timing)
+    shown.attach(SimpleNamespace(state=taken.look))
+    return ring, taken
 
 
 def drained(ring):
@@ -39,66 +47,59 @@ def drained(ring):
     return records
 
 
-def test_a_snapshot_says_what_the_state_said():
-    with skin.open("palm", simulate="press", pace=False) as palm:
-        record = np.zeros(1, snapshot_dtype(palm.topology.n))
-        for state in palm:
-            if state.contacts and state.contacts[0].load > 5.0:
+@pytest.mark.parametrize("want", [None, {"temperature"}, {"force", "sigma"}])
+def test_a_snapshot_says_what_the_state_says(want, clock):
+    with skin.open("palm", simulate="press", pace=False, want=want) as palm:
+        ring = RingBuffer(snapshot_dtype(palm.topology), 8)
+        taken = Snapshots(ring, palm.pipeline, palm.timing, palm.transports)
+        for count, _ in enumerate(palm):
+            state = palm.pipeline.now
+            if count == 5 if want else state.contacts and state.contacts[0].load > 5.0:
                 break
-        fill(record, state)
-        one = record[0]
-        np.testing.assert_array_equal(one["force"], state.units.force)
-        np.testing.assert_array_equal(one["sigma"], state.units.force_sigma[2])
-        np.testing.assert_array_equal(one["temperature"], state.units.temperature)
-        np.testing.assert_array_equal(one["status"], state.units.status)
-        np.testing.assert_array_equal(one["test_ratio"], state.units.test_ratio)
-        assert np.isfinite(one["test_ratio"]).all()
-        np.testing.assert_array_equal(one["label"], state.label)
-        assert one["whole"]
-        np.testing.assert_array_equal(one["wrench"], state.wrench)
-        assert one["cycle"] == state.cycle
-        assert one["stamp_ns"] == state.stamp_ns
-        assert one["counters"][COUNTERS.index("data")] == state.counters.data > 0
-        assert one["contacts"] == len(state.contacts)
-        for k, contact in enumerate(state.contacts):
-            assert one["contact_id"][k] == contact.id
-            assert one["contact_slip"][k] == contact.slip
-            assert one["contact_load"][k] == pytest.approx(contact.load)
-            np.testing.assert_allclose(one["contact_centroid"][k], contact.centroid, rtol=1e-6)
-            np.testing.assert_allclose(one["contact_normal"][k], contact.normal, rtol=1e-6)
-            np.testing.assert_allclose(one["contact_wrench"][k], contact.wrench, rtol=1e-6)
-        state.whole = False
-        state.contacts[0].record["flags"] |= int(Flag.UNSEEN)
-        fill(record, state)
-        assert not one["whole"]
-        assert [text.endswith("   not whole") for text in contact_labels(one)] == [True]
-        assert dict(Health(palm.topology.unit_names, 250.0).rows(one))["wrench"].startswith("not w")
+        assert taken.look(state)
+        one, expected = drained(ring)[1:], np.zeros(1, ring.dtype)
+        fill(expected, state)
+        given = palm.pipeline.counts.copy()
+    names = ("stamp_ns", "cycle", "counters", "force", "force_sigma", "temperature", "test_ratio",
+             "status", "contact", "wrench", "contact_count")  # fmt: skip
+    for name in names:
+        np.testing.assert_array_equal(one[name], expected[name], name)
+    assert [a.tobytes() for a in contacts_of(one[0])] == [
+        a.tobytes() for a in contacts_of(expected[0])
+    ]
+    np.testing.assert_array_equal(one["counts"][0], given)
+    assert one["whole"].all()
+    assert len(contact_labels(one[0])) == len(if_wanted(state, "contacts") or ())
+    rows = dict(Health(palm.topology.unit_names, 250.0).rows(one[0]))
+    assert ("test ratio" in rows) == (if_wanted(state.units, "test_ratio") is not None)
 
 
-def test_what_is_not_wanted_is_nan():
-    with skin.open("strip", simulate=True, pace=False, want={"temperature"}) as strip:
-        record = np.zeros(1, snapshot_dtype(strip.topology.n))
-        fill(record, next(iter(strip)))
-    for name in ("force", "sigma", "wrench", "test_ratio"):
-        assert np.isnan(record[name]).all()
-    assert record["whole"].all()
-    assert "test ratio" not in dict(Health(strip.topology.unit_names, 250.0).rows(record[0]))
-    assert np.isfinite(record["temperature"]).all()
-    assert (record["label"] == -1).all()
+def test_contacts_and_a_wrench_that_are_not_whole_say_so():
+    with skin.open("palm", simulate="press", pace=False) as palm:
+        state = next(state for state in palm if state.contacts).copy()
+    record = snapshots(1, palm.topology.n)
+    fill(record, state)
+    assert [text.endswith("   not whole") for text in contact_labels(record[0])] == [False]
+    state.whole = False
+    state.contacts[0].record["flags"] |= int(Flag.UNSEEN)
+    fill(record, state)
+    assert [text.endswith("   not whole") for text in contact_labels(record[0])] == [True]
+    rows = dict(Health(palm.topology.unit_names, 250.0).rows(record[0]))
+    assert rows["wrench"].startswith("not whole")
 
 
 def test_the_other_process_reads_the_same_record():
-    dtype = snapshot_dtype(7)
+    dtype = snapshots(1, 7).dtype
     assert np.dtype([(name, kind, tuple(shape)) for name, kind, shape in described(dtype)]) == dtype
 
 
 def test_there_are_30_snapshots_a_second_at_most(clock):
     shown = Shown()
-    ring, snapshots = watched(shown, 64)
+    ring, counted = watched(shown, 64)
     for _ in range(250):
         clock[0] += 0.004
         shown.show()
-    assert snapshots.taken == 30
+    assert counted.taken == 30
     records = drained(ring)[1:]
     assert np.diff(records["cycles"]).tolist()[:4] == [9, 8, 8, 9]
     assert records["works"].sum() == records["cycles"][-1]
@@ -107,29 +108,29 @@ def test_there_are_30_snapshots_a_second_at_most(clock):
 
 def test_a_late_loop_takes_no_snapshots_in_a_row_to_catch_up(clock):
     shown = Shown()
-    _, snapshots = watched(shown, 64)
+    _, counted = watched(shown, 64)
     shown.show()
     clock[0] += 10.0
     for _ in range(5):
         shown.show()
         clock[0] += 0.001
-    assert snapshots.taken == 2
+    assert counted.taken == 2
 
 
 def test_where_the_view_hangs_the_loop_goes_on_and_counts(clock):
     shown = Shown()
-    _, snapshots = watched(shown, 4)
+    _, counted = watched(shown, 4)
     for _ in range(10):
         clock[0] += 0.1
         shown.show()
-    assert (snapshots.taken, snapshots.missed) == (3, 7)  # one slot has the poses
+    assert (counted.taken, counted.missed) == (3, 7)  # one slot has the poses
 
 
 def test_before_the_first_cycle_units_stand_there_unheard():
     shown = Shown()
     first = drained(watched(shown)[0])[0]
     assert (first["status"] == Status.NEVER).all()
-    np.testing.assert_allclose(first["position"], shown.poses[0], rtol=1e-6)
+    np.testing.assert_array_equal(first["pose"][:3], shown.poses[0])
 
 
 def test_poses_come_when_they_change(clock):
@@ -148,8 +149,41 @@ def test_poses_come_when_they_change(clock):
     assert history[1].pose is history[2].pose
 
 
+def test_joints_come_with_the_poses_that_they_are_of(tmp_path, clock):
+    """NaN where poses were set without joints, as a replay does."""
+    gripper = load(write_gripper(tmp_path))
+    pipeline = Pipeline(gripper, Options(want={"temperature"}))
+    ring = RingBuffer(snapshot_dtype(gripper), 8)
+    taken = Snapshots(ring, pipeline, None)
+    assert drained(ring)["q"].tolist() == [[0.0]]
+    expected = []
+    for act, q in (
+        (lambda: pipeline.move_joints({"close": 0.02}), 0.02),
+        (lambda: pipeline.move(gripper.position, gripper.rotation), np.nan),
+        (lambda: pipeline.move_joints([0.03]), 0.03),
+    ):
+        act()
+        clock[0] += 1.0
+        assert taken.look(pipeline.now)
+        expected.append([q])
+    np.testing.assert_array_equal(drained(ring)["q"], expected)
+
+
+def test_joints_are_known_although_a_recorder_has_the_poses_set_again(tmp_path):
+    class Recorder(skin.Sink):
+        inline = True
+
+        def moved(self, position, rotation):
+            pass
+
+    pipeline = Pipeline(load(write_gripper(tmp_path)), Options(want={"temperature"}))
+    pipeline.attach(Recorder())
+    pipeline.move_joints({"close": 0.01})
+    assert pipeline.q.tolist() == [0.01]
+
+
 def test_health_has_the_test_ratio_of_the_worst_unit_and_of_those_that_are_flagged():
-    record = np.zeros(1, snapshot_dtype(4))
+    record = snapshots(1, 4)
     record["test_ratio"], record["whole"] = [0.2, np.nan, 3.456, 0.9], True
     record["status"][0, 1:3] = int(Status.NEVER), int(Status.MAGNETIC_ANOMALY)
     health = Health("abcd", 250.0)
@@ -164,14 +198,14 @@ def test_health_has_the_test_ratio_of_the_worst_unit_and_of_those_that_are_flagg
 
 
 def records_of(count, step_s=0.034, n=4):
-    records = np.zeros(count, snapshot_dtype(n))
+    records = snapshots(count, n)
     records["stamp_ns"] = 10**18 + np.round(1e9 * step_s * np.arange(count)).astype(np.int64)
     records["cycle"] = records["cycles"] = np.arange(count)
     return records
 
 
 def test_the_history_keeps_the_newest_in_their_order():
-    history = History(snapshot_dtype(4), 7)
+    history = History(snapshots(1, 4).dtype, 7)
     for i, record in enumerate(records_of(20)):
         history.add(record)
         kept = list(range(max(0, i - 6), i + 1))
@@ -184,7 +218,7 @@ def test_the_history_keeps_the_newest_in_their_order():
 
 
 def test_going_back_in_time_finds_the_snapshot_of_then():
-    history = History(snapshot_dtype(4), 60)
+    history = History(snapshots(1, 4).dtype, 60)
     for record in records_of(100, 0.1):
         history.add(record)
     for back_s, cycle in ((0.0, 99), (1.0, 89), (1.04, 89), (5.9, 40), (60.0, 40)):
@@ -195,9 +229,9 @@ def test_going_back_in_time_finds_the_snapshot_of_then():
 
 
 def test_plots_show_force_and_contacts_of_the_last_seconds():
-    history, records = History(snapshot_dtype(4), 1800), records_of(1000)
+    history, records = History(snapshots(1, 4).dtype, 1800), records_of(1000)
     records["wrench"][:, :3] = np.outer(np.arange(1000), [0.0, 3.0, 4.0])
-    records["contacts"] = np.arange(1000) % 3
+    records["contact_count"] = np.arange(1000) % 3
     for record in records:
         history.add(record)
     time_s, force, contacts = plotted(history, 10.0)
@@ -212,7 +246,7 @@ def test_health_names_units_and_why():
     status[3], status[10:] = int(Status.NEVER), int(Status.STALE | Status.UNTARED)
     names = [f"a<b>{i}" for i in range(30)]
     assert flagged(status, names)[:2] == [("a<b>3", "never"), ("a<b>10", "stale")]
-    health, records = Health(names, 250.0), np.zeros(60, snapshot_dtype(30))
+    health, records = Health(names, 250.0), snapshots(60, 30)
     records["stamp_ns"] = 10**18 + 40_000_000 * np.arange(60)
     records["cycles"], records["cycle"] = 10 * np.arange(60), 10 * np.arange(60)
     records["counters"][:, COUNTERS.index("data")] = 100 * np.arange(60)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 
 import numpy as np
 import pytest
@@ -121,3 +122,14 @@ def test_no_terminal_no_table(palm):
     stream = io.StringIO()
     LiveTable(palm, stream=stream).show(state_of(palm), 10_000)
     assert stream.getvalue() == ""
+
+
+def test_no_colour_where_none_is_wanted(palm, monkeypatch):
+    status = np.zeros(palm.n, np.uint16)
+    status[3] = int(Status.NEVER)
+    monkeypatch.setenv("NO_COLOR", "1")
+    plain = LiveTable(palm, stream=Terminal()).lines(state_of(palm, status, load=3.0))
+    assert not any("\x1b" in line for line in plain)
+    monkeypatch.setenv("NO_COLOR", "")
+    coloured = LiveTable(palm, stream=Terminal()).lines(state_of(palm, status, load=3.0))
+    assert [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in coloured] == plain

@@ -9,14 +9,16 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks import lab as lab_files
-from benchmarks.lab import Lab, Path3
+from benchmarks.bench import ORDER, Bench, Path3, skin_of_text, text_of
+from benchmarks.bench import SECONDS as LASTS_S
 from skin.calibrate.bench import plan
 from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.file import Column, Recording, Segment
 from skin.calibrate.bench.series import series_of
 from skin.errors import ScanError
-from skin.physics.fabrication import Fabrication
+from skin.physics.elastic import Elastic
+from skin.physics.halbach import HalbachField
+from skin.sim.unit import UnitSimulator
 
 UNITS, SECONDS = 4, 60.0
 STRENGTH = {"normal_soft_n_per_hz": "normal", "normal_stiff_n_per_hz": "normal",
@@ -27,13 +29,13 @@ STRENGTH = {"normal_soft_n_per_hz": "normal", "normal_stiff_n_per_hz": "normal",
 def rolled():
     """Units of which only the stiffness differs, under a ball that goes from one to the next; what
     the skin reads, and the sum of all forces by a sensor that is turned by a degree."""
-    lab = Lab(UNITS)
-    rng = np.random.default_rng(4)
+    rng, nominal = np.random.default_rng(4), skin_of_text(text_of(UNITS, 1))
     gain = {kind: 1.0 + rng.uniform(-0.06, 0.06, UNITS) for kind in ("normal", "shear")}
-    p = dict(lab.nominal.parameters)
+    p = dict(nominal.parameters)
     p |= {name: p[name] * gain[kind] for name, kind in STRENGTH.items()}
-    lab.__dict__["films"] = Fabrication.perfect(UNITS)
-    lab.__dict__["true"] = dataclasses.replace(lab.nominal, parameters=p)
+    true = dataclasses.replace(nominal, parameters=p)
+    field = HalbachField(true, reach_m=0.0)
+    lab = Bench(nominal, lambda: UnitSimulator(true, seed=300, field=field), Elastic(true))
     time = np.arange(0.0, SECONDS, 0.02)
     total, counts = np.zeros((time.size, 3)), None
     for unit in range(UNITS):
@@ -115,12 +117,12 @@ def test_a_recording_without_force_is_refused():
 
 def test_the_protocol_of_the_lab_is_that_of_the_plan():
     told = [(step.kind, float(step.seconds)) for step in plan.UNIT if step.kind != "neighbours"]
-    assert told == [(kind, lab_files.SECONDS[kind]) for kind in lab_files.ORDER]
+    assert told == [(kind, LASTS_S[kind]) for kind in ORDER]
 
 
 def test_the_plan_presses_the_weakest_unit_to_its_end_and_none_beyond():
     """Of units of which one is soft for long, one stiffens early and one bears little."""
-    rest = Lab(3).nominal
+    rest = skin_of_text(text_of(3, 1))
     own = {"normal_soft_n_per_hz": [0.6, 1.5, 1.0], "normal_break_hz": [2.0, 0.5, 1.0],
            "normal_max_n": [1.0, 1.0, 0.8]}  # fmt: skip
     p = rest.parameters | {name: rest.parameters[name] * own[name] for name in own}

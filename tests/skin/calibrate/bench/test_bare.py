@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy_skin import with_parameters
-from benchmarks.lab import RATE_HZ, Lab, protocol
+from benchmarks.bench import RATE_HZ, protocol
+from benchmarks.lab import Lab
 from skin.calibrate.bench.file import Recording, Segment
 from skin.calibrate.bench.fit import fit_unit
 from skin.calibrate.bench.series import Counts, series_of
@@ -55,6 +56,7 @@ def told(result):
             for i, name in enumerate(fit.names)}  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_warmed_chip_tells_its_drift_and_to_the_ambient_field_its_offset():
     found, true = told(fitted(60.0)), lab().true.parameters
     for name in DRIFT:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 
-from benchmarks.lab import Lab, protocol
+from benchmarks.bench import protocol
+from benchmarks.lab import Lab
 from skin.calibrate.bench.check import score
 from skin.calibrate.bench.file import KINDS
 
@@ -19,6 +21,7 @@ def of_the_hold(laws):
     return score(lab.true.exact(), dataclasses.replace(recorded, kind=held), 0)
 
 
+@pytest.mark.long
 def test_a_hold_counts_and_shows_a_relaxation_that_the_calibration_lacks():
     elastic, relaxing = of_the_hold(frozenset()), of_the_hold(frozenset({"creep"}))
     assert 0.8 < elastic.over_sigma["normal"] < 1.15

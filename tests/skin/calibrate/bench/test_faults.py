@@ -10,7 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.lab import ROOM_C, Lab, protocol
+from benchmarks.bench import ROOM_C, protocol
+from benchmarks.lab import Lab
 from skin.calibrate.bench.faults import find_faults
 from skin.calibrate.bench.file import Segment
 from skin.calibrate.bench.series import series_of

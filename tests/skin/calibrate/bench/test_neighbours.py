@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 
 import numpy as np
@@ -44,9 +43,8 @@ def series(skin, counts, segments=SEGMENTS):
     return series_of(skin, recording, recorded, {}, ("", ""))
 
 
-@functools.cache
 def array():
-    made = array_of(3, 100)
+    made = array_of(3, 100, bag_side=2, share=0.5)
     placed = {"placement_sigma_mm": PLACE_MM, "placement_sigma_rad": np.radians(TILT_DEG)}
     known = with_parameters(made.known, **{k: np.full(9, v) for k, v in placed.items()})
     return dataclasses.replace(made, known=known)
@@ -71,22 +69,11 @@ def test_the_stencil_of_a_recording_is_that_of_the_films_and_not_of_theory():
     assert 0.64 < force["learned"]["coverage"] < 0.76
 
 
-def test_units_that_were_not_pressed_are_named_and_none_at_all_is_refused():
-    made = array()
-    counts = made.counts(*way(9, (0, 4)), seed=1)
-    learned = learn_stencil(made.known, series(made.known, counts))
-    pressed = {made.known.unit_names[0], made.known.unit_names[4]}
-    assert set(learned.missing) == set(made.known.unit_names) - pressed
-    untouched = made.counts(*way(9, ()), seed=1)
-    longer = np.concatenate([untouched, untouched])
-    with pytest.raises(ScanError, match="neighbours: must be pressed one by one, the units besi"):
-        learn_stencil(made.known, series(made.known, longer))
-    with pytest.raises(ScanError, match="neighbours: must be in a recording with a tare of the"):
-        learn_stencil(made.known, series(made.known, counts, SEGMENTS[1:]))
-    moving = (Segment(kind="tare", start_s=2.0, end_s=2.8),
-              Segment(kind="neighbours", start_s=2.8, end_s=1e3))  # fmt: skip
-    with pytest.raises(ScanError, match=f"{made.known.unit_names[0]}: "):
-        learn_stencil(made.known, series(made.known, counts, moving))
+def simulated(skin, pressed):
+    """Counts of units that are pressed one after the other."""
+    units = UnitSimulator(skin, seed=1, field=HalbachField(skin))
+    place, depth = way(skin.n, pressed)
+    return units.quantise(units.disturb(units.quantities(depth, place, np.full(depth.shape, 25.0))))
 
 
 @pytest.fixture
@@ -100,10 +87,7 @@ def recorded(tmp_path):
     )
     (tmp_path / "pad.toml").write_text('format = 1\npatch = "pad"\n')
     skin = topology.load(tmp_path / "skin.toml")
-    units = UnitSimulator(skin, seed=1, field=HalbachField(skin))
-    place, depth = way(4, range(4))
-    values = units.quantities(depth, place, np.full(depth.shape, 25.0))
-    counts = units.quantise(units.disturb(values))
+    counts = simulated(skin, range(4))
     head = ",".join(["time_s", *(f"{u} {c}" for c in CHANNELS for u in skin.unit_names)])
     rows = np.column_stack([np.arange(len(counts)) / RATE_HZ, counts.reshape(len(counts), -1)])
     np.savetxt(tmp_path / "touch.csv", rows, "%.10g", ",", header=head, comments="")
@@ -115,6 +99,23 @@ def recorded(tmp_path):
         '  { kind = "neighbours", start_s = 2.0, end_s = 60.0 },\n]\n'
     )
     return tmp_path
+
+
+def test_units_that_were_not_pressed_are_named_and_none_at_all_is_refused(recorded):
+    skin = topology.load(recorded / "skin.toml")
+    counts = simulated(skin, (0, 3))
+    learned = learn_stencil(skin, series(skin, counts))
+    assert set(learned.missing) == {skin.unit_names[1], skin.unit_names[2]}
+    untouched = simulated(skin, ())
+    longer = np.concatenate([untouched, untouched])
+    with pytest.raises(ScanError, match="neighbours: must be pressed one by one, the units aroun"):
+        learn_stencil(skin, series(skin, longer))
+    with pytest.raises(ScanError, match="neighbours: must be in a recording with a tare of the"):
+        learn_stencil(skin, series(skin, counts, SEGMENTS[1:]))
+    moving = (Segment(kind="tare", start_s=2.0, end_s=2.8),
+              Segment(kind="neighbours", start_s=2.8, end_s=1e3))  # fmt: skip
+    with pytest.raises(ScanError, match=f"{skin.unit_names[0]}: "):
+        learn_stencil(skin, series(skin, counts, moving))
 
 
 def test_the_command_writes_the_stencil_beside_the_calibration(recorded, capsys):

@@ -69,5 +69,49 @@ def test_intervals_hold_their_share_where_errors_go_on_for_a_while():
 
 
 def test_fewer_samples_than_parameters_are_refused():
-    with pytest.raises(ScanError, match="samples: must be 2 or more to tell a, b; got 1"):
+    with pytest.raises(ScanError, match="samples: must be 2 or more to determine a, b; got 1"):
         fitted(*line(count=1), {"a": (0.0, 1.0), "b": (0.0, 1.0)})
+
+
+def bent(seed, outliers=0):
+    """Samples of a curve, nine of ten at two arguments, to which a line is fitted."""
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([rng.uniform(0.0, 1.0, 400), np.repeat([0.2, 0.9], 1800)])
+    rng.shuffle(x)
+    y = x**4 + 0.001 * rng.standard_normal(x.size)
+    y[:outliers] += 5.0
+    return x, y
+
+
+@pytest.mark.parametrize("outliers", [0, 100])
+def test_a_law_of_another_form_is_off_evenly_over_its_range_however_long_each_part_was(outliers):
+    x, y = bent(0, outliers)
+    prior = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
+    fit = fit_posterior(lambda p: [(y - p["a"] - p["b"] * x) / 0.001], prior, (x,)).fit
+    even = np.linspace(0.0, 1.0, 1001)
+    error = fit.values[0] + fit.values[1] * even - even**4
+    least = np.polyval(np.polyfit(even, even**4, 1), even) - even**4
+    assert np.sqrt(np.mean(error**2)) < 1.05 * np.sqrt(np.mean(least**2))
+
+
+def test_a_law_of_its_own_form_is_found_as_well_with_its_range_as_without():
+    ratios = []
+    for seed in range(20):
+        x, y = line(seed, 4000)
+        prior = {"a": (0.0, 100.0), "b": (0.0, 100.0)}
+        with_range = fit_posterior(lambda p, x=x, y=y: [(y - p["a"] - p["b"] * x) / 0.1],
+                                   prior, (x,))  # fmt: skip
+        without = fitted(x, y, prior)
+        ratios.append((with_range.fit.values - [2.0, 3.0]) / without.fit.sigma)
+    # 40 numbers of unit variance: their mean square is within 1 ± 3 sqrt(2 / 40)
+    assert np.mean(np.square(ratios)) < 1.7
+
+
+def test_parameters_beside_the_fitted_ones_keep_their_prior():
+    x, y = line()
+    found = fitted(x, y, {"a": (0.0, 100.0), "b": (0.0, 100.0)}).joined({"c": (7.0, 0.5, 0.95)})
+    assert found.fit.names == ("a", "b", "c")
+    assert found.fit["c"] == 7.0
+    assert found.fit.sigma[2] == 0.5
+    assert found.left[2] == 0.95
+    assert (found.fit.covariance[2, :2] == 0.0).all()

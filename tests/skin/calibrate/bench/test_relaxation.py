@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from benchmarks.bench import HELD_MM, protocol
 from benchmarks.creep import SHARE, STRETCH, TIME_S, UNLIKE
-from benchmarks.lab import HELD_MM, Lab, protocol, unseen
+from benchmarks.lab import Lab, unseen
 from skin import Decoder
 from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.unit import with_fits
+from skin.calibrate.write import with_fits
 
 CREEP = frozenset({"creep"})
 RARE = 1e-3

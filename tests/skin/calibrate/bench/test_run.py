@@ -6,12 +6,14 @@ import json
 import shutil
 import sys
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import topology
-from benchmarks.lab import Lab, protocol, write_bench
+from benchmarks.bench import protocol
+from benchmarks.lab import Lab, write_bench
 from bus.codec import Packer
 from bus.frame import FrameBatch
 from bus.logs import open_writer
@@ -22,6 +24,7 @@ from skin.calibrate.tare import tare
 from skin.cli import main
 
 SHARE = 0.25
+GOLDEN = Path(__file__).parents[3] / "golden" / "calibration" / "pad.toml"
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +56,7 @@ def copied(bench, folder):
     return new
 
 
+@pytest.mark.long
 def test_what_is_written_is_read_by_a_topology_and_near_the_truth(bench, fitted, tmp_path):
     shutil.copy(bench.parent / "pad.toml", tmp_path)
     text = (bench.parent / "lab.toml").read_text() + 'calibration = "pad.toml"\n'
@@ -63,6 +67,19 @@ def test_what_is_written_is_read_by_a_topology_and_near_the_truth(bench, fitted,
                         ("gel_current_ratio", 2e-3), ("frequency_slope_hz_per_mm", 2e-3),
                         ("film_drift_per_k", 0.05)):  # fmt: skip
         np.testing.assert_allclose(loaded.parameters[name], true.parameters[name], rtol=share)
+
+
+def test_a_recording_gives_the_calibration_that_it_always_gave(bench, fitted):
+    """Values to a thousandth of their sigma, which is more than processors differ by."""
+    _, found = read_calibration(bench.parent / "pad.toml")
+    _, golden = read_calibration(GOLDEN)
+    assert found.keys() == golden.keys()
+    for unit, fits in golden.items():
+        assert [fit.names for fit in found[unit]] == [fit.names for fit in fits]
+        for one, other in zip(found[unit], fits, strict=True):
+            most = 1e-3 * np.nan_to_num(other.sigma) + 1e-5 * np.abs(other.values)
+            assert (np.abs(one.values - other.values) <= most).all()
+            np.testing.assert_allclose(one.sigma, other.sigma, rtol=1e-3)
 
 
 def test_the_file_tells_serial_hash_range_goodness_and_covariance(bench, fitted):
@@ -81,7 +98,8 @@ def test_the_file_tells_serial_hash_range_goodness_and_covariance(bench, fitted)
         assert len(law["correlation"]) == p * (p - 1) // 2
     # the gel's law is bent by nothing, shear does not stiffen with depth, and nothing relaxes
     assert set(told["kept"]) == {
-        "gel_bend_c", "gel_twist_c", "shear_gain_per_mm", "normal_creep", "shear_creep"
+        "gel_bend_c", "gel_twist_c", "shear_cubic_n_per_mm3", "shear_gain_per_mm",
+        "normal_creep", "shear_creep",
     }  # fmt: skip
 
 
@@ -245,6 +263,7 @@ def test_parquet_is_read_as_csv_is(tmp_path):
         np.testing.assert_array_equal(read_table(tmp_path / "a.parquet")[name], values)
 
 
+@pytest.mark.long
 def test_a_curved_mount_is_in_sigma(bench, fitted, tmp_path):
     new = copied(bench, tmp_path)
     text = new.read_text()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import topology
-from benchmarks.lab import Lab, protocol
+from benchmarks.bench import protocol
+from benchmarks.lab import Lab
 from bus.boards import Boards
 from bus.codec import Packer
 from bus.frame import FrameBatch

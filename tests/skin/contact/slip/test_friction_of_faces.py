@@ -17,6 +17,7 @@ from skin.contact.slip.friction import (
     _tangential_variance,
     friction_margin,
     learn_friction,
+    show_bounds,
     stick_ratio_by_cone,
 )
 from tests.skin.contact.slip.bench import Bench, flat_skin
@@ -224,6 +225,37 @@ def test_friction_from_the_settings_has_no_sigma_and_none_at_all_no_margin():
     friction_margin(record, model)
     assert np.isnan([record[k] for k in ("margin", "grip_force", "grip_force_sigma")]).all()
     assert record["flags"] & NO_FRICTION
+
+
+@pytest.mark.parametrize(
+    ("lower", "slip", "expected"),
+    [
+        (0.3, SlipState.STICK, (0.3, 1.0 - 0.1875 / 0.3, 1.5 * 1.5 / 0.3)),
+        (0.3, SlipState.UNKNOWN, (0.3, 1.0 - 0.1875 / 0.3, 1.5 * 1.5 / 0.3)),
+        (0.1, SlipState.STICK, (0.1, 0.0, 1.5 * 8.0)),  # what holds now is grip enough
+        (0.0, SlipState.STICK, (0.0, 0.0, 1.5 * 8.0)),
+        (-0.2, SlipState.STICK, (0.0, 0.0, 1.5 * 8.0)),
+        (0.3, SlipState.GROSS, (0.3, 0.0, np.nan)),
+    ],
+)
+def test_where_friction_is_not_known_what_has_held_bounds_it(lower, slip, expected):
+    record, model = cone(safety=1.5)
+    record["friction_lower"], record["slip"] = lower, slip
+    show_bounds(record, friction_margin(record, model), model)
+    found = [record[name] for name in ("friction", "margin", "grip_force")]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    assert record["flags"] & NO_FRICTION
+    assert np.isnan(record["friction_sigma"])
+
+
+@pytest.mark.parametrize("given", [{"information": 400.0}, {"friction": 0.25}])
+def test_where_friction_is_known_it_stays(given):
+    record, model = cone(**given)
+    record["friction_lower"] = 0.9
+    used = friction_margin(record, model)
+    before = record.copy()
+    show_bounds(record, used, model)
+    assert record.tobytes() == before.tobytes()
 
 
 def test_rounding_makes_no_variance_negative():

@@ -1,5 +1,7 @@
 """Slip: its laws, and machine code against Python."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,9 +9,10 @@ from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
+from skin.contact import stream
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import PARAMETERS, SlipSettings
-from skin.contact.slip.judge import judge
+from skin.contact.step import step_python
 from skin.errors import SkinError
 from tests.skin.contact.slip.watch import (
     DT_S,
@@ -175,7 +178,7 @@ def test_a_flat_face_on_soft_ground_is_no_slip_where_it_shares_shear_as_load():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         watch = Watch(position, rotation)
-        worst = SlipState.NONE
+        worst = SlipState.UNKNOWN
         for t in range(200):
             drag = rigid(position, (np.clip((t - 30) / 150, 0.0, 1.0), 0.0), 0.0) * gives
             worst = max(worst, watch.step(*readings(load, drag, rng), 0.03)["slip"])
@@ -313,15 +316,15 @@ def test_slip_ends_when_the_body_rests_and_units_stick_again():
 
 
 @given(seeds)
-@profile(max_examples=5)
+@profile(max_examples=2)
 def test_machine_code_is_the_python_code(seed):
     rng = np.random.default_rng(seed)
     position, rotation = naive.cylinder(4, 4) if rng.random() < 0.5 else centred(4, 4)
     load = dome(position - position.mean(axis=1, keepdims=True), reach_m=0.03)
     one, one_units = sliding(Watch(position, rotation), position, load, cycles=110, seed=seed)
-    other, other_units = sliding(
-        Watch(position, rotation, judge), position, load, cycles=110, seed=seed
-    )
+    with mock.patch.object(stream, "step", step_python), np.errstate(invalid="ignore"):
+        python = Watch(position, rotation)
+        other, other_units = sliding(python, position, load, cycles=110, seed=seed)
     np.testing.assert_array_equal(one["slip"], other["slip"])
     np.testing.assert_array_equal(one_units, other_units)
     for name in ("stick_ratio", "pattern", "motion", "friction", "margin", "friction_lower"):

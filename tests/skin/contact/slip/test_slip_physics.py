@@ -87,7 +87,7 @@ def test_an_hour_of_holding_is_quiet_while_the_elastomer_relaxes(rate_hz):
         want={"slip"}, rate_hz=rate_hz,
     )  # fmt: skip
     said, told = np.zeros((2, 3, skin.n), np.float32)
-    worst = SlipState.NONE
+    worst = SlipState.UNKNOWN
     for second in range(3600):
         cycles = int(rate_hz)
         noise = rng.standard_normal((cycles, 3, skin.n), np.float32)

@@ -84,7 +84,7 @@ def test_where_nothing_can_be_known_probability_is_not_a_number():
     for t in range(100):
         hold.step(np.array([2.0, 1.0]), (0.01 * t, 0.0))
         assert np.isnan(hold.contact.slip_probability)
-        assert hold.contact.slip == SlipState.NONE
+        assert hold.contact.slip == SlipState.UNKNOWN
 
 
 def alone_afterwards(hold, load, displacement_mm, cycles=3):
@@ -106,7 +106,7 @@ def alone_afterwards(hold, load, displacement_mm, cycles=3):
 def test_a_contact_of_one_unit_says_nothing_of_the_slip_of_one_before():
     hold, _, _ = until_slip(0)
     contact = alone_afterwards(hold, 1.0, 0.5)
-    assert contact.slip == SlipState.NONE
+    assert contact.slip == SlipState.UNKNOWN
     assert np.isnan(contact.slip_probability)
     assert np.isnan(contact.slip_direction).all()
 
@@ -115,7 +115,7 @@ def test_a_contact_too_weak_to_judge_says_nothing_of_the_slip_of_one_before():
     hold, _, _ = until_slip(0, start_sigma=3.0, keep_sigma=2.0, capacity=1)
     contact = alone_afterwards(hold, 0.13, 0.0)
     assert contact.record["flags"] & Flag.WEAK
-    assert contact.slip == SlipState.NONE
+    assert contact.slip == SlipState.UNKNOWN
     for name in ("slip_probability", "friction_sigma", "grip_force_sigma"):
         assert np.isnan(getattr(contact, name)), name
     assert np.isnan(contact.slip_direction).all()

@@ -1,34 +1,29 @@
-"""An array under a body, and slip of it by one kernel or the other."""
+"""An array under a body, and slip of it."""
 
 import numpy as np
 
 import tests.naive.contact as naive
-from bus.compiled.jit import compiled
 from skin.contact.graph import neighbour_graph
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.data import SlipData, unit_filter
-from skin.contact.slip.judge import judge
+from skin.contact.slip.data import unit_filter
 from skin.contact.stream import ContactStream
 
 AREA, DT_S = 1.1e-4, 0.004
-machine_code = compiled(judge, allocates=False)
 STIFFNESS = 0.5
 """N/mm, tangential."""
 
 
 class Watch:
-    """Slip of an array cycle by cycle, with one of the two kernels, on top of a stream."""
+    """Slip of an array cycle by cycle, as a stream of contacts has it."""
 
-    def __init__(self, position, rotation, kernel=machine_code, **settings):
+    def __init__(self, position, rotation, **settings):
         n = position.shape[1]
         self.stream = ContactStream(
-            position, rotation, AREA, *neighbour_graph(position, 0.018), want={"contacts"},
-            dtype="float64",
+            position, rotation, AREA, *neighbour_graph(position, 0.018), want={"slip"},
+            dtype="float64", slip=SlipSettings(**settings),
         )  # fmt: skip
-        self.kernel, data = kernel, SlipData.zeros(n)
-        self.model = self.stream.model._replace(slip=SlipSettings(**settings).model())
-        self.data = self.stream.data._replace(slip=data)
-        self.kept = unit_filter(data.kept)
+        self.data = self.stream.data
+        self.kept = unit_filter(self.data.slip.kept)
         self.now_ns = 0
         # as those of a decoder: always the same arrays
         self.force, self.force_sigma, self.moved, self.moved_sigma = np.zeros((4, 3, n))
@@ -41,11 +36,8 @@ class Watch:
         self.force_sigma[:] = np.array([[STIFFNESS], [STIFFNESS], [3.0]]) * sigma_mm
         self.valid[:] = valid
         given = self.force, self.force_sigma, self.moved, self.moved_sigma
-        stream = self.stream
-        found = stream.update(*given, None, self.valid, stamp_ns=self.now_ns)
-        self.kernel(len(found), DT_S, self.now_ns, self.model, self.data)
-        slots = self.data.slots.present[: len(found)]  # those of `found` are of before the kernel
-        return max((self.data.contacts[slot] for slot in slots), key=lambda r: r["load"])
+        found = self.stream.update(*given, None, self.valid, stamp_ns=self.now_ns)
+        return max(found, key=lambda contact: contact.load).record
 
     @property
     def units(self):

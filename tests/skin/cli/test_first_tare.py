@@ -1,0 +1,128 @@
+"""The first tare of a hand: what `skin check` advises leads to a tared skin."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import pytest
+
+import topology
+from skin.cli import main
+
+HEAD = """# My hand.
+format = 1
+name = "hand"
+
+[[buses]]
+name = "main"
+interface = "socketcan"
+channel = "can0"
+cycle_rate_hz = 250
+sync_id = 0x080
+"""
+PATCH = """
+[[patches]]
+name = "{name}"     # as on the drawing
+kind = "grid"
+rows = 1
+columns = 2
+pitch_m = 0.012
+bus = "main"
+layout = "f3t-classic"
+first_id = {first_id:#x}
+pose = {{ xyz_m = [0.0, {y}, 0.0] }}
+"""
+TARE = ["--simulate", "--seconds", "0.5", "--json"]
+
+
+@pytest.fixture
+def hand(tmp_path):
+    """A topology of two patches, none of which names a calibration file."""
+    file = tmp_path / "palm.toml"
+    patches = (PATCH.format(name=name, first_id=first_id, y=y)
+               for name, first_id, y in (("palm", 0x100, 0.0), ("tip", 0x110, 0.1)))  # fmt: skip
+    file.write_text(HEAD + "".join(patches))
+    return file
+
+
+def run(capsys, *arguments):
+    status = main([*map(str, arguments)])
+    printed = capsys.readouterr()
+    return status, printed, json.loads(printed.out.splitlines()[-1])
+
+
+def test_the_first_tare_makes_the_files_and_prints_the_lines(hand, capsys):
+    before = hand.read_text()
+    status, printed, report = run(capsys, "tare", hand, *TARE)
+    assert status == 0
+    assert hand.read_text() == before
+    assert report["lines"] == {
+        name: f'calibration = "{name}.calibration.toml"' for name in ("palm", "tip")
+    }
+    for line in report["lines"].values():
+        assert line in printed.out.splitlines()[-3] + printed.out.splitlines()[-2]
+    text = before
+    for name, line in report["lines"].items():  # as a user adds them
+        text = text.replace(f'name = "{name}"', f'name = "{name}"\n{line}')
+    hand.write_text(text)
+    assert topology.load(hand).tared.all()
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_the_lines_are_added_where_they_are_asked_for(hand, end, capsys):
+    before = hand.read_text()
+    hand.write_bytes(before.replace("\n", end).encode())
+    status, printed, report = run(capsys, "tare", hand, "--write", *TARE)
+    assert (status, report["lines"]) == (0, {})
+    assert topology.load(hand).tared.all()
+    after = hand.read_bytes().decode()
+    kept = [row for row in after.split(end) if not row.startswith("calibration = ")]
+    assert end.join(kept) == before.replace("\n", end)
+    number = after.split(end).index('calibration = "tip.calibration.toml"') + 1
+    assert f"palm.toml:{number}: added to patch 'tip'" in printed.out
+    status, printed, report = run(capsys, "tare", hand, "--write", *TARE)
+    assert (status, report["lines"]) == (0, {})
+    assert hand.read_bytes().decode() == after
+    assert ": added to patch" not in printed.out
+
+
+def test_a_file_that_is_named_and_not_there_is_made(hand, capsys):
+    named = hand.read_text().replace('layout = "f3t', 'calibration = "{}.toml"\nlayout = "f3t')
+    hand.write_text(named.replace("{}", "one", 1).replace("{}", "two", 1))
+    assert main(["check", str(hand)]) == 2
+    assert "(`skin tare " in capsys.readouterr().err
+    status, _, report = run(capsys, "tare", hand, *TARE)
+    assert (status, report["lines"]) == (0, {})
+    assert topology.load(hand).tared.all()
+
+
+def test_a_second_tare_keeps_what_stands_in_the_file_that_is_not_named_yet(hand, capsys):
+    assert main(["tare", str(hand), *TARE]) == 0
+    file = hand.with_name("palm.calibration.toml")
+    text = file.read_text() + "normal_max_n = 9.5\n"
+    unit = tomllib.loads(text)["units"]
+    file.write_text(text)
+    assert main(["tare", str(hand), *TARE]) == 0
+    (last,) = list(unit)[-1:]
+    assert tomllib.loads(file.read_text())["units"][last]["normal_max_n"] == 9.5
+
+
+def test_patches_in_one_line_are_left_as_they_are(tmp_path, capsys):
+    file = tmp_path / "hand.toml"
+    patch = tomllib.loads(PATCH.format(name="palm", first_id=0x100, y=0.0))["patches"][0]
+    inline = ", ".join(
+        f"{key} = {json.dumps(value)}" for key, value in patch.items() if key != "pose"
+    )
+    file.write_text(HEAD.replace("[[buses]]", f"patches = [{{ {inline} }}]\n[[buses]]"))
+    before = file.read_text()
+    status, printed, report = run(capsys, "tare", file, "--write", *TARE)
+    assert status == 0
+    assert file.read_text() == before
+    assert list(report["lines"]) == ["palm"]
+    assert "not used until its patch 'palm' has the line" in printed.out
+
+
+def test_a_ready_made_topology_needs_a_file_to_be_given(capsys):
+    assert main(["tare", "palm", *TARE]) == 2
+    assert "patch 'palm': must have a calibration file to be written to" in capsys.readouterr().err

@@ -1,0 +1,74 @@
+"""`skin warmup`: what is compiled, and where it is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import skin
+from bus.compiled import places
+from skin.cli import main
+
+ROOT = Path(skin.__file__).parent.parent
+ON_SOCKETS = """
+import json, sys
+opened = []
+sys.addaudithook(lambda event, given: event == "open" and opened.append(str(given[0])))
+import skin
+from skin.cli import main
+assert main("warmup fingertip --interface socketcan --channel vcan0 --json".split()) == 0
+assert any("bus.mmsg" in name for name in opened if name.endswith(".nbc"))
+assert not any("skin.sim" in name for name in opened if name.endswith(".nbc"))
+"""
+
+
+def report(capsys):
+    return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def test_what_is_compiled_is_found_the_second_time(capsys):
+    assert main(["warmup", "--json"]) == 0
+    capsys.readouterr()
+    assert main(["warmup", "--json"]) == 0
+    found = report(capsys)
+    assert found["topology"] == "palm"
+    assert found["compiled"] == []
+    assert found["folder"] == str(places.written())
+    assert main(["warmup"]) == 0
+    said = capsys.readouterr().out
+    assert said == f"palm: all kernels were compiled already, in {places.written()}\n"
+
+
+def test_a_start_finds_all_that_was_compiled_for_it(tmp_path, capsys):
+    """With a recording, which has kernels of its own."""
+    assert main(["warmup", "palm", "--simulate", "--record", "--json"]) == 0
+    capsys.readouterr()
+    with_record = subprocess.run(
+        [sys.executable, "-c", "import sys; from bus.compiled.cache import watch\n"
+         "from skin.cli import main\ncompiled = []\n"
+         "with watch(compiled.append):\n    status = main(sys.argv[1:])\n"
+         "assert not compiled, compiled\nsys.exit(status)",
+         "run", "palm", "--simulate", "--seconds", "0.3", "--record", str(tmp_path / "a.mcap")],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert with_record.returncode == 0, with_record.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs sockets of Linux")
+def test_no_bus_is_opened_and_nothing_simulated(monkeypatch):
+    done = subprocess.run(
+        [sys.executable, "-c", ON_SOCKETS], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs modes of files")
+def test_where_nothing_can_be_kept_it_says_so(monkeypatch, capsys):
+    monkeypatch.setattr(places, "written", lambda: None)
+    assert main(["warmup", "fingertip", "--simulate"]) == 1
+    assert "nowhere: no folder can be written" in capsys.readouterr().out

@@ -1,0 +1,122 @@
+"""Depths against the engine's own rays, shot from the other side."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skin.grasp import rays
+from skin.grasp.mesh import Meshes, mesh_crossing
+
+SIZES = {
+    rays.SPHERE: (0.02, 0.0, 0.0),
+    rays.CAPSULE: (0.02, 0.03, 0.0),
+    rays.ELLIPSOID: (0.02, 0.03, 0.01),
+    rays.CYLINDER: (0.02, 0.03, 0.0),
+    rays.BOX: (0.02, 0.03, 0.01),
+}
+KINDS = pytest.mark.parametrize("kind", SIZES)
+SEEDS = st.integers(0, 2**32 - 1)
+FAR_M = 0.5
+
+
+def line(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A line through the neighbourhood of the origin."""
+    random = np.random.default_rng(seed)
+    way = random.normal(size=3)
+    return random.uniform(-0.02, 0.02, 3), way / np.linalg.norm(way)
+
+
+def from_behind(kind: int, size: tuple, point: np.ndarray, way: np.ndarray) -> float:
+    """Where the engine sees the line leave, looking back along it from afar; NaN if it passes."""
+    seen = mujoco.mju_rayGeom(
+        np.zeros(3), np.eye(3).ravel(), np.array(size), point + FAR_M * way, -way, kind, None
+    )
+    return FAR_M - seen if seen >= 0.0 else np.nan
+
+
+@KINDS
+@settings(max_examples=200, deadline=None)
+@given(seed=SEEDS)
+def test_a_line_leaves_a_primitive_where_the_engine_sees_it(kind: int, seed: int) -> None:
+    point, way = line(seed)
+    size = np.array(SIZES[kind])
+    enters, out, *_ = rays.crossing(kind, size, tuple(point), tuple(way))
+    seen = from_behind(kind, SIZES[kind], point, way)
+    if np.isnan(seen):
+        assert not enters < out
+    else:
+        assert out == pytest.approx(seen, abs=1e-12)
+
+
+@KINDS
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS)
+def test_the_normal_is_that_of_the_surface_around_the_exit(kind: int, seed: int) -> None:
+    point, way = line(seed)
+    size = np.array(SIZES[kind])
+    enters, out, *normal = rays.crossing(kind, size, tuple(point), tuple(way))
+    if not enters < out or np.dot(normal, way) < 0.1:
+        return
+    spot, step = point + out * way, 1e-6
+    for axis in np.linalg.svd(way[np.newaxis])[2][1:]:
+        _, beside, *other = rays.crossing(kind, size, tuple(point + step * axis), tuple(way))
+        if np.dot(normal, other) > 1.0 - 1e-6:  # not across an edge
+            along = (point + step * axis + beside * way - spot) / step
+            assert np.dot(along, normal) == pytest.approx(0.0, abs=3e-3)
+
+
+def test_a_half_space_is_left_upwards_only() -> None:
+    up, down = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+    assert rays.crossing(rays.PLANE, np.zeros(3), (0.0, 0.0, -0.2), up)[1] == pytest.approx(0.2)
+    assert rays.crossing(rays.PLANE, np.zeros(3), (0.0, 0.0, -0.2), down)[1] == -np.inf
+
+
+def model_of(mesh: trimesh.Trimesh) -> mujoco.MjModel:
+    """A model with one mesh."""
+    vertices = " ".join(map(str, np.asarray(mesh.vertices).ravel()))
+    faces = " ".join(map(str, np.asarray(mesh.faces).ravel()))
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><asset><mesh name="m" vertex="{vertices}" face="{faces}"/></asset>'
+        '<worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+
+
+def ring() -> trimesh.Trimesh:
+    """A body that no convex hull is like."""
+    return trimesh.creation.torus(0.03, 0.01, major_sections=24, minor_sections=12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=SEEDS)
+def test_a_line_leaves_a_mesh_at_the_last_exit_before_the_deepest(seed: int) -> None:
+    model = _ring_model()
+    meshes = Meshes.of(model)
+    point, way = line(seed)
+    local = trimesh.Trimesh(meshes.vertex, meshes.face, process=False)
+    deepest = 0.01
+    out, *normal = mesh_crossing(meshes, 0, tuple(point), tuple(way), deepest)
+    places, _, faces = local.ray.intersects_location([point], [way], multiple_hits=True)
+    at = (places - point) @ way
+    exits = local.face_normals[faces] @ way > 0.0
+    within = at[exits & (at > 0.0) & (at <= deepest)]
+    if within.size:
+        assert out == pytest.approx(within.max(), abs=1e-9)
+    elif (at > 0.0).any() and exits[np.argmin(np.where(at > 0.0, at, np.inf))]:
+        assert out == pytest.approx(at[at > 0.0].min(), abs=1e-9)
+        assert np.dot(normal, way) > 0.0
+    else:
+        assert out == -np.inf
+
+
+_MODELS: list[mujoco.MjModel] = []
+
+
+def _ring_model() -> mujoco.MjModel:
+    if not _MODELS:
+        _MODELS.append(model_of(ring()))
+    return _MODELS[0]

@@ -1,0 +1,383 @@
+"""A skin as topics of ROS 2: what a subscriber of another process hears is the states."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import skin
+from bus.memory import MemoryTransport
+from skin.cli import main
+from skin.contact.record import Flag
+from skin.errors import LibraryError, OptionError, SkinError
+from skin.io.messages.definitions import STATE_VERSION
+from skin.io.publish import ros
+from skin.io.publish.dds import LOCALHOST
+from skin.state import Status, if_wanted
+from tests.fixtures.patience import LONG_S
+from tests.fixtures.robots import write_gripper
+from tests.house.sources import ROOT
+
+pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
+
+DOMAIN = 1 + os.getpid() % 200
+TOPICS = {
+    "rt/skin/state": "SkinState",
+    "rt/skin/wrench": "WrenchStamped",
+    "rt/skin/layout": "SkinLayout",
+    "rt/tf_static": "TFMessage",
+    "rt/diagnostics": "DiagnosticArray",
+}
+
+
+@pytest.fixture(autouse=True)
+def loopback(monkeypatch):
+    monkeypatch.setenv("CYCLONEDDS_URI", LOCALHOST)
+
+
+@pytest.fixture(scope="module")
+def palm():
+    with skin.open("palm", simulate="slide", pace=False) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def states(palm):
+    """Copies of some states with contacts, the last of them with a unit that is not valid."""
+    found = []
+    for state in palm:
+        if state.contacts:
+            found.append(state.copy())
+        if len(found) == 12:
+            break
+    units = found[-1].units
+    valid, status = units.valid.copy(), units.status.copy()
+    valid[3], status[3] = False, int(Status.STALE)
+    ratio = units.test_ratio.copy()
+    ratio[3] = 4.5
+    units = replace(units, valid=valid, status=status, test_ratio=ratio)
+    found[-1] = replace(found[-1], units=units, whole=False)
+    found[-1].contacts[0].record["flags"] |= int(Flag.UNSEEN)
+    return found
+
+
+class Listener:
+    """A subscriber in a process of its own."""
+
+    def __init__(self, topics):
+        command = [sys.executable, "-m", "tests.fixtures.ros_listener", str(DOMAIN)]
+        self._process = subprocess.Popen(
+            command + [f"{name}:{kind}" for name, kind in topics.items()],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
+        )  # fmt: skip
+        self.heard = defaultdict(list)
+        self._waiting = set(topics)
+
+    def until(self, enough):
+        """Read until enough was heard."""
+        while not enough():
+            line = self._process.stdout.readline()
+            assert line, "the listener has ended"
+            told = json.loads(line)
+            if "matched" in told:
+                self._waiting.discard(told["matched"])
+            else:
+                self.heard[told["topic"]].append(told["message"])
+
+    def match(self):
+        """Wait until every topic has a writer."""
+        self.until(lambda: not self._waiting)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        self._process.stdin.close()
+        self._process.stdout.close()
+        self._process.terminate()
+        self._process.wait(LONG_S)
+
+
+def give(node, state):
+    """Let a publisher see any state, with its contacts where those of the last one are."""
+    stream = node.pipeline.contacts
+    for k, contact in enumerate(if_wanted(state, "contacts") or ()):
+        stream.data.slots.present[k], stream.records[k] = k, contact.record
+    node.state(state)
+
+
+def six(wrench):
+    return [wrench[part][axis] for part in ("force", "torque") for axis in "xyz"]
+
+
+def test_a_subscriber_hears_the_states(palm, states):
+    with ros(palm, rate_hz=None, domain=DOMAIN) as node, Listener(TOPICS) as listener:
+        listener.match()
+        for count, state in enumerate(states, start=1):
+            give(node, state)
+            listener.until(lambda count=count: len(listener.heard["rt/skin/state"]) == count)
+        assert node.sent() == len(states)
+        listener.until(lambda: listener.heard["rt/skin/wrench"] and listener.heard["rt/tf_static"])
+        listener.until(lambda: listener.heard["rt/diagnostics"])
+        heard = listener.heard
+    for state, told in zip(states, heard["rt/skin/state"], strict=True):
+        assert told["cycle"] == state.cycle
+        stamp = told["header"]["stamp"]
+        assert stamp["sec"] * 10**9 + stamp["nanosec"] == state.stamp_ns
+        assert told["header"]["frame_id"] == "skin"
+        valid = state.units.valid
+        for name in ("force", "force_sigma", "temperature"):
+            expected = np.where(valid, getattr(state.units, name), np.nan).reshape(-1)
+            np.testing.assert_array_equal(np.array(told[name], np.float32), expected)
+        ratio = np.array(told["test_ratio"], np.float32)
+        np.testing.assert_array_equal(ratio, state.units.test_ratio)  # also where not valid
+        assert (told["version"], told["whole"]) == (STATE_VERSION, state.whole)
+        assert told["status"] == state.units.status.tolist()
+        assert told["contact"] == state.label.tolist()
+        for one, expected in zip(told["contacts"], state.contacts, strict=True):
+            assert (one["id"], one["slip"]) == (expected.id, int(expected.slip))
+            assert one["whole"] == expected.whole
+            assert one["units"] == expected.units.size > 0
+            assert six(one["wrench"]) == expected.wrench.tolist()
+            assert one["wrench_sigma"] == expected.wrench_sigma.tolist()
+            assert one["margin"] == pytest.approx(expected.margin, nan_ok=True)
+            np.testing.assert_array_equal(list(one["centroid"].values()), expected.centroid)
+    last = heard["rt/skin/state"][-1]
+    assert np.isnan(last["force"][3])
+    assert last["test_ratio"][3] == 4.5
+    assert [one["whole"] for one in (last, last["contacts"][0])] == [False, False]
+    assert heard["rt/skin/state"][0]["whole"] is True
+    by_stamp = {state.stamp_ns: state for state in states}
+    for told in heard["rt/skin/wrench"]:
+        stamp = told["header"]["stamp"]
+        state = by_stamp[stamp["sec"] * 10**9 + stamp["nanosec"]]
+        assert six(told["wrench"]) == state.wrench.tolist()
+
+
+def test_late_subscribers_are_given_the_layout_and_the_frames(palm):
+    at = palm.topology
+    wanted = {name: TOPICS[name] for name in ("rt/skin/layout", "rt/tf_static")}
+    with ros(palm, domain=DOMAIN, patch_frame="left_{}"), Listener(wanted) as listener:
+        listener.until(lambda: len(listener.heard) == 2)
+        (layout,), (frames,) = listener.heard["rt/skin/layout"], listener.heard["rt/tf_static"]
+    assert (layout["topology"], layout["names"]) == (at.name, list(at.unit_names))
+    np.testing.assert_array_equal(np.reshape(layout["position"], (3, -1)), at.position)
+    np.testing.assert_array_equal(np.reshape(layout["rotation"], (3, 3, -1)), at.rotation)
+    (only,) = frames["transforms"]
+    assert (only["header"]["frame_id"], only["child_frame_id"]) == ("skin", "left_palm")
+    place = list(only["transform"]["translation"].values())
+    assert place in at.position.T.tolist()
+    away = np.linalg.norm(np.array(place) - at.position.mean(axis=1))
+    assert away == pytest.approx(np.hypot(0.006, 0.006))
+    turn = only["transform"]["rotation"]
+    x, y, z, w = (turn[name] for name in "xyzw")
+    # the third column of the rotation: where z points, into the skin
+    column = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]
+    np.testing.assert_allclose(column, at.rotation[:, 2, 0], atol=1e-12)
+
+
+def test_contacts_have_topics_of_their_own_and_end_at_zero(palm, states):
+    topics = {"rt/skin/contact/0": "WrenchStamped"}
+    with ros(palm, rate_hz=None, domain=DOMAIN) as node, Listener(topics) as listener:
+        give(node, states[0])  # the topic is there once something touches
+        listener.match()
+        give(node, states[1])
+        give(node, replace(states[2], contacts=[], label=states[2].label * 0 - 1))
+        heard = listener.heard["rt/skin/contact/0"]
+        listener.until(lambda: heard and six(heard[-1]["wrench"]) == [0.0] * 6)
+    assert six(heard[-2]["wrench"]) == states[1].contacts[0].wrench.tolist()
+
+
+def test_diagnostics_name_units_that_are_not_to_be_trusted(palm, states):
+    topics = {"rt/diagnostics": "DiagnosticArray"}
+    with ros(palm, rate_hz=None, domain=DOMAIN, prefix="left/skin") as node:
+        with Listener(topics) as listener:
+            listener.match()
+            give(node, states[-1])
+            listener.until(lambda: listener.heard["rt/diagnostics"])
+            told = listener.heard["rt/diagnostics"][0]["status"]
+    assert [one["name"] for one in told] == [
+        "left_skin: units", "left_skin: frames", "left_skin: bus main", "left_skin: publishing",
+    ]  # fmt: skip
+    units, _, bus, _ = told
+    assert (units["level"], bus["level"], bus["message"]) == (1, 0, "error-active")
+    assert units["message"] == "1 of 64 units not valid"
+    assert units["values"] == [{"key": palm.topology.unit_names[3], "value": "stale"}]
+
+
+def test_a_skin_that_is_silent_is_told(palm):
+    topics = {"rt/diagnostics": "DiagnosticArray"}
+    with ros(palm, domain=DOMAIN), Listener(topics) as listener:
+        listener.until(lambda: listener.heard["rt/diagnostics"])
+    (told,) = listener.heard["rt/diagnostics"][0]["status"]
+    assert (told["level"], told["message"][:12]) == (3, "no cycle for")
+
+
+def test_patches_that_move_are_told_with_every_state(palm, states):
+    at = palm.topology
+    away = np.linalg.norm(at.position - at.position.mean(axis=1, keepdims=True), axis=0)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    with ros(palm, rate_hz=None, domain=DOMAIN, moving=True) as node:
+        with Listener({"rt/tf": "TFMessage"}) as listener:
+            listener.match()
+            palm.move_patch("palm", turn, np.array([0.1, 0.0, 0.2]))
+            give(node, states[0])
+            listener.until(lambda: listener.heard["rt/tf"])
+            told = listener.heard["rt/tf"][-1]["transforms"][0]
+    palm.move(at.position, at.rotation)
+    place = list(told["transform"]["translation"].values())
+    moved = (turn @ at.position + [[0.1], [0.0], [0.2]]).T
+    (unit,) = np.flatnonzero(np.isclose(moved, place, rtol=0.0, atol=1e-12).all(axis=1))
+    assert away[unit] == pytest.approx(away.min())  # one of the middle ones
+
+
+@pytest.mark.parametrize("want", [("force",), ("contacts",)])
+def test_patches_are_told_where_the_joints_have_moved_them(tmp_path, want):
+    """Fingers slide along x by the coordinate of their joint, whatever is wanted of the skin."""
+    near, _ = MemoryTransport.pair()
+    file = write_gripper(tmp_path)
+    with skin.open(file, transports=[near], pace=False, want=want) as gripper:
+        states, heard = iter(gripper), {}
+        assert (if_wanted(next(states), "contacts") is None) == ("contacts" not in want)
+        with ros(gripper, rate_hz=None, domain=DOMAIN, moving=True):
+            with Listener({"rt/tf": "TFMessage"}) as listener:
+                listener.match()
+                for count, q in enumerate((0.0, 0.03), start=1):
+                    gripper.move_joints({"close": q})
+                    next(states)
+                    listener.until(lambda count=count: len(listener.heard["rt/tf"]) == count)
+                    for told in listener.heard["rt/tf"][-1]["transforms"]:
+                        place = list(told["transform"]["translation"].values())
+                        heard.setdefault(told["child_frame_id"], []).append(place)
+    assert heard.keys() == {"left", "right"}
+    for name, way in (("left", 0.03), ("right", -0.03)):
+        before, after = map(np.array, heard[name])
+        np.testing.assert_allclose(after - before, [way, 0.0, 0.0], atol=1e-12)
+
+
+def test_the_rate_holds_in_the_mean(palm, states):
+    """250 states a second of the skin's own time, 100 published."""
+    with ros(palm, rate_hz=100.0, domain=DOMAIN) as node:
+        for k in range(500):
+            give(node, replace(states[0], stamp_ns=states[0].stamp_ns + 4_000_000 * k))
+        assert node.sent() + node.lost == pytest.approx(200, abs=1)
+
+
+def test_time_that_runs_back_does_not_end_the_publishing(palm, states):
+    with ros(palm, rate_hz=100.0, domain=DOMAIN) as node:
+        for stamp_ns in (5 * 10**9, 10**9, 10**9 + 20_000_000):
+            give(node, replace(states[0], stamp_ns=stamp_ns))
+        assert node.sent() == 3
+
+
+def test_a_process_that_is_behind_costs_states_and_never_the_loop(palm, states):
+    with ros(palm, rate_hz=None, domain=DOMAIN) as node:
+        slots = node._ring.slots
+        os.kill(node._worker._process.pid, signal.SIGSTOP)
+        for _ in range(slots + 7):
+            give(node, states[0])
+        assert node.lost == 7
+        os.kill(node._worker._process.pid, signal.SIGCONT)
+        assert node.sent() == slots
+
+
+def test_a_process_that_dies_is_seen_and_the_loop_goes_on(palm, states, caplog):
+    with ros(palm, rate_hz=None, domain=DOMAIN) as node:
+        node._worker._process.kill()
+        node._worker._process.wait()
+        give(node, states[0])
+        assert not node.alive
+        assert node.failure == "publish: worker exited early (status -9)"
+        assert caplog.messages == [node.failure]
+        with pytest.raises(SkinError, match="publish: must answer 'sent'"):
+            node.sent()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"prefix": "left-hand"}, "prefix: must be names of letters, digits and '_'"),
+        ({"frame": "/skin"}, "frame: must be a name without blanks"),
+        ({"patch_frame": "palm"}, "patch_frame: must have {} once, for the name of a patch"),
+        ({"rate_hz": 0.0}, "rate_hz: must be a number from 0.01 to 100000; got 0.0"),
+        ({"domain": 233}, "domain: must be an integer from 0 to 232; got 233"),
+        ({"reliable": 1}, "reliable: must be True or False; got 1"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(palm, options, message):
+    with pytest.raises(OptionError) as told:
+        ros(palm, **options)
+    assert str(told.value).startswith(message)
+
+
+def test_the_domain_is_that_of_the_environment(palm, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "left")
+    with pytest.raises(OptionError) as told:
+        ros(palm)
+    assert str(told.value) == "ROS_DOMAIN_ID: must be an integer from 0 to 232; got 'left'"
+
+
+def test_a_configuration_that_dds_refuses_is_told(palm, monkeypatch):
+    monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS><Domain><Nonsense/></Domain></CycloneDDS>")
+    with pytest.raises(SkinError, match="publish: domain 3: must be one that can be joined; got"):
+        ros(palm, domain=3)
+
+
+def test_without_cyclonedds_the_message_names_the_extra(palm, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cyclonedds", None)
+    with pytest.raises(LibraryError) as told:
+        ros(palm)
+    assert str(told.value) == (
+        "publish: must have cyclonedds; not installed: pip install 'f3t-skin[ros]'"
+    )
+
+
+def test_the_command_publishes_a_scene(capsys):
+    given = ["publish", "palm", "--simulate", "--seconds", "0.5", "--domain", str(DOMAIN), "--json"]
+    assert main(given) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (report["units_heard"], report["publishing"]) == (64, True)
+    assert 0 < report["published"] <= report["cycles"]
+
+
+def test_the_command_refuses_a_topic_that_ros_refuses(capsys):
+    assert main(["publish", "palm", "--simulate", "--prefix", "2skin"]) == 2
+    assert "in which '2skin' begins with a digit" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("network", "environment", "local"),
+    [
+        (False, {}, True),
+        (True, {}, False),
+        (False, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, False),
+        (False, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, True),
+        (False, {"ROS_LOCALHOST_ONLY": "1"}, True),
+        (False, {"CYCLONEDDS_URI": LOCALHOST}, False),
+    ],
+)
+def test_topics_stay_within_this_machine_unless_told_otherwise(
+    palm, monkeypatch, network, environment, local
+):
+    """A file of cyclonedds' own goes before all."""
+    asked = []
+
+    def started(_node, _module, _ring, request, _first):
+        asked.append(request["local"])
+        raise SkinError("enough")
+
+    monkeypatch.delenv("CYCLONEDDS_URI")
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("skin.io.publish.publisher.Publisher.start", started)
+    with pytest.raises(SkinError, match="enough"):
+        ros(palm, network=network)
+    assert asked == [local]

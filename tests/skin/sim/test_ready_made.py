@@ -1,0 +1,109 @@
+"""Ready-made scenes play on hands of any form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import topology
+from skin.cli import main
+from skin.sim.scenes import names
+from skin.sim.scenes.load import load_scene, open_scene
+from skin.sim.scenes.play import DEEPEST_MM
+
+OPPOSED = """
+format = 1
+name = "opposed"
+[[buses]]
+name = "main"
+data_bitrate = 5_000_000
+cycle_rate_hz = 250
+sync_id = 0x080
+[[patches]]                     # a thumb that stands 60 mm above the palm and looks at it
+name = "thumb"
+kind = "dome"
+radius_m = 0.012
+rings = 2
+pitch_m = 0.011
+pose = { xyz_m = [0.0, 0.0, 0.06], rpy_deg = [180, 0, 0] }
+bus = "main"
+layout = "f3t-fd64"
+first_id = 0x180
+[[patches]]
+name = "palm"
+kind = "grid"
+rows = 8
+columns = 8
+pitch_m = 0.012
+bus = "main"
+layout = "f3t-fd64"
+first_id = 0x100
+"""
+SHORT = ("demo", "edge", "merge", "press", "pull8", "tap", "tool", "twist")
+
+
+@pytest.fixture(params=["opposed", *topology.builtin])
+def hand(request, tmp_path):
+    if request.param != "opposed":
+        return topology.load(request.param)
+    file = tmp_path / "opposed.toml"
+    file.write_text(OPPOSED)
+    return topology.load(file)
+
+
+@pytest.mark.parametrize("name", names)
+def test_every_scene_fits_every_hand(name, hand):
+    script = load_scene(name, hand)
+    sizes = [np.count_nonzero(hand.patch == i) for i in range(len(hand.patch_names))]
+    largest = hand.patch_names[int(np.argmax(sizes))]
+    scene = open_scene(name, hand)
+    for body in script.bodies:
+        expected = hand.patch_names if body.on == "*" else (largest,)
+        assert scene.touches[body.name] == expected
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_a_scene_begins_outside_and_touches_what_it_says(name, hand):
+    scene = open_scene(name, hand)
+    end_s = scene.seconds * (len(hand.patch_names) if name == "demo" else 1)
+    seen: set[str] = set()
+    for time_s in np.arange(0.0, end_s, 0.02):
+        truth = scene.at(time_s)
+        touched = {hand.patch_names[i] for i in np.unique(hand.patch[truth.contact])}
+        if time_s == 0.0:
+            assert not touched
+        assert len(touched) <= 1
+        assert touched <= {place for places in scene.touches.values() for place in places}
+        assert truth.depth_mm.max() <= DEEPEST_MM
+        seen |= touched
+    assert seen == {place for places in scene.touches.values() for place in places}
+
+
+def test_bodies_of_a_users_scene_touch_all_that_is_in_their_way(tmp_path):
+    """A plate between two patches that look at each other bears on both."""
+    gripper = topology.load("gripper")
+    (left, right) = (gripper.position[:, gripper.patch == i].mean(axis=1) for i in range(2))
+    width_m = float(np.linalg.norm(left - right)) + 0.002
+    scene = tmp_path / "block.toml"
+    text = f"""format = 1
+seconds = 1.0
+[[bodies]]
+name = "block"
+shape = {{ kind = "block", x_m = 0.04, y_m = 0.04, z_m = {width_m} }}
+keys = [{{ t_s = 0.0, xyz_m = [0.0, 0.0, -0.001] }}]
+"""
+    scene.write_text(text)
+    truth = open_scene(scene, gripper).at(0.0)
+    assert set(gripper.patch[truth.contact]) == {0, 1}
+    scene.write_text(text.replace('name = "block"', 'name = "block"\nonly_on = true'))
+    truth = open_scene(scene, gripper).at(0.0)
+    assert set(gripper.patch[truth.contact]) == {0}
+
+
+def test_the_command_says_what_is_touched(tmp_path, capsys):
+    file = tmp_path / "opposed.toml"
+    file.write_text(OPPOSED)
+    for more, line in (([], "scene: ball on thumb, then palm"),
+                       (["--scene", "tap"], "scene: finger on palm")):  # fmt: skip
+        assert main(["run", str(file), "--simulate", *more, "--seconds", "0.1"]) == 0
+        assert line in capsys.readouterr().err.splitlines()

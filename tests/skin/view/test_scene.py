@@ -1,0 +1,253 @@
+"""What the renderer is asked to draw: links, names, the chosen unit, units that are not valid."""
+
+from __future__ import annotations
+
+from threading import Event
+
+import numpy as np
+import pytest
+import trimesh
+
+from skin.state import Status
+from skin.view.colour import INVALID_COLOUR, OFF_COLOUR
+from skin.view.drawing import Frame
+from skin.view.history import History, Moment, Pose
+from skin.view.layout import described_layout, layout_of
+from skin.view.links import Links
+from skin.view.scene import CHOSEN_COLOUR, RIM_COLOUR, Scales, Scene, described_force
+from skin.view.scene import Shown as Chosen
+from skin.view.tone import given
+from tests.fixtures.asked import Asked
+from tests.fixtures.patience import LONG_S
+from tests.fixtures.robots import GRIPPER, write_gripper
+from tests.fixtures.shown import Shown
+from tests.naive.record import fill, snapshots
+from topology import load
+
+
+def moment_of(shown, pose=None, **of_state):
+    record = snapshots(1, shown.topology.n)
+    fill(record, shown.state(**of_state))
+    return Moment(record[0], Pose(*map(np.float32, shown.poses)) if pose is None else pose)
+
+
+def drawn(shown, chosen=None, **of_state):
+    """A scene of a state, and the server that was asked for it."""
+    asked, moment = Asked(), moment_of(shown, **of_state)
+    scene = Scene(asked, layout_of(described_layout(shown.topology)), moment)
+    scene.draw(moment, chosen or Chosen(), Scales())
+    return asked, scene
+
+
+@pytest.fixture
+def shown():
+    return Shown(4, 6)
+
+
+def test_without_a_robot_there_are_no_links(shown):
+    asked, scene = drawn(shown)
+    assert not [name for name in asked.scene.nodes if name.startswith("/links")]
+    assert scene.points.shape == (24, 3)
+
+
+def test_names_of_patches_and_axes_are_there_until_they_are_switched_off(shown):
+    shown.topology.patch = np.arange(24) // 12
+    shown.topology.patch_names = ("lower", "upper", "of no unit")
+    for names in (True, False):
+        asked, _ = drawn(shown, Chosen(names=names))
+        nodes = asked.scene.nodes
+        assert [nodes[f"/patches/{k}"].text for k in (0, 1)] == ["lower", "upper"]
+        assert "/patches/2" not in nodes
+        assert [nodes[f"/axes/{name}"].text for name in "xyz"] == ["x", "y", "z"]
+        assert {nodes[name].visible for name in ("/axes", "/axes/x", "/patches/1")} == {names}
+        away = nodes["/axes"].position - np.float32(0.0)
+        assert (away[:2] < asked.scene.nodes["/units"].given[4].min(axis=0)[:2]).any()
+
+
+def test_the_chosen_unit_has_a_rim_of_its_own_and_its_force(shown):
+    force = np.zeros((3, 24))
+    force[:, 7] = 0.3, -0.4, 1.2
+    asked, scene = drawn(shown, Chosen(unit=7), force=force)
+    rims, label = asked.scene.nodes["/rims"], asked.scene.nodes["/chosen"]
+    expected = np.repeat(given(RIM_COLOUR)[None], 24, axis=0)
+    expected[7] = given(CHOSEN_COLOUR)
+    np.testing.assert_array_equal(rims.batched_colors, expected)
+    assert rims.batched_scales[7, 0] > rims.batched_scales[6, 0]
+    assert label.visible
+    assert label.text == "u7  1.30 ± 0.01 N"
+    scene.draw(moment_of(shown, force=force), Chosen(), Scales())
+    assert not label.visible
+    assert (rims.batched_colors == given(RIM_COLOUR)).all()
+
+
+def test_the_sigma_of_a_force_is_that_along_it(shown):
+    record = moment_of(shown).record
+    record["force"][:, 3], record["force_sigma"][:, 3] = (0.0, 3.0, 4.0), (9.0, 0.5, 0.25)
+    expected = np.hypot(0.6 * 0.5, 0.8 * 0.25)
+    assert described_force(record, 3) == f"5.00 ± {expected:.2f} N"
+    record["force_sigma"][:, 3] = np.nan
+    assert described_force(record, 3) == "5.00 N"
+    record["force"][:, 3] = np.nan
+    assert described_force(record, 3) == "no force"
+
+
+def test_units_switched_off_are_grey_and_those_never_heard_have_a_cross(shown):
+    status = np.zeros(24, np.uint16)
+    status[3], status[5] = int(Status.DISABLED), int(Status.NEVER)
+    asked, _ = drawn(shown, status=status)
+    nodes = asked.scene.nodes
+    colours, crosses = nodes["/units"].batched_colors, nodes["/flags"].batched_scales[:, 0]
+    np.testing.assert_array_equal(colours[3], given(np.array(OFF_COLOUR, np.uint8)))
+    np.testing.assert_array_equal(colours[5], given(np.array(INVALID_COLOUR, np.uint8)))
+    assert np.flatnonzero(crosses > 1e-3).tolist() == [5]
+
+
+def test_four_thousand_units_are_drawn_by_as_many_nodes_as_ten():
+    few, _ = drawn(Shown(2, 5))
+    many, _ = drawn(Shown(64, 64))
+    assert len(many.scene.all) == len(few.scene.all)
+
+
+# Links: the gripper of the fixtures, whose fingers slide.
+
+
+def on_gripper(tmp_path, model=GRIPPER):
+    """Topology of a gripper, and a layout as the view's process has it."""
+    skin = load(write_gripper(tmp_path, model))
+    layout = layout_of(described_layout(skin))
+    layout.links.wait()
+    return skin, layout
+
+
+def pose_at(skin, robot, close, q):
+    """Poses of units where the fingers are closed by a length, metre."""
+    at = robot.forward(np.array([close]))
+    rest = robot.forward(robot.home)
+    position = np.array(skin.position)
+    for u in range(skin.n):
+        link = robot.link_names.index(skin.patch_links[skin.patch[u]])
+        position[:, u] += at[link, :3, 3] - rest[link, :3, 3]
+    return Pose(np.float32(position), np.float32(skin.rotation), np.array(q))
+
+
+@pytest.mark.parametrize("q", [[0.02], [np.nan]])
+def test_links_are_where_the_joints_are_live_and_in_a_replay(tmp_path, q):
+    """A recording has no joints: they follow from the units."""
+    skin, layout = on_gripper(tmp_path)
+    robot, asked = layout.links.robot, Asked()
+    frame = Frame(np.array([0.01, 0.02, 0.03]), 5.0)
+    links = Links(asked.scene, layout.links, frame)
+    links.move(pose_at(skin, robot, 0.02, q))
+    expected = robot.forward(np.array([0.02]))
+    for link in range(3):
+        node = asked.scene.nodes[f"/links/{link}"]
+        assert node.kind == "add_mesh_simple"
+        np.testing.assert_allclose(
+            node.position, 5.0 * (expected[link, :3, 3] - frame.middle), atol=1e-4
+        )
+        np.testing.assert_allclose(np.abs(node.wxyz), [1.0, 0.0, 0.0, 0.0], atol=1e-4)
+    size = np.ptp(asked.scene.nodes["/links/1"].given[1], axis=0)
+    np.testing.assert_allclose(size, 5.0 * np.array([0.01, 0.05, 0.06]), rtol=1e-5)
+    corners = links.extent / 5.0 + frame.middle
+    np.testing.assert_allclose(corners[:8].min(axis=0), [-0.05, -0.025, -0.02], atol=1e-6)
+
+
+def test_a_mesh_is_drawn_with_its_place_and_scale(tmp_path):
+    trimesh.creation.box((20.0, 10.0, 40.0)).export(tmp_path / "tip.stl")
+    mesh = GRIPPER.replace(
+        '<collision><geometry><box size="0.01 0.05 0.06"/></geometry></collision>',
+        '<visual><origin xyz="0.1 0 0" rpy="0 0 1.5707963"/><geometry>'
+        '<mesh filename="tip.stl" scale="0.001 0.001 0.001"/></geometry></visual>',
+        1,
+    )
+    _, layout = on_gripper(tmp_path, mesh)
+    left = layout.links.robot.link_names.index("left")
+    vertices, faces = layout.links.wait()[left]
+    np.testing.assert_allclose(vertices.min(axis=0), [0.095, -0.01, -0.02], atol=1e-6)
+    np.testing.assert_allclose(vertices.max(axis=0), [0.105, 0.01, 0.02], atol=1e-6)
+    assert (len(vertices), len(faces)) == (8, 12)
+    assert layout.links.problems == []
+
+
+@pytest.mark.parametrize("content", [None, b"no mesh at all"])
+def test_a_link_whose_mesh_cannot_be_read_is_axes_and_named(tmp_path, content, capsys):
+    if content is not None:
+        (tmp_path / "tip.stl").write_bytes(content)
+    broken = GRIPPER.replace('<box size="0.01 0.05 0.06"/>', '<mesh filename="tip.stl"/>', 1)
+    skin, layout = on_gripper(tmp_path, broken)
+    ((name, why),) = layout.links.problems
+    assert name == "left"
+    assert "tip.stl: must be a mesh" in why
+    assert "view: link 'left': " in capsys.readouterr().err
+    asked = Asked()
+    links = Links(asked.scene, layout.links, Frame(np.zeros(3), 1.0))
+    links.move(pose_at(skin, layout.links.robot, 0.0, [0.0]))
+    kinds = {name: node.kind for name, node in asked.scene.nodes.items()}
+    left = layout.links.robot.link_names.index("left")
+    assert kinds.pop(f"/links/{left}") == "add_frame"
+    assert set(kinds.values()) == {"add_mesh_simple"}
+
+
+def test_a_link_without_a_shape_is_axes(tmp_path):
+    bare = GRIPPER.replace("<collision><origin", "<inertial><origin").replace(
+        '<geometry><box size="0.1 0.05 0.02"/></geometry></collision>',
+        '<mass value="1"/></inertial>',
+    )
+    _, layout = on_gripper(tmp_path, bare)
+    asked = Asked()
+    Links(asked.scene, layout.links, Frame(np.zeros(3), 1.0))
+    assert asked.scene.nodes["/links/0"].kind == "add_frame"
+    assert layout.links.problems == []
+
+
+def test_a_scene_has_its_links_once_they_are_read_and_hides_them(tmp_path):
+    skin, layout = on_gripper(tmp_path)
+    pose = pose_at(skin, layout.links.robot, 0.0, [0.0])
+    record, asked = snapshots(1, skin.n), Asked()
+    moment = Moment(record[0], pose)
+    scene = Scene(asked, layout, moment)
+    for links in (True, False, True):
+        scene.draw(moment, Chosen(links=links), Scales())
+        assert asked.scene.nodes["/links/0"].visible is links
+    before = np.array(asked.scene.nodes["/links/1"].position)
+    scene.draw(
+        Moment(record[0], pose_at(skin, layout.links.robot, 0.03, [0.03])), Chosen(), Scales()
+    )
+    moved = asked.scene.nodes["/links/1"].position - before
+    np.testing.assert_allclose(moved, [0.03 * scene.frame.scale, 0.0, 0.0], atol=1e-5)
+    assert len(scene.points) == skin.n + 3 * 8
+    assert np.isfinite(asked.initial_camera.position).all()
+
+
+def test_the_history_keeps_joints_with_their_poses(tmp_path):
+    from types import SimpleNamespace
+
+    from skin.view.snapshot import snapshot_dtype
+
+    robot = SimpleNamespace(joint_names=("a", "b"))
+    dtype = snapshot_dtype(SimpleNamespace(n=4, buses=(), robot=robot))
+    history, record = History(dtype, 10), np.zeros(1, dtype)
+    for moved, q in ((1, 0.1), (1, 0.2), (2, 0.3)):
+        record["moved"], record["q"] = moved, q
+        history.add(record[0])
+    assert [history[k].pose.q.tolist() for k in range(3)] == [[0.1] * 2, [0.1] * 2, [0.3] * 2]
+
+
+def test_reading_meshes_does_not_hold_up_the_view(tmp_path, monkeypatch):
+    from skin.view import links
+
+    go_on = Event()
+    monkeypatch.setattr(
+        links, "primitive_mesh", lambda *_: go_on.wait(LONG_S) and np.zeros((0, 3, 3))
+    )
+    skin = load(write_gripper(tmp_path))
+    layout = layout_of(described_layout(skin))
+    moment = Moment(snapshots(1, skin.n)[0], Pose(skin.position, skin.rotation, np.zeros(1)))
+    scene = Scene(asked := Asked(), layout, moment)
+    assert not layout.links.is_ready
+    scene.draw(moment, Chosen(), Scales())
+    assert "/links/0" not in asked.scene.nodes
+    go_on.set()
+    layout.links.wait()
+    scene.draw(moment, Chosen(), Scales())
+    assert "/links/0" in asked.scene.nodes

@@ -1,0 +1,124 @@
+"""A newcomer's first hour, from the wheel to a picture of the own hand, with its time.
+
+``pytest tests/test_first_hour.py -m long -s`` prints what each step takes.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.fixtures.browser import PROGRAM, Browser
+from tests.house.sources import ROOT
+
+pytestmark = pytest.mark.long
+
+NOT_THERE = ("No matching distribution found", "Could not find a version", "Connection")
+"""What pip says where packages of others cannot be had."""
+PATCHES = ("palm=4x4", "thumb=2x3")
+UNITS = 22
+
+
+class Newcomer:
+    """A folder, and an environment of its own with the package in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.took_s = folder, {}
+        self.python = folder / "venv" / "bin" / "python"
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA"))}
+        self.environment = kept | {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
+
+    @contextmanager
+    def step(self, name: str):
+        began = time.monotonic()
+        yield
+        self.took_s[name] = time.monotonic() - began
+
+    def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            list(map(str, command)), check=False, capture_output=True, text=True,
+            cwd=self.folder, env=self.environment,
+        )  # fmt: skip
+
+    def skin(self, name: str, *arguments: str) -> dict:
+        """Run a command as a step; its report."""
+        with self.step(f"skin {name}"):
+            done = self.run(self.python.with_name("skin"), name, *arguments, "--json")
+        assert done.returncode == 0, done.stdout + done.stderr
+        return json.loads(done.stdout.splitlines()[-1])
+
+    def view(self, *arguments: str):
+        """What a browser shows of `skin view`: height, width and colours of its pixels."""
+        command = [str(self.python.with_name("skin")), "view", *arguments]
+        with self.step("skin view"), subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, cwd=self.folder, env=self.environment
+        ) as process:  # fmt: skip
+            try:
+                assert process.stderr is not None
+                line = next(line for line in process.stderr if " in a browser" in line)
+                browser = Browser(line.split("open ")[1].split(" in a browser")[0])
+                browser.wait_for("Health", 120.0)
+                browser.close_notes()
+                picture = browser.picture()
+                browser.close()
+            finally:
+                process.terminate()
+        return picture
+
+
+@pytest.fixture
+def newcomer(tmp_path):
+    """With the wheel of this tree installed, and what it needs to record and to show."""
+    new = Newcomer(tmp_path)
+    with new.step("wheel"):
+        built = subprocess.run(
+            [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
+            check=False, capture_output=True, text=True, cwd=ROOT,
+        )  # fmt: skip
+    assert built.returncode == 0, built.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    with new.step("environment"):
+        made = new.run(sys.executable, "-m", "venv", tmp_path / "venv")
+    assert made.returncode == 0, made.stderr
+    with new.step("install"):
+        constraints = ("-c", ROOT / "constraints.txt")
+        done = new.run(new.python, "-m", "pip", "install", "-q", *constraints, f"{wheel}[log,view]")
+    if done.returncode and any(reason in done.stderr for reason in NOT_THERE):
+        pytest.skip(f"packages cannot be installed here: {done.stderr.splitlines()[-1]}")
+    assert done.returncode == 0, done.stderr
+    return new
+
+
+def test_the_first_hour(newcomer, capsys):
+    hand = "my_hand.toml"
+    assert newcomer.skin("new", "my_hand", "--patches", *PATCHES)["units"] == UNITS
+    assert newcomer.skin("check", hand)["ok"]
+    felt = newcomer.skin("run", hand, "--simulate", "--seconds", "2")
+    assert (felt["units_heard"], felt["counters"]["lost"]) == (UNITS, 0)
+    tared = newcomer.skin("tare", hand, "--simulate")
+    assert (tared["tared"], tared["lines"]) == (UNITS, {})
+    assert newcomer.skin("check", hand)["never_tared"] == []
+    command = [hand, "-o", "run.mcap", "--simulate", "--scene", "tap"]
+    recorded = newcomer.skin("record", *command)  # ends with the scene
+    assert recorded["contacts"] >= 1
+    decoded = newcomer.skin("decode", "run.mcap", "-o", "run.csv")
+    assert (decoded["cycles"], decoded["faults"]) == (recorded["cycles"], [])
+    with (newcomer.folder / "run.csv").open() as file:
+        pressed = max(float(row["fz_n"]) for row in csv.DictReader(file) if row["fz_n"] != "nan")
+    assert pressed > 0.2
+    if PROGRAM is not None:
+        picture = newcomer.view(hand, "--simulate")
+        assert picture.reshape(-1, picture.shape[-1]).std(axis=0).max() > 10.0  # not one colour
+    with capsys.disabled():
+        print()
+        for name, seconds in newcomer.took_s.items():
+            print(f"{name:<12} {seconds:7.1f} s")
+        print(f"{'all':<12} {sum(newcomer.took_s.values()):7.1f} s")
