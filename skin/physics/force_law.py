@@ -36,9 +36,13 @@ STIFFNESSES = {
 """Parameters of `UnitModel` that grow as the force at every displacement does, by law."""
 Law = tuple[Any, Any, Any, Any]
 """Terms of a law."""
-NEWTON_STEPS = 24
-"""Steps from the lines' inverse to that of a law with a cube, which is below: each leaves at most
-2/3 of the way, and near the end less than its square [derived]."""
+NEWTON_STEPS = 14
+"""Steps to the inverse of a law with a cube from above: each leaves at most 2/3 of the way, and near
+the end less than its square. They begin at the lesser of two bounds: the inverse of the lines, and
+what the mean of the line and the cube is at least, their geometric one; that is 23 times the root
+where the inverse of the lines is a million times it [derived]."""
+TINY = 1e-37
+"""Keeps a divisor from zero where there is no cube [numeric: a normal number of float32]."""
 
 
 @jitable(inline=True)
@@ -86,6 +90,7 @@ def inverse(y, law):
     beyond = beyond_n / steep
     if anywhere(cubic > 0.0):
         # from above: the force is convex, so that no step goes below the root
+        beyond = lesser(beyond, np.sqrt(beyond_n / (2.0 * np.sqrt(steep * cubic) + TINY)))
         for _ in range(NEWTON_STEPS):
             square = cubic * beyond * beyond
             beyond = (2.0 * square * beyond + beyond_n) / (3.0 * square + steep)
