@@ -37,10 +37,10 @@ STIFFNESSES = {
 Law = tuple[Any, Any, Any, Any]
 """Terms of a law."""
 NEWTON_STEPS = 14
-"""Steps to the inverse of a law with a cube from above: each leaves at most 2/3 of the way, and near
-the end less than its square. They begin at the lesser of two bounds: the inverse of the lines, and
-what the mean of the line and the cube is at least, their geometric one; that is 23 times the root
-where the inverse of the lines is a million times it [derived]."""
+"""Steps to the inverse of a law with a cube from above: each leaves at most 2/3 of the way, and
+near the end less than its square. They begin at the lesser of two bounds: the inverse of the lines,
+and what the mean of the line and the cube is at least, their geometric one; that is 23 times the
+root where the inverse of the lines is a million times it [derived]."""
 TINY = 1e-37
 """Keeps a divisor from zero where there is no cube [numeric: a normal number of float32]."""
 
