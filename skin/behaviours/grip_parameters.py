@@ -52,7 +52,7 @@ class GripParameters:
         A number is out of range.
     """
 
-    safety: float = 0.08
+    safety: float = 0.05
     least_friction: float = 0.25
     first_grip_n: float = 2.5
     least_grip_n: float = 0.4
