@@ -22,8 +22,8 @@ LEAST, MOST, STEPS = 0.05, 1.5, 80
 """Static coefficients of the grid, at equal ratios of 4.4 % [assumed: wet glass to clean rubber]."""
 KINETIC = np.linspace(0.55, 1.0, 7)
 """Ratios of kinetic to static friction [assumed]."""
-SURE = 0.02
-"""Quantile of a lower bound of friction."""
+SURE = 0.01
+"""Quantile of a lower bound of friction: what is relied on is wrong as often as that."""
 MODEL = 0.1
 """One-sigma of what the model of a rigid object leaves out, over its load [assumed: pads and
 objects yield]."""

@@ -19,7 +19,7 @@ from enum import StrEnum
 
 from skin.behaviours.decision import Decisions
 from skin.behaviours.demand import FAST_S, Demand
-from skin.behaviours.friction import Friction
+from skin.behaviours.friction import SURE, Friction
 from skin.behaviours.grip_parameters import GripParameters
 from skin.behaviours.gripper import Gripper, check_gripper
 from skin.behaviours.pads import Pads
@@ -68,9 +68,6 @@ BOOST_S = 0.15
 
 LATEST = 5.0
 """Late cycles, in periods, for which a release continues [assumed]."""
-
-SURE = 0.02
-"""Quantile of friction that the grip counts on."""
 
 BOUND_SIGMAS, STEP = 4.0, 0.03
 """Sigmas of noise off a ratio that bounds friction, and the least step to the next one."""
@@ -188,6 +185,7 @@ class GripControl:
         own = self._posterior
         self.friction, self.kinetic = own.quantile(0.5), float(own.weights @ own.kinetic)
         self.least_friction = own.quantile(SURE)
+        self._least_kinetic = own.quantile(SURE, kinetic=True)
 
     @property
     def time_s(self) -> float:
@@ -212,7 +210,7 @@ class GripControl:
         safety = self.parameters.safety + 0.5 * (1.0 - math.cos(math.pi * late_s / PULL_S))
         if self._rested_s > RESTED_S:
             return safety
-        return max(safety, CATCHES * self.least_friction / self.kinetic - 1.0)
+        return max(safety, CATCHES * self.least_friction / self._least_kinetic - 1.0)
 
     @property
     def least_n(self) -> float:
@@ -394,8 +392,7 @@ class GripControl:
         ratio = demand.fast_n / max(self.load_n, LEAST_N)
         at_limit = demand.lower_n > self.least_friction * self.load_n
         near = ratio > NEAR_LIMIT * self.least_friction
-        least = self._posterior.quantile(SURE, kinetic=True)
-        slides = self._slides and ratio > least
+        slides = self._slides and ratio > self._least_kinetic
         if not at_limit and not slides and not (self._is_alarmed and near):
             return
         self.slips += 1

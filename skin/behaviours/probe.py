@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
 from skin.behaviours.demand import Demand
-from skin.behaviours.friction import BRAKES, Friction
+from skin.behaviours.friction import BRAKES, SURE, Friction
 
 __all__ = ["Outcome", "Probe"]
 
@@ -49,9 +50,13 @@ ENOUGH = 0.1
 parts of a margin [assumed]."""
 MOST_DIPS, MOST_S = 14, 2.2
 """Of a probe [assumed]."""
+DEEPER, REACHED, LONGER = 0.25, 0.7, 1.5
+"""A command is deeper than the wanted dip by this share of it, since a gripper lags; where less than
+`REACHED` of it is felt, the next dip is `LONGER` [assumed]. The slide is budgeted for a gripper that
+follows at once."""
 UNFOLLOWED = 3
 """Dips that the felt load does not show, after which the probe ends."""
-LEAST_DEPTH = 0.3
+LEAST_DEPTH = 0.1
 """Share of the wanted depth that the felt load must show."""
 
 
@@ -78,8 +83,7 @@ class Probe:
         self._period_s = period_s
         self._wait, self._mean = round(WAIT_S / period_s), round(MEAN_S / period_s)
         self.response_s = math.nan
-        self._pulse, self._answer, self._low_s = FIRST_S, 1.0, FIRST_S
-        self._unfollowed = 0
+        self._pulse, self._unfollowed = FIRST_S, 0
         self.restart()
 
     @property
@@ -169,23 +173,21 @@ class Probe:
         lowest = int(np.argmin(loads))
         depth, wanted = before - float(loads[lowest]), before - self._low_n
         if depth < LEAST_DEPTH * wanted:
-            self._unfollowed += depth < 0.1 * wanted
+            self._unfollowed += 1
         half = before - 0.5 * depth
         below = np.flatnonzero(loads < half)
         if depth > 0.1 * before:
-            self.response_s = max(
-                self._period_s * (below[-1] + 1) - self._pulse, self._period_s
-            )
-            self._low_s = self._period_s * below.size
-        self._answer = min(max(depth / wanted, 0.1), 1.2)
+            self.response_s = max(self._period_s * (below[-1] + 1) - self._pulse, self._period_s)
+        if depth < REACHED * wanted:
+            self._pulse = min(LONGER * self._pulse, LONGEST_S)
 
     def _next(
         self, load_n: float, friction: Friction, least_n: float, most_n: float
     ) -> Outcome | None:
         """Plan a dip, or end."""
         borne_n = self._borne_n
-        lower, median = friction.quantile(0.02), friction.quantile(0.5)
-        wanted_n = self._target(friction, borne_n, median, least_n)
+        lower, median = friction.quantile(SURE), friction.quantile(0.5)
+        wanted_n = self._target(friction, load_n, borne_n, median, least_n)
         done = median / lower - 1.0 <= ENOUGH or wanted_n > 0.97 * borne_n / lower
         done |= self._slid_m > MOST_SLIDE_M
         if done or self._dips >= MOST_DIPS or self._elapsed_s > MOST_S:
@@ -194,21 +196,22 @@ class Probe:
         self._dips += 1
         brakes = (1.0 + BRAKES) / friction.kinetic_if_slides(wanted_n / borne_n)
         self._brake_n = min(brakes * borne_n, most_n)
-        depth_n = (load_n - wanted_n) / self._answer
-        most_depth_n = 0.9 * load_n
-        if depth_n > most_depth_n:
-            self._pulse = min(self._pulse * min(depth_n / most_depth_n, 3.0), LONGEST_S)
-            depth_n = most_depth_n
-        self._low_n = load_n - depth_n
-        if DEBUG: print(f"plan D {borne_n:.2f} q {lower:.2f} {median:.2f} load {load_n:.2f} want {wanted_n:.2f} low {self._low_n:.2f} pulse {self._pulse:.3f} ans {self._answer:.2f} resp {self.response_s:.3f} lows {self._low_s:.3f} slid {1e3*self._slid_m:.2f}")
+        self._low_n = _deeper(wanted_n, load_n)
+        if DEBUG: print(f"plan D {borne_n:.2f} q {lower:.2f} {median:.2f} load {load_n:.2f} want {wanted_n:.2f} low {self._low_n:.2f} pulse {self._pulse:.3f} resp {self.response_s:.3f} slid {1e3*self._slid_m:.2f}")
         self.command_n = self._low_n
         self._loads, self._shears = [], []
         friction.begin()
         return None
 
-    def _target(self, friction: Friction, borne_n: float, median: float, least_n: float) -> float:
+    def _target(self, friction: Friction, load_n: float, borne_n: float, median: float, least_n: float
+    ) -> float:
         """Grip of the next dip: half of the posterior holds, and the slide is within its budget."""
-        grips = np.geomspace(1.0 / median, 1.0 / friction.quantile(0.02), 24)
-        slides = friction.slide_m(grips, max(self._low_s, self._pulse))
+        grips = np.geomspace(1.0 / median, 1.0 / friction.quantile(SURE), 24)
+        slides = friction.slide_m(_deeper(grips, load_n / borne_n), self._pulse)
         allowed = grips[slides <= SLIDE_M]
         return max(borne_n * float(allowed[0] if allowed.size else grips[-1]), least_n)
+
+
+def _deeper(wanted_n: Any, load_n: float) -> Any:
+    """Command of a dip from one load to another."""
+    return np.maximum(wanted_n - DEEPER * (load_n - wanted_n), 0.1 * wanted_n)
