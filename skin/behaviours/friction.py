@@ -115,12 +115,20 @@ class Friction:
         grip = max(load_n, 0.0) / hung_n
         slides = (speed > 0.0) | (self.static * grip < 1.0)
         # What stops within the cycle is braked by no more than that takes.
-        drag = np.where(slides, np.minimum(self.kinetic * grip, 1.0 + speed / fall), 1.0)
-        speed += fall * (1.0 - drag)
+        stops = 1.0 + speed / fall
+        drag = np.where(slides, np.minimum(self.kinetic * grip, stops), 1.0)
+        speed[:] = np.where(slides & (drag < stops), speed + fall * (1.0 - drag), 0.0)
         self._way += self._period_s * speed
         sigma2 = noise * noise + MODEL * MODEL
         off2 = (share - drag) ** 2 / sigma2
         self._said -= 0.5 * (FREEDOM + 1.0) * np.log1p(off2 / FREEDOM)
+
+    @property
+    def slides(self) -> float:
+        """Probability that the object slides now."""
+        odds = self._log + self._said
+        weights = np.exp(odds - odds.max())
+        return float(weights[self._speed > 0.0].sum() / weights.sum())
 
     def take(self) -> float:
         """Learn from the dip; root mean square of the slide in it, metre."""
@@ -131,12 +139,10 @@ class Friction:
     def kinetic_if_slides(self, grip: float) -> float:
         """Lower bound, a tenth, of the kinetic coefficient, if an object slides at so much grip
         over its load."""
-        slides = self.static * grip < 1.0
-        order = np.argsort(self.kinetic[slides])
-        sums = np.cumsum(self.weights[slides][order])
-        if not sums.size or sums[-1] <= 0.0:
-            return self.quantile(0.1, kinetic=True)
-        return float(np.interp(0.1 * sums[-1], sums, self.kinetic[slides][order]))
+        order = np.argsort(self.kinetic)
+        weights = np.where(self.static * grip < 1.0, self.weights, 0.0)[order]
+        sums = np.cumsum(weights)
+        return float(self.kinetic[order][np.searchsorted(sums, 0.1 * sums[-1])])
 
     def slide_m(self, grips: np.ndarray, seconds: float) -> np.ndarray:
         """Root mean square of the slide in a dip, metre, over grips per load, shape (k,).

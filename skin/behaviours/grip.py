@@ -19,7 +19,7 @@ from enum import StrEnum
 
 from skin.behaviours.decision import Decisions
 from skin.behaviours.demand import FAST_S, Demand
-from skin.behaviours.friction import SURE, Friction
+from skin.behaviours.friction import KINETIC, SURE, Friction
 from skin.behaviours.grip_parameters import GripParameters
 from skin.behaviours.gripper import Gripper, check_gripper
 from skin.behaviours.pads import Pads
@@ -168,7 +168,8 @@ class GripControl:
         self._unheard_s, self._heard_s, self._slipped_s = 0.0, math.inf, math.inf
         self._sure_n = own.first_grip_n
         self._arm_m, self._cycles = ARM_M, 0
-        self._is_alarmed = self._slides = False
+        self._is_alarmed = self._begins = False
+        self._sliding: set[int] = set()
         self._follow = -math.expm1(-period_s / FOLLOW_S)
         self._sent_n = self._felt_n = 0.0
         self._forget()
@@ -185,7 +186,8 @@ class GripControl:
         own = self._posterior
         self.friction, self.kinetic = own.quantile(0.5), float(own.weights @ own.kinetic)
         self.least_friction = own.quantile(SURE)
-        self._least_kinetic = own.quantile(SURE, kinetic=True)
+        prior = self.parameters.least_friction * KINETIC[0]
+        self._least_kinetic = max(own.quantile(SURE, kinetic=True), prior)
 
     @property
     def time_s(self) -> float:
@@ -320,7 +322,7 @@ class GripControl:
         own = self.parameters
         needed_n = max(self.least_n, self._hung_n / self.least_friction)
         hidden_n = HIDDEN * self.demand.fast_noise_n
-        needed_n = ((1.0 + self.safety) * needed_n + hidden_n / self.least_friction)
+        needed_n = (1.0 + self.safety) * needed_n + hidden_n / self.least_friction
         if self._slipped_s > max(BOOST_S, 2.0 * self.response_s):
             self._floor_n = 0.0
         if not self.is_tested and self.demand.now_n < own.lifted_n:
@@ -341,7 +343,7 @@ class GripControl:
             return
         began = not probe.dips
         outcome = probe.update(
-            self.load_n, demand, self._posterior, self.wanted_n, own.least_grip_n, own.most_grip_n
+            self.load_n, demand, self._posterior, own.safety, own.least_grip_n, own.most_grip_n
         )
         if began and probe.dips:
             self._decide("dips", f"{demand.now_n:.2f} N hang still: how much friction is there?")
@@ -371,12 +373,14 @@ class GripControl:
         """Whether a slip begins, and, at intervals, the arm of the torsion."""
         contacts = if_wanted(state, "contacts") or ()
         self._is_alarmed = False
-        self._slides = False
+        sliding = set()
         for contact in contacts:
             record = contact.record
             if record["slip"] >= INCIPIENT and record["onset_ns"] == record["seen_ns"]:
                 self._is_alarmed = True
-            self._slides |= bool(record["slip"] >= GROSS)
+            if record["slip"] >= GROSS:
+                sliding.add(contact.id)
+        self._begins, self._sliding = bool(sliding - self._sliding), sliding
         self._cycles += 1
         if self._cycles % ARM_CYCLES == 0:
             arms = [(contact.load, contact.arm) for contact in contacts]
@@ -392,7 +396,7 @@ class GripControl:
         ratio = demand.fast_n / max(self.load_n, LEAST_N)
         at_limit = demand.lower_n > self.least_friction * self.load_n
         near = ratio > NEAR_LIMIT * self.least_friction
-        slides = self._slides and ratio > self._least_kinetic
+        slides = bool(self._sliding) and ratio > self._least_kinetic
         if not at_limit and not slides and not (self._is_alarmed and near):
             return
         self.slips += 1
@@ -404,6 +408,7 @@ class GripControl:
             floor_n = (1.0 + self.safety) * demand.forecast_n / self.kinetic
         if slides:
             why = "it slides"
+        if slides and self._begins:
             self._posterior.slid(ratio)
             self._read_posterior()
         self._floor_n = floor_n

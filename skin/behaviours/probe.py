@@ -38,22 +38,24 @@ FIRST_S, LONGEST_S = 0.016, 0.12
 """Duration of the first dip, and of the longest [assumed]."""
 BRAKE_S = 0.05
 """Duration of the harder grip after a dip, which brakes a slide [assumed]."""
+SLIDES = 0.1
+"""Probability of a slide above which braking goes on, harder and harder [assumed]."""
 SETTLE_S = 0.06
 """After that, until pads have come to rest [assumed]."""
 UNKNOWN_S = 0.1
 """Response time of a gripper of which nothing is known, for the wait after a dip [assumed]."""
 
-import os
-DEBUG = 'DBG' in os.environ
 ENOUGH = 0.1
 """Median of friction over its lower bound, minus one, at which a probe ends: less than the other
 parts of a margin [assumed]."""
 MOST_DIPS, MOST_S = 14, 2.2
 """Of a probe [assumed]."""
-DEEPER, REACHED, LONGER = 0.25, 0.7, 1.5
-"""A command is deeper than the wanted dip by this share of it, since a gripper lags; where less than
-`REACHED` of it is felt, the next dip is `LONGER` [assumed]. The slide is budgeted for a gripper that
+DEEPER, DEEPEST, REACHED, LONGER = 0.25, 0.75, 0.7, 1.5
+"""A command is deeper than the wanted dip by this share of it, since a gripper lags, down to a share
+of the wanted grip; where less than `REACHED` of it is felt, the next dip is `LONGER` [assumed]. The slide is budgeted for a gripper that
 follows at once."""
+STEP = 1.4
+"""A dip's ratio of loads over what is known to hold, at most [assumed]."""
 UNFOLLOWED = 3
 """Dips that the felt load does not show, after which the probe ends."""
 LEAST_DEPTH = 0.1
@@ -99,9 +101,10 @@ class Probe:
         self._loads: list[float] = []
         self._shears: list[float] = []
         self._brake_n = self._low_n = 0.0
+        self._braked_s = math.nan
 
     def update(
-        self, load_n: float, demand: Demand, friction: Friction, rest_n: float, least_n: float,
+        self, load_n: float, demand: Demand, friction: Friction, safety: float, least_n: float,
         most_n: float,
     ) -> Outcome | None:  # fmt: skip
         """Process a cycle; returns the outcome when there is one.
@@ -114,8 +117,8 @@ class Probe:
             Of this cycle.
         friction : Friction
             Learns.
-        rest_n : float
-            Newton: grip between dips.
+        safety : float
+            Relative margin of the grip between dips.
         least_n, most_n : float
             Newton: bounds of the grip.
         """
@@ -131,13 +134,22 @@ class Probe:
         noise = demand.sigma_n / self._mean_n
         friction.watch(self._borne_n, load_n, self._shears[-1], noise)
         since_s = self._period_s * len(self._loads)
-        self.command_n = rest_n
+        rest_n = (1.0 + safety) * self._borne_n / friction.quantile(SURE)
+        rest_n = self.command_n = min(max(rest_n, least_n), most_n)
+        known_s = UNKNOWN_S if math.isnan(self.response_s) else self.response_s
         if since_s < self._pulse:
             self.command_n = self._low_n
-        elif since_s < self._pulse + BRAKE_S:
-            self.command_n = max(rest_n, self._brake_n)
-        known_s = UNKNOWN_S if math.isnan(self.response_s) else self.response_s
-        if since_s < self._pulse + BRAKE_S + known_s + SETTLE_S:
+            return None
+        if math.isnan(self._braked_s):
+            self.command_n = min(max(self._brake_n, rest_n), most_n)
+            if since_s < self._pulse + known_s + BRAKE_S:
+                return None
+            if friction.slides > SLIDES:
+                self._brake_n *= math.exp(BRAKES * self._period_s / BRAKE_S)
+                return None
+            self._braked_s = since_s
+            self.command_n = rest_n
+        if since_s < self._braked_s + known_s + SETTLE_S:
             return None
         return self._ends(noise, friction, least_n, most_n)
 
@@ -187,26 +199,27 @@ class Probe:
         """Plan a dip, or end."""
         borne_n = self._borne_n
         lower, median = friction.quantile(SURE), friction.quantile(0.5)
-        wanted_n = self._target(friction, load_n, borne_n, median, least_n)
+        steepest = min(median, STEP * lower)
+        wanted_n = self._target(friction, load_n, borne_n, steepest, least_n)
         done = median / lower - 1.0 <= ENOUGH or wanted_n > 0.97 * borne_n / lower
         done |= self._slid_m > MOST_SLIDE_M
         if done or self._dips >= MOST_DIPS or self._elapsed_s > MOST_S:
             self.restart()
             return Outcome.DONE
         self._dips += 1
-        brakes = (1.0 + BRAKES) / friction.kinetic_if_slides(wanted_n / borne_n)
+        self._low_n = float(_deeper(wanted_n, load_n))
+        brakes = (1.0 + BRAKES) / friction.kinetic_if_slides(self._low_n / borne_n)
         self._brake_n = min(brakes * borne_n, most_n)
-        self._low_n = _deeper(wanted_n, load_n)
-        if DEBUG: print(f"plan D {borne_n:.2f} q {lower:.2f} {median:.2f} load {load_n:.2f} want {wanted_n:.2f} low {self._low_n:.2f} pulse {self._pulse:.3f} resp {self.response_s:.3f} slid {1e3*self._slid_m:.2f}")
         self.command_n = self._low_n
-        self._loads, self._shears = [], []
+        self._loads, self._shears, self._braked_s = [], [], math.nan
         friction.begin()
         return None
 
-    def _target(self, friction: Friction, load_n: float, borne_n: float, median: float, least_n: float
+    def _target(
+        self, friction: Friction, load_n: float, borne_n: float, ratio: float, least_n: float
     ) -> float:
         """Grip of the next dip: half of the posterior holds, and the slide is within its budget."""
-        grips = np.geomspace(1.0 / median, 1.0 / friction.quantile(SURE), 24)
+        grips = np.geomspace(1.0 / ratio, 1.0 / friction.quantile(SURE), 24)
         slides = friction.slide_m(_deeper(grips, load_n / borne_n), self._pulse)
         allowed = grips[slides <= SLIDE_M]
         return max(borne_n * float(allowed[0] if allowed.size else grips[-1]), least_n)
@@ -214,4 +227,4 @@ class Probe:
 
 def _deeper(wanted_n: Any, load_n: float) -> Any:
     """Command of a dip from one load to another."""
-    return np.maximum(wanted_n - DEEPER * (load_n - wanted_n), 0.1 * wanted_n)
+    return np.maximum(wanted_n - DEEPER * (load_n - wanted_n), DEEPEST * wanted_n)
