@@ -134,7 +134,8 @@ class Probe:
         noise = demand.sigma_n / self._mean_n
         friction.watch(self._borne_n, load_n, self._shears[-1], noise)
         since_s = self._period_s * len(self._loads)
-        rest_n = (1.0 + safety) * self._borne_n / friction.quantile(SURE)
+        # An unnoticed slide ends at this grip, too.
+        rest_n = (1.0 + safety) * self._borne_n / friction.quantile(SLIDES, kinetic=True)
         rest_n = self.command_n = min(max(rest_n, least_n), most_n)
         known_s = UNKNOWN_S if math.isnan(self.response_s) else self.response_s
         if since_s < self._pulse:
@@ -187,9 +188,9 @@ class Probe:
         if depth < LEAST_DEPTH * wanted:
             self._unfollowed += 1
         half = before - 0.5 * depth
-        below = np.flatnonzero(loads < half)
-        if depth > 0.1 * before:
-            self.response_s = max(self._period_s * (below[-1] + 1) - self._pulse, self._period_s)
+        back = lowest + int(np.argmax(loads[lowest:] > half))
+        if depth > 0.1 * before and back > lowest:
+            self.response_s = max(self._period_s * back - self._pulse, self._period_s)
         if depth < REACHED * wanted:
             self._pulse = min(LONGER * self._pulse, LONGEST_S)
 
