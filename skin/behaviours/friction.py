@@ -5,9 +5,9 @@ friction. Two kinds of evidence:
 
 - A tangential load is at most mu times the grip, whether faces stick or slide: `bound`.
 - An object that hangs on a grip which falls for a moment and rises again: `watch`. It sticks until
-  its load exceeds mu times the grip. It slides then at v' = g (1 - kappa mu N / W) until v is 0, and
-  the pads feel kappa mu N meanwhile: less than the weight while it gains speed, more while it is
-  braked. The duration of the braking shows how fast it was.
+  its load exceeds mu times the grip. It slides then with v' = g (1 - kappa mu N / W) until v is 0,
+  and the pads feel kappa mu N meanwhile: less than the weight while it gains speed, more while it
+  is braked. The duration of the braking shows how fast it was.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import log_ndtr
 
-__all__ = ["G", "Friction"]
+__all__ = ["BRAKES", "KINETIC", "LOWER", "Friction", "G"]
 
 G = 9.81
 LEAST, MOST, STEPS = 0.05, 1.5, 80
-"""Static coefficients of the grid, at equal ratios of 4.4 % [assumed: wet glass to clean rubber]."""
+"""Static coefficients of the grid, at equal ratios of 4.4 % [assumed: wet glass to rubber]."""
 KINETIC = np.linspace(0.55, 1.0, 7)
 """Ratios of kinetic to static friction [assumed]."""
-SURE = 0.01
+LOWER = 0.01
 """Quantile of a lower bound of friction: what is relied on is wrong as often as that."""
 MODEL = 0.1
 """One-sigma of what the model of a rigid object leaves out, over its load [assumed: pads and
@@ -35,14 +35,25 @@ BOUND = 0.03
 """One-sigma of a ratio of loads by calibration [assumed]."""
 
 
+BRAKES = 0.4
+"""Deceleration after a dip over g, by the grip that follows it [assumed]."""
+
+
 class Friction:
     """What is known of the friction of a held object.
 
     Parameters
     ----------
     least : float
-        Lower bound, quantile `SURE`, of static friction before anything is known.
+        Lower bound, quantile `LOWER`, of static friction before anything is known.
     period_s : float
+
+    Attributes
+    ----------
+    static, kinetic : ndarray, shape (m,)
+        Coefficients of the hypotheses.
+    weights : ndarray, shape (m,)
+        Their posterior probabilities.
     """
 
     def __init__(self, least: float, period_s: float) -> None:
@@ -50,7 +61,7 @@ class Friction:
         self._values = np.geomspace(LEAST, MOST, STEPS)
         self.static = np.repeat(self._values, KINETIC.size)
         self.kinetic = self.static * np.tile(KINETIC, STEPS)
-        chance = np.where(self._values < least, SURE, 1.0 - SURE)
+        chance = np.where(self._values < least, LOWER, 1.0 - LOWER)
         for side in (self._values < least, self._values >= least):
             chance[side] /= max(side.sum(), 1)
         self._log = np.log(np.repeat(chance / KINETIC.size, KINETIC.size))
@@ -75,11 +86,6 @@ class Friction:
             return float(np.interp(share, steps, edges))
         order = np.argsort(self.kinetic)
         return float(np.interp(share, np.cumsum(self.weights[order]), self.kinetic[order]))
-
-    @property
-    def mean(self) -> float:
-        """Of the static coefficient."""
-        return float(self.weights @ self.static)
 
     def bound(self, ratio: float) -> None:
         """A tangential load of so much over the grip was borne: friction is no less."""
@@ -152,9 +158,5 @@ class Friction:
         """
         drag = self.kinetic * grips[:, np.newaxis]
         lack = np.where(self.static * grips[:, np.newaxis] < 1.0, np.maximum(1.0 - drag, 0.0), 0.0)
-        way = 0.25 * G * seconds**2 * lack * (1.0 + 0.5 * lack / BRAKES)
-        return np.sqrt(way**2 @ self.weights)
-
-
-BRAKES = 0.4
-"""Deceleration after a dip over g, by the grip that follows it."""
+        way_m = 0.25 * G * seconds**2 * lack * (1.0 + 0.5 * lack / BRAKES)
+        return np.sqrt(way_m**2 @ self.weights)

@@ -19,7 +19,7 @@ from enum import StrEnum
 
 from skin.behaviours.decision import Decisions
 from skin.behaviours.demand import FAST_S, Demand
-from skin.behaviours.friction import KINETIC, SURE, Friction
+from skin.behaviours.friction import KINETIC, LOWER, Friction
 from skin.behaviours.grip_parameters import GripParameters
 from skin.behaviours.gripper import Gripper, check_gripper
 from skin.behaviours.pads import Pads
@@ -178,16 +178,16 @@ class GripControl:
         """Nothing is known of an object."""
         self._posterior = Friction(self.parameters.least_friction, self._period_s)
         self._read_posterior()
-        self.is_tested, self._probes = False, True
+        self.is_tested, self._probes, self._reports_gain = False, True, False
         self._floor_n = self._rested_s = self._hung_n = self._most_ratio = 0.0
         self._probe.restart()
 
     def _read_posterior(self) -> None:
         own = self._posterior
         self.friction, self.kinetic = own.quantile(0.5), float(own.weights @ own.kinetic)
-        self.least_friction = own.quantile(SURE)
+        self.least_friction = own.quantile(LOWER)
         prior = self.parameters.least_friction * KINETIC[0]
-        self._least_kinetic = max(own.quantile(SURE, kinetic=True), prior)
+        self._least_kinetic = max(own.quantile(LOWER, kinetic=True), prior)
 
     @property
     def time_s(self) -> float:
@@ -258,7 +258,8 @@ class GripControl:
             self.gripper.release()
             return
         sent_n = self.gain * (self._probe.command_n if self._probe.dips else self.wanted_n)
-        if felt and self._rested_s > RESTED_S:
+        sent_n = min(sent_n, self.parameters.most_grip_n)
+        if felt and self.phase is Phase.HOLDING and self._rested_s > RESTED_S:
             self._compare(sent_n)
         self.gripper.squeeze(sent_n, self.load_n if felt else math.nan)
 
@@ -269,9 +270,9 @@ class GripControl:
             self._sent_n = self._felt_n = self.load_n
         self._sent_n += self._follow * (sent_n - self._sent_n)
         self._felt_n += self._follow * (self.load_n - self._felt_n)
-        before, most = self.gain, MOST_GAIN
-        self.gain = min(max(self._sent_n / max(self._felt_n, LEAST_N), 1.0), most)
-        if before < REPORTED_GAIN <= self.gain:
+        self.gain = min(max(self._sent_n / max(self._felt_n, LEAST_N), 1.0), MOST_GAIN)
+        if self.gain > REPORTED_GAIN and not self._reports_gain:
+            self._reports_gain = True
             self._decide("sends more", f"felt are {self._felt_n:.2f} N of {self._sent_n:.2f} N")
 
     def _grasp(self, elapsed_s: float, felt: list[float]) -> None:
@@ -355,17 +356,17 @@ class GripControl:
             demand.set_horizon(self._period_s, min(self.response_s, PULL_S))
         if outcome is None:
             return
-        sure = f"friction {self.friction:.2f}, at least {self.least_friction:.2f}"
+        known = f"friction {self.friction:.2f}, at least {self.least_friction:.2f}"
         if outcome is Outcome.DISTURBED:
-            self._decide("grips again", f"the load changes: asks later; {sure}")
+            self._decide("grips again", f"the load changes: asks later; {known}")
         elif outcome is Outcome.UNFOLLOWED:
             self._probes = False
-            why = f"felt are {self.load_n:.2f} N, asked for {own.least_grip_n:g} N"
-            self._decide("asks no more", f"{why}: it does not follow the grip")
+            why = f"{self.load_n:.2f} N do not follow the commanded grip"
+            self._decide("asks no more", why)
         else:
             self.is_tested, self._probes = True, False
             late = f"the gripper answers in {1e3 * self.response_s:.0f} ms"
-            self._decide("eases", f"{sure}; {late}")
+            self._decide("eases", f"{known}; {late}")
 
     # -- slip --------------------------------------------------------------------------------------
 

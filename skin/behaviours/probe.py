@@ -2,10 +2,11 @@
 
 A flat face that slides as a whole gives no warning: there is no incipient slip. But the tangential
 load of an object that hangs still does not depend on the grip until it slides. So the grip falls
-for a moment and rises again, without waiting for an answer: a slide lasts as long as the dip, however
-late the gripper is. Each dip goes as deep as half of the posterior (`skin.behaviours.friction`)
-holds, and no deeper than the slide that it may cost. The gripper's own delay and depth are measured
-at each dip, and the next one is longer or deeper for it.
+for a moment and rises again, without waiting for an answer: a slide lasts as long as the dip,
+however late the gripper is. A dip goes as deep as half of the posterior
+(`skin.behaviours.friction`) holds, at most a step beyond what is known to hold, and no deeper than
+the slide that it may cost. It is braked until the posterior says that nothing slides. The time
+until the felt load rises again is the response time of the gripper.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from skin.behaviours.demand import Demand
-from skin.behaviours.friction import BRAKES, SURE, Friction
+from skin.behaviours.friction import BRAKES, LOWER, Friction
 
 __all__ = ["Outcome", "Probe"]
 
@@ -51,9 +52,9 @@ parts of a margin [assumed]."""
 MOST_DIPS, MOST_S = 14, 2.2
 """Of a probe [assumed]."""
 DEEPER, DEEPEST, REACHED, LONGER = 0.25, 0.75, 0.7, 1.5
-"""A command is deeper than the wanted dip by this share of it, since a gripper lags, down to a share
-of the wanted grip; where less than `REACHED` of it is felt, the next dip is `LONGER` [assumed]. The slide is budgeted for a gripper that
-follows at once."""
+"""A command is deeper than the wanted dip by a share of it, since a gripper lags, down to a share
+of the wanted grip; where less than `REACHED` of it is felt, the next dip is `LONGER` [assumed]. The
+slide is budgeted for a gripper that follows at once."""
 STEP = 1.4
 """A dip's ratio of loads over what is known to hold, at most [assumed]."""
 UNFOLLOWED = 3
@@ -136,6 +137,7 @@ class Probe:
         since_s = self._period_s * len(self._loads)
         # An unnoticed slide ends at this grip, too.
         rest_n = (1.0 + safety) * self._borne_n / friction.quantile(SLIDES, kinetic=True)
+        rest_n = max(rest_n, demand.forecast_n / friction.quantile(0.5))  # somebody may pull
         rest_n = self.command_n = min(max(rest_n, least_n), most_n)
         known_s = UNKNOWN_S if math.isnan(self.response_s) else self.response_s
         if since_s < self._pulse:
@@ -199,7 +201,7 @@ class Probe:
     ) -> Outcome | None:
         """Plan a dip, or end."""
         borne_n = self._borne_n
-        lower, median = friction.quantile(SURE), friction.quantile(0.5)
+        lower, median = friction.quantile(LOWER), friction.quantile(0.5)
         steepest = min(median, STEP * lower)
         wanted_n = self._target(friction, load_n, borne_n, steepest, least_n)
         done = median / lower - 1.0 <= ENOUGH or wanted_n > 0.97 * borne_n / lower
@@ -220,7 +222,7 @@ class Probe:
         self, friction: Friction, load_n: float, borne_n: float, ratio: float, least_n: float
     ) -> float:
         """Grip of the next dip: half of the posterior holds, and the slide is within its budget."""
-        grips = np.geomspace(1.0 / ratio, 1.0 / friction.quantile(SURE), 24)
+        grips = np.geomspace(1.0 / ratio, 1.0 / friction.quantile(LOWER), 24)
         slides = friction.slide_m(_deeper(grips, load_n / borne_n), self._pulse)
         allowed = grips[slides <= SLIDE_M]
         return max(borne_n * float(allowed[0] if allowed.size else grips[-1]), least_n)
