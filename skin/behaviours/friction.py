@@ -67,6 +67,7 @@ class Friction:
         self._log = np.log(np.repeat(chance / KINETIC.size, KINETIC.size))
         self._speed = np.zeros(self.static.size)
         self._way = np.zeros(self.static.size)
+        self._drag = np.ones(self.static.size)
         self._said = np.zeros(self.static.size)
         self._weigh()
 
@@ -102,6 +103,7 @@ class Friction:
     def begin(self) -> None:
         """A dip begins: the object hangs still."""
         self._speed[:] = self._way[:] = self._said[:] = 0.0
+        self._drag = np.ones(self.static.size)
 
     def watch(self, hung_n: float, load_n: float, share: float, noise: float) -> None:
         """Process a cycle of a dip.
@@ -123,7 +125,10 @@ class Friction:
         # What stops within the cycle is braked by no more than that takes.
         stops = 1.0 + speed / fall
         drag = np.where(slides, np.minimum(self.kinetic * grip, stops), 1.0)
-        speed[:] = np.where(slides & (drag < stops), speed + fall * (1.0 - drag), 0.0)
+        mean = 0.5 * (self._drag + drag)
+        faster = speed + fall * (1.0 - mean)
+        speed[:] = np.where(slides & (drag < stops), np.maximum(faster, 0.0), 0.0)
+        self._drag = drag
         self._way += self._period_s * speed
         sigma2 = noise * noise + MODEL * MODEL
         off2 = (share - drag) ** 2 / sigma2

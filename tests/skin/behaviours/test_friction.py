@@ -15,10 +15,9 @@ NOISE = 0.1
 
 def hung(static, kinetic, grips, rng=None, noise=NOISE):
     """Tangential load over weight of a block between pads, whose grip over its weight goes evenly
-    from one value to the next, a cycle each; means over the cycles, and how far it went."""
+    from one value to the next, a cycle each; at the end of the cycles, and how far it went."""
     speed, way, shares = 0.0, 0.0, []
     for before, after in itertools.pairwise(grips):
-        drags = []
         for grip in np.linspace(before, after, round(PERIOD_S / STEP_S), endpoint=False):
             slides = speed > 0.0 or static * grip < 1.0
             drag = kinetic * grip if slides else 1.0
@@ -27,8 +26,7 @@ def hung(static, kinetic, grips, rng=None, noise=NOISE):
                 drag, faster = 1.0, 0.0
             speed = faster
             way += STEP_S * speed
-            drags.append(drag)
-        shares.append(np.mean(drags))
+        shares.append(drag)  # a unit is read at the end of a cycle
     shares = np.array(shares)
     return shares if rng is None else shares + rng.normal(0.0, noise, shares.size), way
 
@@ -66,7 +64,7 @@ def test_both_coefficients_are_found_from_dips_that_slide():
     for static, share in ((0.4, 0.9), (0.6, 0.7), (0.9, 0.98)):
         friction = Friction(0.25, PERIOD_S)
         watched(friction, static, share * static, [1.3 / static] + 4 * [0.75 / static], rng)
-        assert friction.quantile(LOWER) < static < friction.quantile(1.0 - LOWER)
+        assert friction.quantile(LOWER) / 1.03 < static < friction.quantile(1.0 - LOWER)
         found = float(friction.weights @ friction.kinetic)
         assert found == pytest.approx(share * static, rel=0.12)
 
