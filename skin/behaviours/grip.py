@@ -1,9 +1,9 @@
 """GripControl: the least grip that holds an object against weight, pull and torsion.
 
-Weight and friction are unknown. The grip follows tangential load and torsion over friction, plus a
-margin, and the forecast load at the response time of the gripper. Friction starts from a low prior;
-an object that hangs still is loosened once for a moment (`skin.behaviours.probe`), which measures
-it. A later slip lowers the estimate.
+Weight and friction are unknown. The grip follows tangential load and torsion over the lower bound
+of friction, plus a margin, and the forecast load at the response time of the gripper. Friction has
+a posterior (`skin.behaviours.friction`): low at first, then by what has stuck and what has slid in
+short dips of the grip on an object that hangs still (`skin.behaviours.probe`).
 
 ::
 
