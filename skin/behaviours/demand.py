@@ -96,6 +96,8 @@ class Demand:
         The demand: the maximum of the lower bounds of means and forecast.
     noise_n : float
         One-sigma of the demand: of `fast_n` while the load moves, else of `now_n`.
+    fast_noise_n : float
+        One-sigma of `fast_n`.
     is_moving : bool
         Whether the load rises or falls: fast and slow mean differ by more than noise.
     borne_n : float
@@ -106,18 +108,7 @@ class Demand:
     """
 
     def __init__(self, pads: int, period_s: float, horizon_s: float) -> None:
-        slow, middle, fast = (-math.expm1(-period_s / t) for t in (SLOW_S, MIDDLE_S, FAST_S))
-        forecast = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
-        weights = Weights(
-            slow,
-            middle,
-            fast,
-            forecast,
-            _left(slow),
-            _left(fast),
-            _left_forecast(fast, middle, forecast),
-        )
-        self._weights = weights
+        self._weights = _weights(period_s, horizon_s)
         self._means = Means(*(np.zeros((SIGNALS, pads)) for _ in Means._fields))
         self._arm_m = np.zeros(1)
         self._loads: PadLoads | None = None
@@ -126,8 +117,12 @@ class Demand:
         self.now_n = self.fast_n = self.raw_n = self.lower_n = self.forecast_n = self.pull_n = 0.0
         self.borne_n = 0.0
         self.is_moving = False
-        self.noise_n = 0.0
+        self.noise_n = self.fast_noise_n = 0.0
         self.sigma_n = UNKNOWN_SIGMA_N
+
+    def set_horizon(self, period_s: float, horizon_s: float) -> None:
+        """Forecast so many seconds from now on."""
+        self._weights, self._loads = _weights(period_s, horizon_s), None
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
         """Process a cycle; a pad that is silent is left out."""
@@ -142,11 +137,18 @@ class Demand:
             self.raw_n, self.now_n, self.fast_n, self.lower_n, self.forecast_n, self.sigma_n,
             self.pull_n, self.borne_n,
         ) = self._out.tolist()  # fmt: skip
-        self.noise_n = self._weights.fast_noise * self.sigma_n
+        self.noise_n = self.fast_noise_n = self._weights.fast_noise * self.sigma_n
         least_n = MOVING * self.noise_n + MOVING_SHARE * self.now_n
         self.is_moving = abs(self.fast_n - self.now_n) > least_n
         if not self.is_moving:
             self.noise_n = self._weights.slow_noise * self.sigma_n
+
+
+def _weights(period_s: float, horizon_s: float) -> Weights:
+    slow, middle, fast = (-math.expm1(-period_s / t) for t in (SLOW_S, MIDDLE_S, FAST_S))
+    forecast = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
+    noise = _left_forecast(fast, middle, forecast)
+    return Weights(slow, middle, fast, forecast, _left(slow), _left(fast), noise)
 
 
 def _left(gain: float) -> float:

@@ -1,9 +1,9 @@
 """GripControl: the least grip that holds an object against weight, pull and torsion.
 
-Weight and friction are unknown. The grip follows tangential load and torsion over friction, plus a
-margin, and the forecast load at the response time of the gripper. Friction starts from a low prior;
-an object that hangs still is loosened once for a moment (`skin.behaviours.probe`), which measures
-it. A later slip lowers the estimate.
+Weight and friction are unknown. The grip follows tangential load and torsion over the lower bound
+of friction, plus a margin, and the forecast load at the response time of the gripper. Friction has
+a posterior (`skin.behaviours.friction`): low at first, then by what has stuck and what has slid in
+short dips of the grip on an object that hangs still (`skin.behaviours.probe`).
 
 ::
 
@@ -18,11 +18,12 @@ import math
 from enum import StrEnum
 
 from skin.behaviours.decision import Decisions
-from skin.behaviours.demand import Demand
+from skin.behaviours.demand import FAST_S, Demand
+from skin.behaviours.friction import KINETIC, LOWER, Friction
 from skin.behaviours.grip_parameters import GripParameters
 from skin.behaviours.gripper import Gripper, check_gripper
 from skin.behaviours.pads import Pads
-from skin.behaviours.probe import Answer, Outcome, Probe
+from skin.behaviours.probe import Outcome, Probe
 from skin.contact.record import SlipState
 from skin.errors import OptionError, check_kind
 from skin.state import State, if_wanted
@@ -30,22 +31,28 @@ from topology import Topology
 
 __all__ = ["GripControl", "Phase"]
 
-DOUBT = 2.0
-"""Sigmas of friction in the margin, in addition to the safety [assumed]."""
-
 NEAR_LIMIT = 0.8
-"""Used fraction of the estimated friction below which an incipient slip is local, at an edge, and
+"""Used fraction of the known friction below which an incipient slip is local, at an edge, and
 holds [assumed]."""
 
-SHARE_OF_SLIP = 0.9
-"""Friction over the ratio of loads at incipient slip: the first faces to slip have less of it."""
+ALARM = 1.4
+"""Factor of the grip where an object slides, once a response time: two of them double the grip,
+which no pull outruns [assumed]."""
 
-LEAST_FALL = 0.75
-"""Largest fall of the estimate at one slip: a far lower ratio is of a load that has just fallen
-[assumed]."""
+PULL_S = 0.3
+"""Rise time of a pull as large as the weight, whose begin nothing announces [assumed: by hand]."""
 
-FIRST_KINETIC = 0.85
-"""Kinetic over static friction, until a slide has measured it [assumed]."""
+HIDDEN = 1.0
+"""Sigmas of the fast mean of a load in which a rise is hidden at first."""
+
+FOLLOW_S = 0.5
+"""Time constant of what the pads feel of the commanded grip [assumed]."""
+
+MOST_GAIN = 1.6
+"""Largest factor for units that feel nothing: three of eight of them [assumed]."""
+
+FORGET_S = 10.0
+"""Time after which a weight that somebody else bears is no longer gripped for [assumed]."""
 
 REFRACTORY_S = 0.04
 """Dead time after a slip: the grip takes as long to rise [derived]."""
@@ -59,17 +66,22 @@ RESTED_S = 0.3
 BOOST_S = 0.15
 """Time for which a grip that has caught a slip is kept [assumed]."""
 
-NO_ANSWER = 0.5
-"""Fraction of the least grip to which a probe reduces its request, while the gripper stays at the
-least one: the felt load should have followed by then [assumed: 0.17 s]."""
-
 LATEST = 5.0
 """Late cycles, in periods, for which a release continues [assumed]."""
+
+BOUND_SIGMAS, STEP = 4.0, 0.03
+"""Sigmas of noise off a ratio that bounds friction, and the least step to the next one."""
+
+LEAST_N = 1e-3
+"""Newton, lower bound of a divisor [numeric]."""
+
+REPORTED_GAIN = 1.1
+"""Gain of the command that is reported [assumed]."""
 
 REPORTED_RISE = 0.05
 """Relative rise of the grip at a slip that is reported [assumed]."""
 
-INCIPIENT = int(SlipState.INCIPIENT)
+INCIPIENT, GROSS = int(SlipState.INCIPIENT), int(SlipState.GROSS)
 
 ARM_CYCLES = 10
 """Interval of updates of the arm of the torsion, which changes with the contact [numeric]."""
@@ -112,8 +124,12 @@ class GripControl:
         Newton, mean over the pads, measured.
     wanted_n : float
         Newton, set point of the gripper.
-    friction, friction_sigma, kinetic : float
-        Estimated coefficients, static and kinetic.
+    gain : float
+        Of the command over `wanted_n`: what the pads feel less than the gripper was sent.
+    friction, least_friction, kinetic : float
+        Coefficients: median of the static one, its lower bound (2 %), mean of the kinetic one.
+    response_s : float
+        Second, from a command until half of it is felt; `horizon_s` until a dip has shown it.
     slips : int
         Slips so far, without those of probes.
     is_tested : bool
@@ -144,16 +160,34 @@ class GripControl:
         self.demand = Demand(len(self._pads.names), period_s, own.horizon_s)
         self._probe = Probe(period_s)
         self.load_n = self.shear_n = 0.0
-        self.wanted_n = own.first_grip_n
-        self.friction, self.friction_sigma = own.least_friction, 0.0
-        self.kinetic = FIRST_KINETIC * own.least_friction
-        self.slips, self.is_tested, self.is_steady = 0, False, True
+        self.wanted_n, self.gain = own.first_grip_n, 1.0
+        self.slips, self.is_steady = 0, True
+        self.response_s = own.horizon_s
         self._period_s = period_s
         self._started_ns = self._stamp_ns = -1
         self._unheard_s, self._heard_s, self._slipped_s = 0.0, math.inf, math.inf
-        self._sure_n, self._loosens = own.first_grip_n, True
-        self._arm_m, self._floor_n, self._is_alarmed = ARM_M, 0.0, False
-        self._cycles, self._rested_s = 0, 0.0
+        self._sure_n = own.first_grip_n
+        self._arm_m, self._cycles = ARM_M, 0
+        self._is_alarmed = self._begins = False
+        self._sliding: set[int] = set()
+        self._follow = -math.expm1(-period_s / FOLLOW_S)
+        self._sent_n = self._felt_n = 0.0
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing is known of an object."""
+        self._posterior = Friction(self.parameters.least_friction, self._period_s)
+        self._read_posterior()
+        self.is_tested, self._probes, self._reports_gain = False, True, False
+        self._floor_n = self._rested_s = self._hung_n = self._most_ratio = 0.0
+        self._probe.restart()
+
+    def _read_posterior(self) -> None:
+        own = self._posterior
+        self.friction, self.kinetic = own.quantile(0.5), float(own.weights @ own.kinetic)
+        self.least_friction = own.quantile(LOWER)
+        prior = self.parameters.least_friction * KINETIC[0]
+        self._least_kinetic = max(own.quantile(LOWER, kinetic=True), prior)
 
     @property
     def time_s(self) -> float:
@@ -174,15 +208,16 @@ class GripControl:
         grip: with a grip of (1 + safety) times drag over static friction, the grip rises until
         nothing slides if (1 + safety) times the ratio of the two is above 1.
         """
-        own = self.parameters
+        late_s = min(self.response_s + FAST_S + self._period_s, PULL_S)
+        safety = self.parameters.safety + 0.5 * (1.0 - math.cos(math.pi * late_s / PULL_S))
         if self._rested_s > RESTED_S:
-            return own.safety
-        return max(own.safety, CATCHES * self.friction / self.kinetic - 1.0)
+            return safety
+        return max(safety, CATCHES * self.least_friction / self._least_kinetic - 1.0)
 
     @property
     def least_n(self) -> float:
         """The least grip for the present loads and the estimated friction."""
-        return self.demand.forecast_n / self._safe_friction
+        return self.demand.forecast_n / self.least_friction
 
     def release(self) -> None:
         """Open slowly, from the next cycle on."""
@@ -195,12 +230,9 @@ class GripControl:
         """Close on the next object; the estimate of friction is reset. An object that is held, or
         being released, is gripped no less than now."""
         own = self.parameters
-        self.phase, self._loosens = Phase.CLOSING, True
-        self.wanted_n, self._floor_n = max(own.first_grip_n, self.wanted_n), 0.0
-        self.friction, self.friction_sigma = own.least_friction, 0.0
-        self.kinetic = FIRST_KINETIC * own.least_friction
-        self.is_tested = False
-        self._probe.restart()
+        self.phase = Phase.CLOSING
+        self.wanted_n = max(own.first_grip_n, self.wanted_n)
+        self._forget()
 
     def update(self, state: State) -> None:
         """Process a cycle, and set the gripper."""
@@ -225,10 +257,23 @@ class GripControl:
         if self.phase is Phase.OPEN:
             self.gripper.release()
             return
-        wanted_n = self.wanted_n
-        if self._probe.loosens:
-            wanted_n = max(self._probe.factor * wanted_n, self.parameters.least_grip_n)
-        self.gripper.squeeze(wanted_n, self.load_n if felt else math.nan)
+        sent_n = self.gain * (self._probe.command_n if self._probe.dips else self.wanted_n)
+        sent_n = min(sent_n, self.parameters.most_grip_n)
+        if felt and self.phase is Phase.HOLDING and self._rested_s > RESTED_S:
+            self._compare(sent_n)
+        self.gripper.squeeze(sent_n, self.load_n if felt else math.nan)
+
+    def _compare(self, sent_n: float) -> None:
+        """Units that feel nothing make a pad read less than a gripper with a force sensor of its
+        own was sent; the command makes up for them."""
+        if self._sent_n == 0.0:
+            self._sent_n = self._felt_n = self.load_n
+        self._sent_n += self._follow * (sent_n - self._sent_n)
+        self._felt_n += self._follow * (self.load_n - self._felt_n)
+        self.gain = min(max(self._sent_n / max(self._felt_n, LEAST_N), 1.0), MOST_GAIN)
+        if self.gain > REPORTED_GAIN and not self._reports_gain:
+            self._reports_gain = True
+            self._decide("sends more", f"felt are {self._felt_n:.2f} N of {self._sent_n:.2f} N")
 
     def _grasp(self, elapsed_s: float, felt: list[float]) -> None:
         """Hold once all pads touch; where some are silent for long, all that are heard."""
@@ -252,18 +297,34 @@ class GripControl:
         self._unheard_s = 0.0
         self._heard_s += elapsed_s
         self._slipped_s += elapsed_s
-        if self.parameters.probe and self._loosens and not self.is_tested:
+        self._learn(elapsed_s)
+        if self.parameters.probe and self._probes:
             self._ask()
-        if not self._probe.loosens:
+        if not self._probe.dips:
             self._look_for_slip()
         self._set(elapsed_s)
+
+    def _learn(self, elapsed_s: float) -> None:
+        """Friction is no less than a ratio that was borne, and a weight at rest may come back."""
+        demand = self.demand
+        ratio = (demand.borne_n - BOUND_SIGMAS * demand.noise_n) / max(self.load_n, LEAST_N)
+        if ratio > (1.0 + STEP) * self._most_ratio and not self._probe.dips:
+            self._most_ratio = ratio
+            if ratio > self.least_friction:
+                self._posterior.bound(ratio)
+                self._read_posterior()
+        self._rested_s = 0.0 if demand.is_moving else self._rested_s + elapsed_s
+        if self._rested_s > RESTED_S and demand.now_n > self.parameters.lifted_n:
+            share = 1.0 if self._hung_n == 0.0 else -math.expm1(-elapsed_s / FORGET_S)
+            self._hung_n += share * (demand.now_n - self._hung_n)
 
     def _set(self, elapsed_s: float) -> None:
         """Set the grip: up at once, down slowly."""
         own = self.parameters
-        self._rested_s = 0.0 if self.demand.is_moving else self._rested_s + elapsed_s
-        needed_n = (1.0 + self.safety) * self.least_n + self.demand.noise_n / self._safe_friction
-        if self._slipped_s > BOOST_S:
+        needed_n = max(self.least_n, self._hung_n / self.least_friction)
+        hidden_n = HIDDEN * self.demand.fast_noise_n
+        needed_n = (1.0 + self.safety) * needed_n + hidden_n / self.least_friction
+        if self._slipped_s > max(BOOST_S, 2.0 * self.response_s):
             self._floor_n = 0.0
         if not self.is_tested and self.demand.now_n < own.lifted_n:
             needed_n = max(needed_n, own.first_grip_n)
@@ -275,48 +336,37 @@ class GripControl:
             self._decide("grips no harder", f"{needed_n:.2f} N is above {own.most_grip_n:g} N")
         self.wanted_n = min(max(needed_n, own.least_grip_n), own.most_grip_n)
 
-    @property
-    def _safe_friction(self) -> float:
-        return max(self.friction - DOUBT * self.friction_sigma, 1e-3)
-
     def _ask(self) -> None:
         """Continue the probe of an object that hangs."""
-        own, demand = self.parameters, self.demand
-        if not self.is_steady or (demand.now_n < own.lifted_n and not self._probe.loosens):
-            self._probe.restart()
+        own, demand, probe = self.parameters, self.demand, self._probe
+        if not self.is_steady or (demand.now_n < own.lifted_n and not probe.dips):
+            probe.restart()
             return
-        began = not self._probe.loosens
-        answer = self._probe.update(self.load_n, demand, own.least_grip_n)
-        if began and self._probe.loosens:
-            self._decide("loosens", f"{demand.now_n:.2f} N hang still: how much friction is there?")
-        if answer is not None:
-            self._take(answer)
-        elif self._probe.factor * self.wanted_n < NO_ANSWER * own.least_grip_n:
-            self._probe.restart()
-            self._loosens = False
-            why = f"felt are {self.load_n:.2f} N, asked for {own.least_grip_n:g} N"
-            self._decide("asks no more", f"{why}: it does not follow the grip")
-
-    def _take(self, answer: Answer) -> None:
-        """Use the result of a probe."""
-        friction = f"friction {answer.friction:.2f} ± {answer.sigma:.2f}"
-        if answer.outcome is Outcome.DISTURBED:
-            self._decide("grips again", "the load changes: asks later")
+        began = not probe.dips
+        outcome = probe.update(
+            self.load_n, demand, self._posterior, own.safety, own.least_grip_n, own.most_grip_n
+        )
+        if began and probe.dips:
+            self._decide("dips", f"{demand.now_n:.2f} N hang still: how much friction is there?")
+        if began and outcome is None:
             return
-        if answer.outcome is Outcome.HELD:
-            self._believe(answer.friction, answer.sigma, FIRST_KINETIC * answer.friction)
-            self._decide("eases", f"it holds at the least grip, {friction} or more")
+        self._read_posterior()
+        if not math.isnan(probe.response_s) and probe.response_s != self.response_s:
+            self.response_s = probe.response_s
+            demand.set_horizon(self._period_s, min(self.response_s, PULL_S))
+        if outcome is None:
             return
-        self._slipped_s = 0.0
-        caught_n = (1.0 + self.parameters.safety) * answer.shear_n / answer.kinetic
-        self._floor_n = max(caught_n, self.wanted_n)
-        self._decide("catches it", f"it slid: {friction}, {answer.kinetic:.2f} in motion")
-        self._believe(answer.friction, answer.sigma, answer.kinetic)
-
-    def _believe(self, friction: float, sigma: float, kinetic: float) -> None:
-        self.is_tested = True
-        self.friction, self.friction_sigma = friction, sigma
-        self.kinetic = min(kinetic, friction)
+        known = f"friction {self.friction:.2f}, at least {self.least_friction:.2f}"
+        if outcome is Outcome.DISTURBED:
+            self._decide("grips again", f"the load changes: asks later; {known}")
+        elif outcome is Outcome.UNFOLLOWED:
+            self._probes = False
+            why = f"{self.load_n:.2f} N do not follow the commanded grip"
+            self._decide("asks no more", why)
+        else:
+            self.is_tested, self._probes = True, False
+            late = f"the gripper answers in {1e3 * self.response_s:.0f} ms"
+            self._decide("eases", f"{known}; {late}")
 
     # -- slip --------------------------------------------------------------------------------------
 
@@ -324,10 +374,14 @@ class GripControl:
         """Whether a slip begins, and, at intervals, the arm of the torsion."""
         contacts = if_wanted(state, "contacts") or ()
         self._is_alarmed = False
+        sliding = set()
         for contact in contacts:
             record = contact.record
             if record["slip"] >= INCIPIENT and record["onset_ns"] == record["seen_ns"]:
                 self._is_alarmed = True
+            if record["slip"] >= GROSS:
+                sliding.add(contact.id)
+        self._begins, self._sliding = bool(sliding - self._sliding), sliding
         self._cycles += 1
         if self._cycles % ARM_CYCLES == 0:
             arms = [(contact.load, contact.arm) for contact in contacts]
@@ -338,21 +392,27 @@ class GripControl:
     def _look_for_slip(self) -> None:
         """Grip harder where faces begin to slip, or are at the limit of friction."""
         own, demand = self.parameters, self.demand
-        if self._slipped_s < REFRACTORY_S or demand.now_n < own.lifted_n:
+        if self._slipped_s < max(REFRACTORY_S, self.response_s) or demand.now_n < own.lifted_n:
             return
-        ratio = demand.fast_n / max(self.load_n, 1e-3)
-        at_limit = self.is_tested and demand.lower_n > self.friction * self.load_n
-        near = ratio > NEAR_LIMIT * self.friction or not self.is_tested
-        if not at_limit and not (self._is_alarmed and near):
+        ratio = demand.fast_n / max(self.load_n, LEAST_N)
+        at_limit = demand.lower_n > self.least_friction * self.load_n
+        near = ratio > NEAR_LIMIT * self.least_friction
+        slides = bool(self._sliding) and ratio > self._least_kinetic
+        if not at_limit and not slides and not (self._is_alarmed and near):
             return
         self.slips += 1
         self._slipped_s = 0.0
-        seen = SHARE_OF_SLIP * ratio
-        if self._is_alarmed and seen < self.friction and not self.is_tested:
-            self.friction = max(seen, LEAST_FALL * self.friction)
-            self.kinetic = min(self.kinetic, self.friction)
-        why = "faces begin to slip" if self._is_alarmed else "friction is used up"
-        self._floor_n = (1.0 + own.safety) * demand.forecast_n / self.kinetic
+        if at_limit or slides:
+            why, floor_n = "friction is used up", ALARM * max(self.load_n, self.wanted_n)
+        else:
+            why = "faces begin to slip"
+            floor_n = (1.0 + self.safety) * demand.forecast_n / self.kinetic
+        if slides:
+            why = "it slides"
+        if slides and self._begins:
+            self._posterior.slid(ratio)
+            self._read_posterior()
+        self._floor_n = floor_n
         if self._floor_n > (1.0 + REPORTED_RISE) * self.wanted_n:
             self._decide("grips harder", f"{why} at a ratio of {ratio:.2f}: {self._floor_n:.2f} N")
 

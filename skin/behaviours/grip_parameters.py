@@ -16,8 +16,10 @@ class GripParameters:
     Attributes
     ----------
     safety : float
-        Relative margin above the least grip [assumed: people take 0.1 to 0.4, Johansson and
-        Westling, 1984, which includes their uncertainty about friction].
+        Relative margin above the least grip, in addition to those for what is not known of
+        friction and for the response time of the gripper [assumed: calibration of the ratio of
+        tangential to normal force, 3 %; people take 0.1 to 0.4 in all, Johansson and Westling,
+        1984].
     least_friction : float
         Prior coefficient of friction [assumed: silicone on a wet or dusty surface].
     first_grip_n : float
@@ -31,8 +33,8 @@ class GripParameters:
         Newton, tangential load above which an object hangs [assumed: two sigma of a pad's
         tangential force, of which the mean over 0.1 s leaves a seventh].
     horizon_s : float
-        Second, response time of the gripper and horizon of the forecast [assumed: a cycle and a
-        servo of 15 Hz].
+        Second, response time of the gripper and horizon of the forecast, until a probe has measured
+        it [assumed: a cycle and a servo of 15 Hz].
     easing_s : float
         Second, time constant with which the grip follows a falling load: a load that comes back
         soon is still held [assumed].
@@ -44,7 +46,7 @@ class GripParameters:
     release_n_per_s : float
         Newton a second, rate of release [assumed].
     probe : bool
-        Whether to measure friction by a short loosening of an object that hangs still.
+        Whether to measure friction by short dips of the grip on an object that hangs still.
 
     Raises
     ------
@@ -52,7 +54,7 @@ class GripParameters:
         A number is out of range.
     """
 
-    safety: float = 0.08
+    safety: float = 0.05
     least_friction: float = 0.25
     first_grip_n: float = 2.5
     least_grip_n: float = 0.4

@@ -29,18 +29,19 @@ def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, shar
     for seed in range(5):
         pinch, control = held(friction=friction, kinetic=share * friction, seconds=4.0, seed=seed)
         assert control.is_tested
-        assert control.friction == pytest.approx(friction, rel=0.15)
-        assert pinch.slid_m < 0.004
+        assert control.least_friction < 1.02 * friction
+        assert control.friction == pytest.approx(friction, rel=0.25)
+        assert pinch.slid_m < 0.006
         shares.append(pinch.grip_n / pinch.needed_n)
     assert min(shares) > 1.0
-    assert np.median(shares) < 1.5
+    assert np.median(shares) < 1.6
 
 
 def test_before_anything_is_known_the_belief_is_small():
     pinch, control = held(seconds=0.6)
     assert not control.is_tested
     assert pinch.grip_n > 1.5 * pinch.needed_n
-    assert control.friction == GripParameters().least_friction
+    assert control.least_friction == pytest.approx(GripParameters().least_friction, rel=0.05)
 
 
 @pytest.mark.parametrize("rise_s", [0.1, 0.3])
@@ -149,14 +150,11 @@ def test_a_grip_that_does_not_loosen_is_not_asked_again():
     control = GripControl(pinch.topology, pinch)
     pinch.go(control, 0.55)
     wedged_n = pinch.grip_n = 3.0
-    least_n = wedged_n
     for _ in range(700):
         pinch.grip_n = wedged_n
         pinch.go(control, PERIOD_S)
-        least_n = min(least_n, pinch.asked_n)
-    assert least_n == control.parameters.least_grip_n
     told = [one.what for one in control.decisions]
-    assert told.count("loosens") == told.count("asks no more") == 1
+    assert told.count("dips") == told.count("asks no more") == 1
     assert not control.is_tested
 
 
@@ -256,7 +254,7 @@ def test_without_a_probe_the_belief_stays():
     pinch = Pinch()
     control = GripControl(pinch.topology, pinch, GripParameters(probe=False))
     pinch.go(control, 2.0)
-    assert control.friction == 0.25
+    assert control.least_friction == pytest.approx(0.25, rel=0.05)
     assert pinch.slid_m == 0.0
 
 
@@ -277,3 +275,43 @@ def test_unknown_pads_are_named():
     pinch = Pinch()
     with pytest.raises(OptionError, match="pads"):
         GripControl(pinch.topology, pinch, pads=("thumb",))
+
+
+def test_a_pull_while_it_dips_is_gripped_for():
+    for start_s in (0.7, 0.8, 0.9, 1.0, 1.1):
+        pinch = Pinch()
+        control = GripControl(pinch.topology, pinch)
+        pinch.go(control, start_s)
+        assert any(one.what == "dips" for one in control.decisions)
+        for share in np.linspace(0.0, 1.0, 50):
+            pinch.pull_n = 1.2 * share * pinch.mass_kg * 9.81
+            pinch.go(control, PERIOD_S)
+        pinch.go(control, 1.0)
+        assert pinch.grip_n > pinch.needed_n
+        assert pinch.slid_m < 0.01
+
+
+def test_units_that_feel_nothing_cost_no_grip_where_the_gripper_has_its_own_sensor():
+    pinch, control = held(seconds=4.0)
+    show = pinch._show
+
+    def stuck(shear_n):
+        show(shear_n)
+        pinch.units.force[:, [1, 7, 18, 29]] = 0.0  # an eighth, which no flag shows
+
+    pinch._show = stuck
+    pinch.go(control, 3.0)
+    assert control.gain == pytest.approx(32 / 28, rel=0.05)
+    assert pinch.grip_n / pinch.needed_n > 1.1
+    assert pinch.grip_n == pytest.approx(control.wanted_n * 32 / 28, rel=0.1)
+    assert any(one.what == "sends more" for one in control.decisions)
+
+
+def test_what_hung_is_gripped_for_while_somebody_bears_it():
+    pinch, control = held(seconds=4.0)
+    slid_m = pinch.slid_m
+    pinch.pull_n = -0.95 * pinch.mass_kg * 9.81
+    pinch.go(control, 1.5)
+    pinch.pull_n = 0.0  # lets go within a cycle
+    pinch.go(control, 0.5)
+    assert pinch.slid_m - slid_m < 1e-3
