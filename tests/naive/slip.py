@@ -5,6 +5,7 @@ kernel's, the algebra is not: least squares by singular values instead of normal
 odds of a pattern are those of two normal distributions whose covariance holds the nuisances.
 """
 
+from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,6 +55,7 @@ class NaiveSlip(Conclusions):
         }
         self.contacts = {}
         self.lags, self.readings = np.zeros(2), np.zeros(2)
+        self.silent = np.zeros(n, bool)
 
     def cycle(self, dt_s, now_ns, reading, records):
         """Take the next cycle: of each contact its members, and as a whole shear, torsion, axes.
@@ -73,12 +75,9 @@ class NaiveSlip(Conclusions):
         self.kept["depth"][units] = 0.0
 
     def _judge(self, record, members):
-        fresh = SimpleNamespace(slip=SlipState.UNKNOWN, onset_ns=0, friction=NaiveFriction())
-        if record["event"] & Event.BORN or int(record["id"]) not in self.contacts:
-            self.contacts[int(record["id"])] = fresh
-        self.contact = self.contacts[int(record["id"])]
-        if record["event"] & Event.RESUMED:
-            self.contact.slip, self.contact.onset_ns = SlipState.UNKNOWN, 0
+        self._begin(record, members)
+        touched = self.silent & (self.kept["state"] != UnitSlip.NO_CONTACT)
+        self.lacks = (touched & (self.kept["body"] == record["id"])).any()
         for name in KEPT:
             setattr(self, name, self.kept[name][..., members].copy())
         self._gather(record, members)
@@ -99,6 +98,24 @@ class NaiveSlip(Conclusions):
         for name in KEPT:
             self.kept[name][..., members] = getattr(self, name)
         return told
+
+    def _begin(self, record, members):
+        """Look up what is known of the contact; only what goes on without a break has a state."""
+        identity, parent = int(record["id"]), int(record["parent"])
+        is_new = record["event"] & Event.BORN or identity not in self.contacts
+        if is_new:
+            fresh = SimpleNamespace(slip=SlipState.UNKNOWN, onset_ns=0, decided_ns=0)
+            if parent:
+                fresh = copy(self.contacts[parent])
+            else:
+                self.kept["state"][members] = UnitSlip.NO_CONTACT
+            fresh.friction = NaiveFriction()
+            self.contacts[identity] = fresh
+        self.contact = self.contacts[identity]
+        lifted = (self.kept["state"][members] == UnitSlip.NO_CONTACT).all()
+        was_long_ago = self.now_ns - self.contact.decided_ns >= 1e9 * REST_S
+        if (is_new or record["event"] & Event.RESUMED) and (lifted or was_long_ago):
+            self.contact.slip, self.contact.onset_ns = SlipState.UNKNOWN, 0
 
     def _gather(self, record, members):
         reading = self.reading

@@ -33,6 +33,8 @@ from skin.contact.slip.state_machine import (
     count_slipping,
     decide_contact,
     decide_units,
+    is_kept,
+    lacks_units,
     still_slides,
 )
 from skin.contact.slip.unit_filter import Pace, correct, gather, lowpass_share, predict, scatter
@@ -87,11 +89,12 @@ def _test_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: S
 
 
 @jitable(inline=True)
-def _detect_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArrays):
+def _detect_contact(record, dt_s, now_ns, model, data, slip: SlipArrays):
     """Detect slip of one contact and its units."""
+    reading, units = data.reading, data.units
     first, last = record["begin"], record["end"]
     if record["event"] & (BORN | RESUMED):
-        begin_contact(record)
+        begin_contact(record, data.contacts, units, now_ns)
     tested, sticks, odds, alarm = _test_lags(
         record, dt_s, model.geometry, model.slip, reading, units, slip
     )
@@ -100,6 +103,7 @@ def _detect_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArray
     record["slip_units"] = slipping
     record["body_units"] = tested
     record["pattern"] = np.sqrt(2.0 * max(odds, 0.0))
+    stuck_before = record["stick_ratio"]
     record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
     learn_friction(record, reading, units, alarm, slip, now_ns, dt_s)
     ratio = friction_margin(record, model.slip)
@@ -107,10 +111,15 @@ def _detect_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArray
         record["flags"] |= FEW_UNITS
         if np.isfinite(record["margin"]):
             record["stick_ratio"] = stick_ratio_by_cone(record)
-    if record["slip"] != SlipState.GROSS or tested < LEAST_UNITS:
-        decide_contact(record, units, now_ns, tested, ratio, model.slip, slip)
-    elif still_slides(record, ratio, now_ns, dt_s):
+    lacks = lacks_units(record, units, slip.history)
+    slides = record["slip"] == SlipState.GROSS and tested >= LEAST_UNITS
+    if slides and still_slides(record, ratio, lacks, now_ns, dt_s):
         record["stick_ratio"] = 0.0
+        record["decided_ns"] = now_ns
+    elif is_kept(record, lacks, tested, now_ns):
+        record["stick_ratio"] = stuck_before
+    elif not slides:
+        decide_contact(record, units, now_ns, tested, ratio, model.slip, slip)
     else:
         record["slip"] = SlipState.STICK
         record["onset_ns"] = 0
@@ -185,4 +194,4 @@ def detect_slip(count, dt_s, now_ns, model, data):
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:
-            _detect_contact(record, dt_s, now_ns, model, data.reading, units, slip)
+            _detect_contact(record, dt_s, now_ns, model, data, slip)

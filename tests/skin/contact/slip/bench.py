@@ -131,6 +131,7 @@ class Bench:
             records.append((record, members))
             begin = end
         detect_slip(len(contacts), dt_s, self.now_ns, self.model, self.data)
+        self.naive.silent = (units.kind == UnitKind.BRIDGE) | (units.kind == UnitKind.SILENT)
         self.naive.leave((units.label < 0) & (units.kind == UnitKind.OUT))
         judged = [(r, m) for r, m in records if not r["flags"] & Flag.WEAK]
         told = self.naive.cycle(dt_s, self.now_ns, reading, judged)
