@@ -181,6 +181,20 @@ class Trial:
         return int((self.force[at, 2] > 0.0).sum())
 
 
+def lasting(trial: Trial, seconds: float) -> Trial:
+    """A trial that is held for `seconds` at least, as it was in its last cycle."""
+    further = max(0, round(seconds * trial.plan.rate_hz) - len(trial.time_s))
+    last = trial.time_s[-1] + np.arange(1, further + 1) / trial.plan.rate_hz
+
+    def held(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values, np.repeat(values[-1:], further, axis=0)])
+
+    return Trial(
+        trial.plan, np.append(trial.time_s, last), held(trial.force), held(trial.displacement_mm),
+        held(trial.share), held(trial.travel_mm),
+    )  # fmt: skip
+
+
 @cache
 def skin_of(name: str, pitch_m: float = PITCH_M) -> Topology:
     """A skin of `SKINS`, its apex in the origin.
