@@ -35,6 +35,7 @@ __all__ = [
     "SKINS",
     "Plan",
     "Trial",
+    "lasting",
     "play",
     "pressed",
     "reached_mm",

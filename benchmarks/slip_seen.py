@@ -60,6 +60,8 @@ class Sight:
         Errors of gain, direction and stiffness over the usual ones.
     drift_mm_s : float
         One-sigma of the speed at which each axis of a unit drifts from the first cycle on.
+    drift_depth : float
+        Share of that speed in depth; with less, units that bear nothing do not drift into contact.
     wander : float
         One-sigma of slow noise that is added (AR(1) over `WANDER_S`), over what sigma says.
     grown : float
@@ -78,6 +80,7 @@ class Sight:
     unlike: float = 0.0
     gain: float = 1.0
     drift_mm_s: float = 0.0
+    drift_depth: float = 1.0
     wander: float = 0.0
     grown: float = 1.0
     lasts_s: float = 0.0
@@ -95,6 +98,7 @@ SIGHTS = {
     "gain errors x 2": Sight(gain=2.0),
     "drift": Sight(drift_mm_s=0.005),
     "drift of 20 um/s": Sight(drift_mm_s=0.02, lasts_s=10.0),
+    "drift along of 20 um/s": Sight(drift_mm_s=0.02, drift_depth=0.0, lasts_s=10.0),
     "wander of 0.5 sigma": Sight(wander=0.5, lasts_s=10.0),
     "wander of 1 sigma": Sight(wander=1.0, lasts_s=10.0),
     "noise that doubles": Sight(grown=2.0, lasts_s=10.0),
@@ -133,6 +137,7 @@ def see(
     cycles, _, n = true.shape
     if sight.drift_mm_s:
         speed = sight.drift_mm_s * odd.standard_normal((3, n))
+        speed[2] *= sight.drift_depth
         true = true + trial.time_s[:, np.newaxis, np.newaxis] * speed
     factor = sight.noise * np.exp(sight.unlike * odd.standard_normal(n))
 

@@ -26,7 +26,12 @@ from skin.contact.slip.friction import (
 )
 from skin.contact.slip.noise import begin_cycle, is_noisy, learn_noise, unlike_readings
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN, SlipModel
-from skin.contact.slip.pattern_test import alarm_odds, detect_pattern, project_nuisances
+from skin.contact.slip.pattern_test import (
+    ROUNDING,
+    alarm_odds,
+    detect_pattern,
+    project_nuisances,
+)  # fmt: skip
 from skin.contact.slip.rigid_fit import contact_frame, fit_motion
 from skin.contact.slip.state_machine import (
     begin_contact,
@@ -80,7 +85,9 @@ def _test_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: S
             record, units.members, reading.force, length, nuisances, alarm, model, scratch
         )
         decide_units(record, units, dt_s, alarm, model, slip)
-        learn_noise(length, stuck, motions, share, dt_s, scratch)
+        # Slip that may have begun is not noise.
+        if not odds > ROUNDING:
+            learn_noise(length, stuck, motions, share, dt_s, scratch)
         correct(length, dt_s, unit, row)
     for c in range(3):
         record["motion"][c] = fit.axes[0, c] * fit.motion[0] + fit.axes[1, c] * fit.motion[1]
