@@ -10,8 +10,8 @@ from scipy import stats
 
 from benchmarks import slip
 from benchmarks.slip_intervals import per_minute, rate
-from benchmarks.slip_rows import Counts
 from benchmarks.slip_play import lasting
+from benchmarks.slip_rows import Counts
 from benchmarks.slip_scenes import FAMILIES, FEW, FIRST, KINDS, ONSET, PITCH_M, play, skin_of, stage
 from benchmarks.slip_scoring import FRICTION_S, outcome, score
 from benchmarks.slip_seen import SIGHTS, Sight, see, unit_noise

@@ -39,7 +39,7 @@ from skin.contact.slip.state_machine import (
     decide_contact,
     decide_units,
     is_kept,
-    lacks_units,
+    misses_units,
     still_slides,
 )
 from skin.contact.slip.unit_filter import Pace, correct, gather, lowpass_share, predict, scatter
@@ -118,12 +118,12 @@ def _detect_contact(record, dt_s, now_ns, model, data, slip: SlipArrays):
         record["flags"] |= FEW_UNITS
         if np.isfinite(record["margin"]):
             record["stick_ratio"] = stick_ratio_by_cone(record)
-    lacks = lacks_units(record, units, slip.history)
+    misses = misses_units(record, units, slip.history)
     slides = record["slip"] == SlipState.GROSS and tested >= LEAST_UNITS
-    if slides and still_slides(record, ratio, lacks, now_ns, dt_s):
+    if slides and still_slides(record, ratio, misses, now_ns, dt_s):
         record["stick_ratio"] = 0.0
         record["decided_ns"] = now_ns
-    elif is_kept(record, lacks, tested, now_ns):
+    elif is_kept(record, misses, tested, now_ns):
         record["stick_ratio"] = stuck_before
     elif not slides:
         decide_contact(record, units, now_ns, tested, ratio, model.slip, slip)

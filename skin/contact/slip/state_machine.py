@@ -10,7 +10,7 @@ from skin.contact.slip.data import SlipArrays, UnitFilter, UnitHistory, UnitRows
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, SlipModel
 
 __all__ = [
-    "begin_contact", "count_slipping", "decide_contact", "decide_units", "is_kept", "lacks_units",
+    "begin_contact", "count_slipping", "decide_contact", "decide_units", "is_kept", "misses_units",
     "still_slides",
 ]  # fmt: skip
 
@@ -35,7 +35,8 @@ def begin_contact(record, contacts, units, now_ns):
             parent = contacts[slot]
             if record["parent"] > 0 and parent["id"] == record["parent"]:
                 record["slip"], record["onset_ns"] = parent["slip"], parent["onset_ns"]
-                record["stick_ratio"], record["gross_ns"] = parent["stick_ratio"], parent["gross_ns"]
+                record["stick_ratio"] = parent["stick_ratio"]
+                record["gross_ns"] = parent["gross_ns"]
                 record["gross_ratio"] = parent["gross_ratio"]
                 record["decided_ns"] = parent["decided_ns"]
     if lifted or not _is_recent(record, now_ns):
@@ -119,30 +120,30 @@ def _is_recent(record, now_ns):
 
 
 @jitable(inline=True)
-def lacks_units(record, units, history: UnitHistory):
+def misses_units(record, units, history: UnitHistory):
     """Whether units are silent that were in this contact when last heard."""
-    lacks = False
+    misses = False
     for i in range(units.kind.size):
         silent = units.kind[i] == BRIDGE or units.kind[i] == SILENT
         touched = units.slip[i] != UnitSlip.NO_CONTACT
-        lacks |= silent and touched and history.body[i] == record["id"]
-    return lacks
+        misses |= silent and touched and history.body[i] == record["id"]
+    return misses
 
 
 @jitable(inline=True)
-def is_kept(record, lacks, tested, now_ns):
+def is_kept(record, misses, tested, now_ns):
     """Whether the state of the contact is kept for want of units: in gross slip, where what is
     heard of a face uses another friction than all of it, or where too few are heard for a test."""
     short = record["slip"] == SlipState.GROSS or tested < LEAST_UNITS
-    return lacks and short and _is_recent(record, now_ns)
+    return misses and short and _is_recent(record, now_ns)
 
 
 @jitable(inline=True)
-def still_slides(record, ratio, lacks, now_ns, dt_s):
+def still_slides(record, ratio, misses, now_ns, dt_s):
     """Whether gross slip continues: sliding faces use all of their friction, no more and no less;
-    their slip is not detected otherwise. A face that `lacks` units is not averaged."""
+    their slip is not detected otherwise. A face that `misses` units is not averaged."""
     if (now_ns - record["gross_ns"]) * 1e-9 < PARAMETERS.rest_s:
-        share = 0.0 if lacks else min(1.0, dt_s / PARAMETERS.slow_s)
+        share = 0.0 if misses else min(1.0, dt_s / PARAMETERS.slow_s)
         record["gross_ratio"] += share * (ratio - record["gross_ratio"])
         return True
     least = 1.0 - PARAMETERS.outlier_sigmas * PARAMETERS.friction_spread
