@@ -29,10 +29,10 @@ BLIND = 0.01
 FLAT, RIDGE = 1e-3, 1e-6
 IN_PLANE = 3
 KEPT = {
-    "anchor": 2, "behind": 2, "lag": 2, "moved": 2, "slow": 2, "known": 2, "known_out": 2, "lag_mean": 2,
-    "rest": 2, "lag_sum": 2, "unit_lags": 2, "slid": 3, "state": 0, "body": 0, "began": 0,
-    "noisy": 0, "ratio": 0, "depth": 0, "variance": 0, "anchor_variance": 0, "gain": 0, "sure": 0,
-    "age_s": 0, "stretch": 0, "sliding_s": 0, "borne": 0, "slow_sum": 0,
+    "anchor": 2, "lag": 2, "moved": 2, "slow": 2, "known": 2, "known_out": 2, "lag_mean": 2,
+    "behind": 2, "rest": 2, "lag_sum": 2, "unit_lags": 2, "slid": 3, "state": 0, "body": 0,
+    "began": 0, "noisy": 0, "ratio": 0, "depth": 0, "variance": 0, "anchor_variance": 0, "gain": 0,
+    "sure": 0, "age_s": 0, "stretch": 0, "sliding_s": 0, "borne": 0, "slow_sum": 0,
 }  # fmt: skip
 """What is remembered of each unit, and how many rows it has; 0 is one number."""
 
