@@ -120,11 +120,6 @@ OTHERS = {
     "unlike noise": "noise that differs by 40 % between units",
     "gain errors x 2": "twice the errors of the units' gains",
     "drift": "units that drift by 5 um/s",
-    "drift of 20 um/s": "units that drift by 20 um/s, held for 10 s",
-    "drift along of 20 um/s": "units that drift by 20 um/s along the skin alone, held for 10 s",
-    "wander of 0.5 sigma": "units that wander by 0.5 sigma over 2 s, held for 10 s",
-    "wander of 1 sigma": "units that wander by 1 sigma over 2 s, held for 10 s",
-    "noise that doubles": "noise that doubles while the contact lasts, held for 10 s",
     "dead units": "2 to 10 % of the units silent",
     "late units": "a quarter of the units a cycle late",
 }
