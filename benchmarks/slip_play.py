@@ -35,6 +35,7 @@ __all__ = [
     "SKINS",
     "Plan",
     "Trial",
+    "lasting",
     "play",
     "pressed",
     "reached_mm",
@@ -179,6 +180,20 @@ class Trial:
         """Units in contact when the motion begins."""
         at = min(np.searchsorted(self.time_s, self.plan.begins_s), len(self.time_s) - 1)
         return int((self.force[at, 2] > 0.0).sum())
+
+
+def lasting(trial: Trial, seconds: float) -> Trial:
+    """A trial that is held for `seconds` at least, as it was in its last cycle."""
+    further = max(0, round(seconds * trial.plan.rate_hz) - len(trial.time_s))
+    last = trial.time_s[-1] + np.arange(1, further + 1) / trial.plan.rate_hz
+
+    def held(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values, np.repeat(values[-1:], further, axis=0)])
+
+    return Trial(
+        trial.plan, np.append(trial.time_s, last), held(trial.force), held(trial.displacement_mm),
+        held(trial.share), held(trial.travel_mm),
+    )  # fmt: skip
 
 
 @cache

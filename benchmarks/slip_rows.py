@@ -11,7 +11,7 @@ from benchmarks.slip_calibration import Gripped, Told, gripped, told
 from benchmarks.slip_chain import chain_of
 from benchmarks.slip_families import FAMILIES
 from benchmarks.slip_matched import matched
-from benchmarks.slip_play import SKINS
+from benchmarks.slip_play import SKINS, lasting
 from benchmarks.slip_scenes import KINDS, stage
 from benchmarks.slip_scoring import Outcome, outcome
 from benchmarks.slip_seen import SIGHTS, see
@@ -154,7 +154,8 @@ def judge(job: Job) -> Found:
             found.outcomes[name] = outcome(trial, baseline(felt))
     if job.sights:
         for name, sight in SIGHTS.items():
-            put(name, listen(trial, see(trial, sight=sight)))
+            long = trial if job.kind == "slip" else lasting(trial, sight.lasts_s)
+            found.outcomes[name] = outcome(long, listen(long, see(long, sight=sight)).alarm)
     if job.chain_side:
         found.outcomes["direct"] = one
         put("chain", listen(trial, chain_of(trial.plan.skin, job.chain_side).decode(trial)))

@@ -23,6 +23,8 @@ FIELD_UT, FREQUENCY_MM = 105.0, 0.0067
 """One-sigma of each axis of the field; of the depth, from 6 Hz."""
 RESIDUE = 0.1
 """Share of the neighbours' stray fields that is left once they have been predicted."""
+WANDER_S = 2.0
+"""Over which the correlation of slow noise falls to 1/e [assumed]."""
 GAIN, TURN, STIFF = 0.01, 0.005, 0.02
 """One-sigma from unit to unit of the displacement's gain and direction (rad), and of stiffness."""
 ANGLE_MM_PER_UT, PER_MM = 0.59e-3, 0.70
@@ -58,6 +60,14 @@ class Sight:
         Errors of gain, direction and stiffness over the usual ones.
     drift_mm_s : float
         One-sigma of the speed at which each axis of a unit drifts from the first cycle on.
+    drift_depth : float
+        Share of that speed in depth; with less, units that bear nothing do not drift into contact.
+    wander : float
+        One-sigma of slow noise that is added (AR(1) over `WANDER_S`), over what sigma says.
+    grown : float
+        Noise over what it was, from when the contact has settled on.
+    lasts_s : float
+        How long the contact is held at least, in trials in which nothing slips.
     dead : tuple of float
         Share of the units that are silent, evenly drawn.
     late : float
@@ -70,6 +80,10 @@ class Sight:
     unlike: float = 0.0
     gain: float = 1.0
     drift_mm_s: float = 0.0
+    drift_depth: float = 1.0
+    wander: float = 0.0
+    grown: float = 1.0
+    lasts_s: float = 0.0
     dead: tuple[float, float] = (0.0, 0.0)
     late: float = 0.0
 
@@ -83,6 +97,11 @@ SIGHTS = {
     "unlike noise": Sight(unlike=0.4),
     "gain errors x 2": Sight(gain=2.0),
     "drift": Sight(drift_mm_s=0.005),
+    "drift of 20 um/s": Sight(drift_mm_s=0.02, lasts_s=10.0),
+    "drift along of 20 um/s": Sight(drift_mm_s=0.02, drift_depth=0.0, lasts_s=10.0),
+    "wander of 0.5 sigma": Sight(wander=0.5, lasts_s=10.0),
+    "wander of 1 sigma": Sight(wander=1.0, lasts_s=10.0),
+    "noise that doubles": Sight(grown=2.0, lasts_s=10.0),
     "dead units": Sight(dead=(0.02, 0.1)),
     "late units": Sight(late=0.25),
 }
@@ -118,16 +137,23 @@ def see(
     cycles, _, n = true.shape
     if sight.drift_mm_s:
         speed = sight.drift_mm_s * odd.standard_normal((3, n))
+        speed[2] *= sight.drift_depth
         true = true + trial.time_s[:, np.newaxis, np.newaxis] * speed
     factor = sight.noise * np.exp(sight.unlike * odd.standard_normal(n))
 
+    grown = np.where(trial.moving, sight.grown, 1.0)
+
     def noise(*shape: int) -> np.ndarray:
-        return factor * unit_noise(rng, shape, trial.plan.rate_hz, sight)
+        white = factor * unit_noise(rng, shape, trial.plan.rate_hz, sight)
+        return grown.reshape(-1, *np.ones(len(shape) - 1, int)) * white
 
     amplitude = p["field_amplitude_ut"] * np.exp(
         p["field_growth_per_mm"] * (true[:, 2] - p["field_reference_mm"])
     )
     wrong = FIELD_UT * noise(cycles, 2, n)
+    if sight.wander:
+        slow = Sight(correlated_s=WANDER_S)
+        wrong += sight.wander * FIELD_UT * unit_noise(odd, (cycles, 2, n), trial.plan.rate_hz, slow)
     if residue:
         wrong += residue * trial.stray_ut
     gain = 1.0 + sight.gain * GAIN * rng.standard_normal(n)

@@ -247,6 +247,7 @@ class Fields:
     rotation = Vector("Rotation of the skin by the body, radian; shape (3,).", (3,))
     gross_ns = Hidden(np.int64)  # when it began to slide as a whole
     gross_ratio = Hidden(np.float64)  # used friction since then
+    decided_ns = Hidden(np.int64)  # when enough units were last heard to decide `slip`
     # -- friction: written by slip
     friction = Number(
         float, "Coefficient of friction that slip has shown; before, what units that stick have "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bus.compiled.jit import compiled
 from skin.contact.describe import describe_python
+from skin.contact.record import OPEN
 from skin.contact.slip.detector import detect_slip
 from skin.contact.track import find_contacts
 from skin.contact.unseen import nothing_touches, remember
@@ -49,8 +50,10 @@ def step_python(model, data):
         same &= slots.before[k] == slots.present[k]
         slots.before[k] = slots.present[k]
     clock["present"] = count
-    if not same and count == 0:
-        data.units.slip[:] = 0
+    if count == 0:
+        for i in range(data.units.kind.size):
+            # Silent units may be in contact still.
+            data.units.slip[i] = 0 if data.units.kind[i] <= OPEN else data.units.slip[i]
     return SAME if same else count
 
 

@@ -10,6 +10,7 @@ from scipy import stats
 
 from benchmarks import slip
 from benchmarks.slip_intervals import per_minute, rate
+from benchmarks.slip_play import lasting
 from benchmarks.slip_rows import Counts
 from benchmarks.slip_scenes import FAMILIES, FEW, FIRST, KINDS, ONSET, PITCH_M, play, skin_of, stage
 from benchmarks.slip_scoring import FRICTION_S, outcome, score
@@ -297,6 +298,29 @@ def test_dead_units_are_silent_late_ones_say_what_they_said_and_drift_goes_on():
     gone = drift.displacement_mm - plain.displacement_mm
     speed = gone[-100:].mean(axis=0) / one.time_s[-100:].mean()
     assert speed.std() == pytest.approx(SIGHTS["drift"].drift_mm_s, rel=0.3)
+
+
+def test_slow_noise_and_noise_that_grows_are_as_large_as_they_say():
+    one = stage(3, "hold", 2)
+    long = lasting(one, 10.0)
+    assert long.time_s[-1] == pytest.approx(10.0)
+    np.testing.assert_allclose(np.diff(long.time_s), 1.0 / one.plan.rate_hz)
+    np.testing.assert_array_equal(long.displacement_mm[-1], one.displacement_mm[-1])
+    np.testing.assert_array_equal(long.force[: len(one.force)], one.force)
+    names = ("wander of 1 sigma", "noise that doubles", "drift along of 20 um/s")
+    plain, slow, grown, drift = (
+        see(long, residue=0.0, sight=sight) for sight in (Sight(), *map(SIGHTS.get, names))
+    )
+    sigma = plain.displacement_sigma_mm[:, :2]
+    wander = (slow.displacement_mm - plain.displacement_mm)[:, :2] / sigma
+    assert wander.std() == pytest.approx(1.0, rel=0.2)
+    assert np.diff(wander, axis=0).std() == pytest.approx(np.sqrt(2.0 * 0.004 / 2.0), rel=0.1)
+    wrong = np.diff((grown.displacement_mm - long.displacement_mm)[:, :2], axis=0) / sigma[1:]
+    still = ~long.moving[1:]
+    assert wrong[~still].std() == pytest.approx(2.0 * wrong[still].std(), rel=0.1)
+    gone = drift.displacement_mm - plain.displacement_mm
+    assert gone[-1, :2].std() == pytest.approx(10.0 * 0.02, rel=0.3)
+    assert np.abs(gone[:, 2]).max() < 1e-9
 
 
 def test_draws_of_a_trial_are_independent():

@@ -193,7 +193,7 @@ def test_grip_forces_are_scored_without_the_safety_that_was_asked_for(slips):
 
 def test_a_curve_falls_from_false_alarms_to_none():
     settings = slip_curve.levels()
-    trials = [("base", "slip", 0), *(("base", "hold", i) for i in range(6))]
+    trials = [("base", "slip", 0), *(("base", "hold", i) for i in range(40))]
     rows = slip_curve.curve(trials, settings, seed=3, workers=1)
     alarms = [row["rates"]["false_alarms_per_minute"]["rate"] for row in rows]
     late = [np.inf if row["latency_ms_first_p90"] is None else row["latency_ms_first_p90"]

@@ -5,6 +5,7 @@ kernel's, the algebra is not: least squares by singular values instead of normal
 odds of a pattern are those of two normal distributions whose covariance holds the nuisances.
 """
 
+from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,9 +30,9 @@ FLAT, RIDGE = 1e-3, 1e-6
 IN_PLANE = 3
 KEPT = {
     "anchor": 2, "lag": 2, "moved": 2, "slow": 2, "known": 2, "known_out": 2, "lag_mean": 2,
-    "rest": 2, "lag_sum": 2, "unit_lags": 2, "slid": 3, "state": 0, "body": 0, "began": 0,
-    "noisy": 0, "ratio": 0, "depth": 0, "variance": 0, "anchor_variance": 0, "gain": 0, "sure": 0,
-    "age_s": 0, "stretch": 0, "sliding_s": 0, "borne": 0,
+    "behind": 2, "rest": 2, "lag_sum": 2, "unit_lags": 2, "slid": 3, "state": 0, "body": 0,
+    "began": 0, "noisy": 0, "ratio": 0, "depth": 0, "variance": 0, "anchor_variance": 0, "gain": 0,
+    "sure": 0, "age_s": 0, "stretch": 0, "sliding_s": 0, "borne": 0, "slow_sum": 0,
 }  # fmt: skip
 """What is remembered of each unit, and how many rows it has; 0 is one number."""
 
@@ -53,7 +54,9 @@ class NaiveSlip(Conclusions):
             for name, rows in KEPT.items()
         }
         self.contacts = {}
-        self.lags, self.readings = np.zeros(2), np.zeros(2)
+        self.lags, self.readings, self.slow_lags = np.zeros((3, 2))
+        self.steps, self.recent_steps = np.zeros((2, 2))
+        self.silent = np.zeros(n, bool)
 
     def cycle(self, dt_s, now_ns, reading, records):
         """Take the next cycle: of each contact its members, and as a whole shear, torsion, axes.
@@ -63,6 +66,13 @@ class NaiveSlip(Conclusions):
         self.dt_s, self.now_ns, self.reading = dt_s, now_ns, reading
         keep = max(0.0, 1.0 - self.dt_s / MEMORY_S)
         self.lags, self.readings = keep * self.lags, keep * self.readings
+        self.steps, self.slow_lags = keep * self.steps, keep * self.slow_lags
+        self.recent_steps = self.recent_steps * np.exp(-dt_s / SLOW_S)
+        level = self._mean(self.steps)
+        now = self.recent_steps + NOISE_PRIOR * np.array([level, 1.0])
+        chance = OUTLIER * np.sqrt(3.0 / now[1])
+        self.growth = max(1.0, now[0] / now[1] / level - chance)
+        self.wanders = max(0.0, self.slow_lags[0] / (self.slow_lags[1] + NOISE_PRIOR))
         self.usual, self.single = self._mean(self.lags), self._mean(self.readings)
         return [self._judge(record, members) for record, members in records]
 
@@ -73,12 +83,9 @@ class NaiveSlip(Conclusions):
         self.kept["depth"][units] = 0.0
 
     def _judge(self, record, members):
-        fresh = SimpleNamespace(slip=SlipState.UNKNOWN, onset_ns=0, friction=NaiveFriction())
-        if record["event"] & Event.BORN or int(record["id"]) not in self.contacts:
-            self.contacts[int(record["id"])] = fresh
-        self.contact = self.contacts[int(record["id"])]
-        if record["event"] & Event.RESUMED:
-            self.contact.slip, self.contact.onset_ns = SlipState.UNKNOWN, 0
+        self._begin(record, members)
+        touched = self.silent & (self.kept["state"] != UnitSlip.NO_CONTACT)
+        self.lacks = (touched & (self.kept["body"] == record["id"])).any()
         for name in KEPT:
             setattr(self, name, self.kept[name][..., members].copy())
         self._gather(record, members)
@@ -93,12 +100,31 @@ class NaiveSlip(Conclusions):
             judging = members.size
             odds, sticks = self._pattern()
             self._units()
-            self._learn_noise()
+            if odds <= 1e-9:
+                self._learn_noise()
             self._learn_anchors()
         told = self._conclude(record, odds, sticks, judging)
         for name in KEPT:
             self.kept[name][..., members] = getattr(self, name)
         return told
+
+    def _begin(self, record, members):
+        """Look up what is known of the contact; only what goes on without a break has a state."""
+        identity, parent = int(record["id"]), int(record["parent"])
+        is_new = record["event"] & Event.BORN or identity not in self.contacts
+        if is_new:
+            fresh = SimpleNamespace(slip=SlipState.UNKNOWN, onset_ns=0, decided_ns=0)
+            if parent:
+                fresh = copy(self.contacts[parent])
+            else:
+                self.kept["state"][members] = UnitSlip.NO_CONTACT
+            fresh.friction = NaiveFriction()
+            self.contacts[identity] = fresh
+        self.contact = self.contacts[identity]
+        lifted = (self.kept["state"][members] == UnitSlip.NO_CONTACT).all()
+        was_long_ago = self.now_ns - self.contact.decided_ns >= 1e9 * REST_S
+        if (is_new or record["event"] & Event.RESUMED) and (lifted or was_long_ago):
+            self.contact.slip, self.contact.onset_ns = SlipState.UNKNOWN, 0
 
     def _gather(self, record, members):
         reading = self.reading
@@ -122,7 +148,11 @@ class NaiveSlip(Conclusions):
         self.slid[:, self.new], self.borne[self.new] = 0.0, 0.0
         likely = self.unit_lags[0] + UNIT_NOISE_PRIOR * self.usual
         self.ratio = np.maximum(likely / (self.unit_lags[1] + UNIT_NOISE_PRIOR), 1.0)
+        self.ratio = self.growth * self.ratio
         self.noise = self.told * self.ratio
+        slow = self.slow_sum + UNIT_NOISE_PRIOR * self.wanders
+        slow = np.maximum(slow / (self.unit_lags[1] + UNIT_NOISE_PRIOR), 0.0)
+        self.wander = self.told * slow
         self.in_pattern = np.zeros(members.size, bool)
         self.frames = self.rotation[:, :, members]
         self.tangents = self.frames[:, :2]
@@ -195,19 +225,21 @@ class NaiveSlip(Conclusions):
         self.moved = now
         way = now - self.known
         floor, single = self.settings.floor_mm**2, self.told * max(1.0, self.single)
-        ahead = self.here - self.anchor - now - self.gain * way - self.lag
-        self.surprise = inner(ahead, ahead)
+        behind = self.here - self.anchor - now - self.gain * way
+        ahead, step = behind - self.lag, behind - self.behind
+        self.surprise, self.step, self.behind = inner(ahead, ahead), inner(step, step), behind
         most = OUTLIER * np.sqrt(np.maximum(self.noise, single) + self.variance + floor)
         self.lag = np.where(new, 0.0, self.lag + self.share * np.clip(ahead, -most, most))
         self.lag_mean = np.where(new, 0.0, self.lag_mean)
         after = (1 - self.share) ** 2 * self.variance + self.share**2 * self.noise
         self.variance = np.where(new, self.noise, after)
         unsure = np.where(new, 0.0, self.anchor_variance)
-        self.anchor_variance = unsure + (new | joined) * (self.noise + self.sway)
+        unsure = unsure + (new | joined) * (self.noise + self.sway)
+        self.anchor_variance = np.maximum(unsure, self.wander)
         self.age_s = np.where(new | joined, 0.0, self.age_s + self.dt_s)
-        total = self.variance + self.anchor_variance + floor
+        total = self.variance + self.anchor_variance + floor + inner(way, way) / self.sure
         judges = self.held & (self.age_s > JUDGED_S)
-        self.root = judges / np.sqrt(total + inner(way, way) / self.sure)
+        self.root, self.explained = judges / np.sqrt(total), total
         asked = self.anchor + self.slow
         self.far = np.hypot(*asked)
         self.along = asked / np.maximum(self.far, 1e-9)
@@ -331,10 +363,18 @@ class NaiveSlip(Conclusions):
         low = inner(apart, apart) / (free * self.told * self._lowpassed(recent))
         low = np.minimum(low, OUTLIER**2 * self.usual)
         single = np.minimum(self.surprise / (free * self.told), OUTLIER**2 * self.single)
+        step = np.minimum(0.5 * self.step / (free * self.told), OUTLIER**2 * self.single)
+        whole = np.minimum(inner(self.lag, self.lag) / free, OUTLIER**2 * self.explained)
+        beyond = (whole - self.explained + self.wander) / self.told
         keep, worth = max(0.0, 1.0 - self.dt_s / MEMORY_S), 0.5 * self.share * free
         told = worth * np.array([low, np.ones_like(low)])
         self.unit_lags = np.where(heard, keep * self.unit_lags + told, self.unit_lags)
         self.lags = self.lags + told[:, heard].sum(axis=1)
+        self.slow_sum = np.where(heard, keep * self.slow_sum + worth * beyond, self.slow_sum)
+        slow = worth * np.array([beyond, np.ones_like(beyond)])
+        self.slow_lags = self.slow_lags + slow[:, heard].sum(axis=1)
+        moves = free * np.array([step, np.ones_like(step)])[:, heard].sum(axis=1)
+        self.steps, self.recent_steps = self.steps + moves, self.recent_steps + moves
         told = free * np.array([single, np.ones_like(single)])
         self.readings = self.readings + told[:, heard].sum(axis=1)
 

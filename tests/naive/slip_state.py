@@ -27,13 +27,19 @@ class Conclusions:
         if told.few and np.isfinite(told.margin):
             sticks = norm.cdf(told.margin / FRICTION_SPREAD)
         slips = int(slipping.sum())
-        if contact.slip != SlipState.GROSS or judging < 3:
+        slides = contact.slip == SlipState.GROSS and judging >= 3
+        recent = self.now_ns - contact.decided_ns < 1e9 * REST_S
+        short = contact.slip == SlipState.GROSS or judging < 3
+        if slides and self._slides_still(told.used, since_s):
+            sticks, contact.decided_ns = 0.0, self.now_ns
+        elif self.lacks and short and recent:
+            sticks = contact.sticks
+        elif not slides:
             self._decide(sticks, told, judging, slips)
-        elif self._slides_still(told.used, since_s):
-            sticks = 0.0
         else:
             contact.slip, contact.onset_ns = SlipState.STICK, 0
             self.state[:] = UnitSlip.NO_CONTACT
+        contact.sticks = sticks
         held = max(odds, self.limit) if contact.slip >= SlipState.INCIPIENT else odds
         beforehand = self.settings.slips_per_hour * SLOW_S / 3600.0
         chance = beforehand * np.exp(min(held, 600.0))
@@ -75,12 +81,12 @@ class Conclusions:
             self.began = np.where(began, self.body, self.began)
         if after == SlipState.GROSS != before:
             self.contact.gross_ns, self.contact.gross_used = self.now_ns, told.used
-        self.contact.slip = after
+        self.contact.slip, self.contact.decided_ns = after, self.now_ns
 
     def _slides_still(self, used, since_s):
         """Gross slip lasts while the friction in use stays as it was at first."""
         if since_s < REST_S:
-            share = min(1.0, self.dt_s / SLOW_S)
+            share = 0.0 if self.lacks else min(1.0, self.dt_s / SLOW_S)
             self.contact.gross_used += share * (used - self.contact.gross_used)
             return True
         least = 1.0 - OUTLIER * FRICTION_SPREAD

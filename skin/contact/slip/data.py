@@ -16,9 +16,10 @@ from bus.compiled.jit import jitable
 from skin.contact.slip.parameters import PATTERNS
 
 __all__ = [
-    "BEGAN", "LANES", "MOTIONS", "NOISE_RATIO", "NOISY_UNIT", "NUISANCES", "PLANE", "BodyFit",
-    "PatternScratch", "SlipArrays", "SlipData", "SlipScratch", "UnitFilter", "UnitHistory",
-    "UnitRows", "row_length", "slip_arrays", "unit_filter",
+    "BEGAN", "GROWTH", "LAGS", "LAG_RATIO", "LANES", "MOTIONS", "NOISE_RATIO", "NOISY_UNIT",
+    "NUISANCES", "PLANE", "READINGS", "READING_RATIO", "RECENT_STEPS", "SLOW", "STEPS", "WANDER",
+    "BodyFit", "PatternScratch", "SlipArrays", "SlipData", "SlipScratch", "UnitFilter",
+    "UnitHistory", "UnitRows", "row_length", "slip_arrays", "unit_filter",
 ]  # fmt: skip
 
 MOTIONS, PLANE = 6, 3
@@ -50,6 +51,8 @@ class UnitFilter(NamedTuple):
     noise_sum: np.ndarray  # sum of squared noise over sigma squared
     noise_count: np.ndarray  # number of terms in it
     age_s: np.ndarray  # time since it was anchored
+    behind: np.ndarray  # (2, n) lag in the last cycle, not low-passed
+    slow_sum: np.ndarray  # sum of squared lags beyond their variance, over sigma squared
 
 
 class UnitHistory(NamedTuple):
@@ -91,6 +94,8 @@ class UnitRows(NamedTuple):
     moved_out: np.ndarray  # (2, length) of `moved`, due to motions out of the plane
     surprise: np.ndarray  # squared innovation of the reading
     body_variance: np.ndarray  # mm², of the predicted displacement
+    wander: np.ndarray  # variance of its slow noise over sigma squared
+    step: np.ndarray  # squared change of `behind` since the last cycle
     in_pattern: np.ndarray  # 1 where it slips in the likeliest pattern
     design: tuple[np.ndarray, np.ndarray]  # (NUISANCES, length) each of motions, along x and y;
     # later, orthonormal nuisance basis
@@ -124,7 +129,7 @@ class SlipScratch(NamedTuple):
     row: UnitRows
     fit: BodyFit
     pattern: PatternScratch
-    noise: np.ndarray  # (6,) of all units: sum and count of lags, of readings; ratios; persistent
+    noise: np.ndarray  # (NOISES,) of all units, see `LAGS`; persistent
     unit_rows: np.ndarray  # (FILTER_ROWS, length) all of `unit`, to be padded
     rows: np.ndarray  # (UNIT_ROWS, length) all of `row`
 
@@ -149,7 +154,7 @@ class SlipData(NamedTuple):
     vectors: np.ndarray  # (7, MOTIONS), the rest of `BodyFit`
     prior: np.ndarray  # see `PatternScratch`
     grid: np.ndarray  # (2, PATTERNS), the rest of `PatternScratch`
-    noise: np.ndarray  # (6,), kept, see `SlipScratch`
+    noise: np.ndarray  # (NOISES,), kept, see `LAGS`
 
     @staticmethod
     def zeros(n: int) -> SlipData:
@@ -160,11 +165,17 @@ class SlipData(NamedTuple):
             aligned.zeros((FILTER_ROWS, length)), aligned.zeros((UNIT_ROWS, length)),
             np.zeros((MOTIONS, MOTIONS + 1)), np.zeros((MOTIONS - PLANE, MOTIONS + 1)),
             np.zeros((7, MOTIONS)), np.zeros((NUISANCES, NUISANCES)),
-            np.zeros((2, PATTERNS)), np.zeros(6),
+            np.zeros((2, PATTERNS)), np.zeros(NOISES),
         )  # fmt: skip
 
 
-FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 23, 13, 24 + 3 * NUISANCES
+FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS, NOISES = 26, 13, 26 + 3 * NUISANCES, 14
+LAGS, READINGS, STEPS, SLOW, RECENT_STEPS = 0, 2, 4, 6, 8
+"""Noise of all units: sums over sigma squared, each with its number of terms after it: squared
+lags, innovations, their changes from cycle to cycle (over `memory_s` and over `slow_s`), and what
+is beyond the variance of lags."""
+LAG_RATIO, READING_RATIO, WANDER, GROWTH = 10, 11, 12, 13
+"""Means of these: of lags, of innovations, of slow noise; recent changes over those of before."""
 
 
 BEGAN, NOISY_UNIT, NOISE_RATIO = 1, 12, 19
@@ -183,7 +194,8 @@ def unit_filter(b):
     """The rows of a block by name."""
     return UnitFilter(
         b[0:2], b[2], b[3:5], b[5], b[6:8], b[8:10], b[10:12], b[12:14], b[14], b[15], b[16],
-        b[17:19], b[NOISE_RATIO], b[20], b[21], b[22],
+        b[17:19], b[NOISE_RATIO], b[20], b[21], b[22], b[23:25],
+        b[25],
     )  # fmt: skip
 
 
@@ -191,11 +203,11 @@ def unit_filter(b):
 def slip_arrays(data: SlipData):
     """State and scratch of slip by name."""
     h, r, v = data.history, data.row, data.vectors
-    k = 24 + NUISANCES
+    k = 26 + NUISANCES
     row = UnitRows(
         r[0], r[1], r[2], r[3:5], r[5], r[6], r[7], r[8], r[9], r[10], r[11:13], r[13], r[14],
-        r[15], r[16], r[17], r[18], r[19:21], r[21], r[22], r[23],
-        (r[24:k], r[k : k + NUISANCES]), r[k + NUISANCES : k + 2 * NUISANCES],
+        r[15], r[16], r[17], r[18], r[19:21], r[21], r[22], r[23], r[24], r[25],
+        (r[26:k], r[k : k + NUISANCES]), r[k + NUISANCES : k + 2 * NUISANCES],
     )  # fmt: skip
     fit = BodyFit(v[0:3], v[3], v[4], data.equations, data.placement_equations, v[5], v[6])
     pattern = PatternScratch(data.prior, data.grid[0], data.grid[1])

@@ -26,13 +26,20 @@ from skin.contact.slip.friction import (
 )
 from skin.contact.slip.noise import begin_cycle, is_noisy, learn_noise, unlike_readings
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN, SlipModel
-from skin.contact.slip.pattern_test import alarm_odds, detect_pattern, project_nuisances
+from skin.contact.slip.pattern_test import (
+    ROUNDING,
+    alarm_odds,
+    detect_pattern,
+    project_nuisances,
+)  # fmt: skip
 from skin.contact.slip.rigid_fit import contact_frame, fit_motion
 from skin.contact.slip.state_machine import (
     begin_contact,
     count_slipping,
     decide_contact,
     decide_units,
+    is_kept,
+    misses_units,
     still_slides,
 )
 from skin.contact.slip.unit_filter import Pace, correct, gather, lowpass_share, predict, scatter
@@ -78,7 +85,9 @@ def _test_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: S
             record, units.members, reading.force, length, nuisances, alarm, model, scratch
         )
         decide_units(record, units, dt_s, alarm, model, slip)
-        learn_noise(length, stuck, motions, share, dt_s, scratch)
+        # Slip that may have begun is not noise.
+        if not odds > ROUNDING:
+            learn_noise(length, stuck, motions, share, dt_s, scratch)
         correct(length, dt_s, unit, row)
     for c in range(3):
         record["motion"][c] = fit.axes[0, c] * fit.motion[0] + fit.axes[1, c] * fit.motion[1]
@@ -87,11 +96,12 @@ def _test_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: S
 
 
 @jitable(inline=True)
-def _detect_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArrays):
+def _detect_contact(record, dt_s, now_ns, model, data, slip: SlipArrays):
     """Detect slip of one contact and its units."""
+    reading, units = data.reading, data.units
     first, last = record["begin"], record["end"]
     if record["event"] & (BORN | RESUMED):
-        begin_contact(record)
+        begin_contact(record, data.contacts, units, now_ns)
     tested, sticks, odds, alarm = _test_lags(
         record, dt_s, model.geometry, model.slip, reading, units, slip
     )
@@ -100,6 +110,7 @@ def _detect_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArray
     record["slip_units"] = slipping
     record["body_units"] = tested
     record["pattern"] = np.sqrt(2.0 * max(odds, 0.0))
+    stuck_before = record["stick_ratio"]
     record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
     learn_friction(record, reading, units, alarm, slip, now_ns, dt_s)
     ratio = friction_margin(record, model.slip)
@@ -107,10 +118,15 @@ def _detect_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArray
         record["flags"] |= FEW_UNITS
         if np.isfinite(record["margin"]):
             record["stick_ratio"] = stick_ratio_by_cone(record)
-    if record["slip"] != SlipState.GROSS or tested < LEAST_UNITS:
-        decide_contact(record, units, now_ns, tested, ratio, model.slip, slip)
-    elif still_slides(record, ratio, now_ns, dt_s):
+    misses = misses_units(record, units, slip.history)
+    slides = record["slip"] == SlipState.GROSS and tested >= LEAST_UNITS
+    if slides and still_slides(record, ratio, misses, now_ns, dt_s):
         record["stick_ratio"] = 0.0
+        record["decided_ns"] = now_ns
+    elif is_kept(record, misses, tested, now_ns):
+        record["stick_ratio"] = stuck_before
+    elif not slides:
+        decide_contact(record, units, now_ns, tested, ratio, model.slip, slip)
     else:
         record["slip"] = SlipState.STICK
         record["onset_ns"] = 0
@@ -185,4 +201,4 @@ def detect_slip(count, dt_s, now_ns, model, data):
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:
-            _detect_contact(record, dt_s, now_ns, model, data.reading, units, slip)
+            _detect_contact(record, dt_s, now_ns, model, data, slip)

@@ -1,41 +1,73 @@
-"""Variance of the lags over sigma squared: spread and correlation, measured while the body
-sticks."""
+"""Variance of the lags over sigma squared: spread, correlation, slow noise and its growth, measured
+while the body sticks."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.contact.slip.data import SlipScratch
+from skin.contact.slip.data import (
+    GROWTH,
+    LAG_RATIO,
+    LAGS,
+    READING_RATIO,
+    READINGS,
+    RECENT_STEPS,
+    SLOW,
+    STEPS,
+    WANDER,
+    SlipScratch,
+)  # fmt: skip
 from skin.contact.slip.parameters import PARAMETERS, SETTLED
 
-__all__ = ["begin_cycle", "is_noisy", "learn_noise", "noise_ratio", "unlike_readings"]
+__all__ = ["begin_cycle", "is_noisy", "learn_noise", "noise_ratio", "unlike_readings", "wander"]
 
 AT_MOST_RECENT = 0.5
 """[numeric] Largest weight of one cycle in the mean of a lag: with more, the lag would equal its
 mean and have no residual."""
+TINY = 1e-12
+"""[numeric] Lower bound of a weight times a variance."""
 
 
 @jitable(inline=True)
 def begin_cycle(noise, dt_s):
     """Decay the sums of all units, and compute their ratios."""
     keep, prior = max(0.0, 1.0 - dt_s / PARAMETERS.memory_s), PARAMETERS.noise_prior
-    for k in range(4):
+    for k in (LAGS, READINGS, STEPS, SLOW):
         noise[k] *= keep
-    noise[4] = (noise[0] + prior) / (noise[1] + prior)
-    noise[5] = (noise[2] + prior) / (noise[3] + prior)
+        noise[k + 1] *= keep
+    for k in (RECENT_STEPS, RECENT_STEPS + 1):
+        noise[k] *= np.exp(-dt_s / PARAMETERS.slow_s)
+    noise[LAG_RATIO] = (noise[LAGS] + prior) / (noise[LAGS + 1] + prior)
+    noise[READING_RATIO] = (noise[READINGS] + prior) / (noise[READINGS + 1] + prior)
+    usual = (noise[STEPS] + prior) / (noise[STEPS + 1] + prior)
+    now = (noise[RECENT_STEPS] + prior * usual) / (noise[RECENT_STEPS + 1] + prior)
+    # Squares of successive changes, which have a reading in common, correlate by a quarter.
+    chance = PARAMETERS.outlier_sigmas * np.sqrt(3.0 / (noise[RECENT_STEPS + 1] + prior))
+    noise[GROWTH] = max(1.0, now / usual - chance)
+    noise[WANDER] = max(0.0, noise[SLOW] / (noise[SLOW + 1] + prior))
 
 
 @jitable(inline=True)
 def unlike_readings(noise):
     """Variance of single readings over sigma squared, of all units together; 1 at least."""
-    return max(1.0, noise[5])
+    return max(1.0, noise[READING_RATIO])
 
 
 @jitable(inline=True)
 def noise_ratio(noise, unit_sum, unit_count):
     """Variance of the noise of a unit over sigma squared: derivations.md, equation 13."""
     prior = PARAMETERS.unit_noise_prior
-    return max(1.0, (unit_sum + prior * noise[4]) / (unit_count + prior))
+    usual = max(1.0, (unit_sum + prior * noise[LAG_RATIO]) / (unit_count + prior))
+    return noise[GROWTH] * usual
+
+
+@jitable(inline=True)
+def wander(noise, unit_sum, unit_count):
+    """Variance of slow noise of a unit over sigma squared: derivations.md, equation 13a."""
+    prior = PARAMETERS.unit_noise_prior
+    return max(0.0, (unit_sum + prior * noise[WANDER]) / (unit_count + prior))
 
 
 @jitable(inline=True)
@@ -60,31 +92,47 @@ def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
         return
     free /= stuck
     # Independent readings: a low-pass has one in twice its time constant.
-    weight, recent = 0.5 * share, min(AT_MOST_RECENT, dt_s / PARAMETERS.rest_s)
+    weight, recent = 0.5 * share * free, min(AT_MOST_RECENT, dt_s / PARAMETERS.rest_s)
     forget = min(1.0, dt_s / PARAMETERS.memory_s)
     outlier = PARAMETERS.outlier_sigmas**2
-    most, most_reading = outlier * noise[4], outlier * noise[5]
+    most, most_reading = outlier * noise[LAG_RATIO], outlier * noise[READING_RATIO]
     settled = SETTLED * PARAMETERS.slow_s
-    scale = free * share / (2.0 - share) * _left_by_mean(share, recent)
-    lags, readings, count = 0.0, 0.0, 0.0
+    scale = share / (2.0 - share) * _left_by_mean(share, recent)
+    lags, readings, steps, slow, count = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(length):
         included = row.held[j] if unit.age_s[j] > settled else 0.0
-        square = 0.0
+        square, whole = 0.0, 0.0
         for c in range(2):
             further = unit.lag[c, j] - unit.lag_mean[c, j]
             unit.lag_mean[c, j] += included * recent * further
             square += (further * (1.0 - recent)) ** 2
-        seen = min(square / (scale * row.reported[j]), most)
+            whole += unit.lag[c, j] ** 2
+        told = free * row.reported[j]
+        seen = min(square / (scale * told), most)
+        # What the model of a lag explains but for slow noise.
+        expected = free / max(row.weight[j] * told, TINY) - row.wander[j]
+        beyond = min(whole / told, outlier * (expected + row.wander[j])) - expected
         lags += included * seen
-        readings += included * min(row.surprise[j] / (free * row.reported[j]), most_reading)
+        slow += included * beyond
+        readings += included * min(row.surprise[j] / told, most_reading)
+        steps += included * min(0.5 * row.step[j] / told, most_reading)
         count += included
-        counted = included * weight * free
+        counted = included * weight
         unit.noise_sum[j] += counted * seen - included * forget * unit.noise_sum[j]
+        unit.slow_sum[j] += counted * beyond - included * forget * unit.slow_sum[j]
         unit.noise_count[j] += counted - included * forget * unit.noise_count[j]
-    noise[0] += weight * free * lags
-    noise[1] += weight * free * count
-    noise[2] += free * readings
-    noise[3] += free * count
+    _add(noise, LAGS, weight, lags, count)
+    _add(noise, SLOW, weight, slow, count)
+    _add(noise, READINGS, free, readings, count)
+    _add(noise, STEPS, free, steps, count)
+    _add(noise, RECENT_STEPS, free, steps, count)
+
+
+@jitable(inline=True)
+def _add(noise, at, weight, total, count):
+    """Add to a sum, and to its number of terms."""
+    noise[at] += weight * total
+    noise[at + 1] += weight * count
 
 
 @jitable(inline=True)

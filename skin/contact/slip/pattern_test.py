@@ -14,7 +14,7 @@ from skin.contact.record import SlipState
 from skin.contact.slip.data import PLANE, PatternScratch, SlipScratch, UnitFilter, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, PATTERNS, SlipModel
 
-__all__ = ["FRICTIONS", "alarm_odds", "detect_pattern", "project_nuisances"]
+__all__ = ["FRICTIONS", "ROUNDING", "alarm_odds", "detect_pattern", "project_nuisances"]
 
 FRICTIONS = np.geomspace(PARAMETERS.least_friction, PARAMETERS.greatest_friction, PATTERNS)
 """Coefficients of friction whose patterns are tested."""

@@ -5,23 +5,43 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.record import BORN, SlipState, UnitSlip
+from skin.contact.record import BORN, BRIDGE, SILENT, SlipState, UnitSlip
 from skin.contact.slip.data import SlipArrays, UnitFilter, UnitHistory, UnitRows
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, SlipModel
 
-__all__ = ["begin_contact", "count_slipping", "decide_contact", "decide_units", "still_slides"]
+__all__ = [
+    "begin_contact", "count_slipping", "decide_contact", "decide_units", "is_kept", "misses_units",
+    "still_slides",
+]  # fmt: skip
 
 
 @jitable(inline=True)
-def begin_contact(record):
-    """Reset a new contact; a resumed one keeps its friction."""
-    record["slip"] = SlipState.UNKNOWN
-    record["onset_ns"] = 0
+def begin_contact(record, contacts, units, now_ns):
+    """Reset a new contact, but for the state of the one that it split from; a resumed one keeps its
+    friction, and its state if that is recent and its units were silent and not lifted."""
+    lifted = True
+    for at in range(record["begin"], record["end"]):
+        i = units.members[at]
+        if record["event"] & BORN and record["parent"] == 0:
+            units.slip[i] = UnitSlip.NO_CONTACT
+        lifted &= units.slip[i] == UnitSlip.NO_CONTACT
     if record["event"] & BORN:
+        record["decided_ns"] = 0
         record["friction_information"] = 0.0
         record["friction_mean"] = 0.0
         record["friction_spread"] = 0.0
         record["friction_lower"] = 0.0
+        for slot in range(contacts.size):
+            parent = contacts[slot]
+            if record["parent"] > 0 and parent["id"] == record["parent"]:
+                record["slip"], record["onset_ns"] = parent["slip"], parent["onset_ns"]
+                record["stick_ratio"] = parent["stick_ratio"]
+                record["gross_ns"] = parent["gross_ns"]
+                record["gross_ratio"] = parent["gross_ratio"]
+                record["decided_ns"] = parent["decided_ns"]
+    if lifted or not _is_recent(record, now_ns):
+        record["slip"] = SlipState.UNKNOWN
+        record["onset_ns"] = 0
 
 
 @jitable(inline=True)
@@ -94,11 +114,36 @@ def count_slipping(record, units, row: UnitRows):
 
 
 @jitable(inline=True)
-def still_slides(record, ratio, now_ns, dt_s):
+def _is_recent(record, now_ns):
+    """Whether its state was decided so recently that its units could not have come to rest."""
+    return (now_ns - record["decided_ns"]) * 1e-9 < PARAMETERS.rest_s
+
+
+@jitable(inline=True)
+def misses_units(record, units, history: UnitHistory):
+    """Whether units are silent that were in this contact when last heard."""
+    misses = False
+    for i in range(units.kind.size):
+        silent = units.kind[i] == BRIDGE or units.kind[i] == SILENT
+        touched = units.slip[i] != UnitSlip.NO_CONTACT
+        misses |= silent and touched and history.body[i] == record["id"]
+    return misses
+
+
+@jitable(inline=True)
+def is_kept(record, misses, tested, now_ns):
+    """Whether the state of the contact is kept for want of units: in gross slip, where what is
+    heard of a face uses another friction than all of it, or where too few are heard for a test."""
+    short = record["slip"] == SlipState.GROSS or tested < LEAST_UNITS
+    return misses and short and _is_recent(record, now_ns)
+
+
+@jitable(inline=True)
+def still_slides(record, ratio, misses, now_ns, dt_s):
     """Whether gross slip continues: sliding faces use all of their friction, no more and no less;
-    their slip is not detected otherwise."""
+    their slip is not detected otherwise. A face that `misses` units is not averaged."""
     if (now_ns - record["gross_ns"]) * 1e-9 < PARAMETERS.rest_s:
-        share = min(1.0, dt_s / PARAMETERS.slow_s)
+        share = 0.0 if misses else min(1.0, dt_s / PARAMETERS.slow_s)
         record["gross_ratio"] += share * (ratio - record["gross_ratio"])
         return True
     least = 1.0 - PARAMETERS.outlier_sigmas * PARAMETERS.friction_spread
@@ -123,6 +168,7 @@ def decide_contact(record, units, now_ns, tested, ratio, model: SlipModel, slip:
         record["gross_ns"] = now_ns
         record["gross_ratio"] = ratio
     record["slip"] = state
+    record["decided_ns"] = now_ns
 
 
 @jitable(inline=True)

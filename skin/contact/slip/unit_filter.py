@@ -10,7 +10,7 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.record import UnitSlip
 from skin.contact.slip.data import LANES, PLANE, SlipArrays, SlipScratch, UnitFilter, UnitRows
-from skin.contact.slip.noise import noise_ratio
+from skin.contact.slip.noise import noise_ratio, wander
 from skin.contact.slip.parameters import PARAMETERS, SETTLED, SlipModel
 from skin.contact.slip.rigid_fit import design_motions
 
@@ -63,6 +63,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         ratio = noise_ratio(scratch.noise, unit.noise_sum[j], unit.noise_count[j])
         unit.noise_ratio[j] = ratio
         row.noise[j] = reported * ratio
+        row.wander[j] = wander(scratch.noise, unit.slow_sum[j], unit.noise_count[j])
         row.load[j] = reading.force[2, i]
         depth = np.float64(displacement[2, i])
         if new:
@@ -119,6 +120,7 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
         target.followed[c, j] = source.followed[c, i]
         target.followed_out[c, j] = source.followed_out[c, i]
         target.lag_mean[c, j] = source.lag_mean[c, i]
+        target.behind[c, j] = source.behind[c, i]
     target.anchor_variance[j] = source.anchor_variance[i]
     target.lag_variance[j] = source.lag_variance[i]
     target.gain_error[j] = source.gain_error[i]
@@ -128,6 +130,7 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
     target.noise_sum[j] = source.noise_sum[i]
     target.noise_count[j] = source.noise_count[i]
     target.age_s[j] = source.age_s[i]
+    target.slow_sum[j] = source.slow_sum[i]
 
 
 @jitable(inline=True)
@@ -173,10 +176,11 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
         unit.gain_error[j] *= 1.0 - row.new[j]
         unit.gain_information[j] += row.new[j] * (prior - unit.gain_information[j])
         row.surprise[j] = 0.0
+        row.step[j] = 0.0
     for c in range(2):
         moved, lag, anchor = unit.moved[c], unit.lag[c], unit.anchor[c]
         here, followed, design = row.displacement[c], unit.followed[c], row.design[c]
-        slow, mean = unit.moved_slow[c], unit.lag_mean[c]
+        slow, mean, last = unit.moved_slow[c], unit.lag_mean[c], unit.behind[c]
         out, out_now = unit.followed_out[c], row.moved_out[c]
         for j in range(length):
             now = 0.0
@@ -198,19 +202,22 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
             behind = here[j] - anchor[j] - now - unit.gain_error[j] * (now - followed[j])
             further = behind - lag[j]
             row.surprise[j] += further * further
+            step = behind - last[j]
+            row.step[j] += step * step
+            last[j] = behind
             spread = max(row.noise[j], unlike * row.reported[j]) + unit.lag_variance[j] + floor
             most = PARAMETERS.outlier_sigmas * np.sqrt(spread)
             lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
             mean[j] *= 1.0 - new
             moved[j] = now
-    _score(length, share, pace.dt_s, model, unit, row)
+    _score(length, pace, model, unit, row)
 
 
 @jitable(inline=True)
-def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
+def _score(length, pace: Pace, model: SlipModel, unit: UnitFilter, row: UnitRows):
     """Variance of the lags, and the predicted displacement: equations 7 to 9."""
     assume_noalias()
-    floor = model.floor_mm**2
+    share, dt_s, floor = pace.share, pace.dt_s, model.floor_mm**2
     for j in range(length):
         new, noise = row.new[j], row.noise[j]
         variance = unit.lag_variance[j]
@@ -219,6 +226,7 @@ def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRow
         unit.lag_variance[j] = variance
         unsettled = max(new, row.joined[j]) * (noise + row.body_variance[j])
         anchor_variance = (1.0 - new) * unit.anchor_variance[j] + unsettled
+        anchor_variance = max(anchor_variance, row.wander[j] * row.reported[j])
         unit.anchor_variance[j] = anchor_variance
         square = (unit.moved[0, j] - unit.followed[0, j]) ** 2
         square += (unit.moved[1, j] - unit.followed[1, j]) ** 2

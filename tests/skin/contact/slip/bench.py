@@ -8,7 +8,17 @@ from scipy.spatial.transform import Rotation
 from skin.contact.model import posed_units
 from skin.contact.record import CONTACT, Event, Flag, SlipState, UnitKind
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.data import BEGAN, NOISY_UNIT, SlipData, slip_arrays
+from skin.contact.slip.data import (
+    BEGAN,
+    LAGS,
+    NOISY_UNIT,
+    READINGS,
+    RECENT_STEPS,
+    SLOW,
+    STEPS,
+    SlipData,
+    slip_arrays,
+)  # fmt: skip
 from skin.contact.slip.detector import detect_slip
 from tests.naive.slip import NaiveSlip
 
@@ -23,7 +33,7 @@ KEPT = {
     "anchor": "anchor", "anchor_variance": "anchor_variance", "lag": "lag", "moved": "moved",
     "lag_variance": "variance", "moved_slow": "slow", "followed": "known", "gain_error": "gain",
     "followed_out": "known_out", "gain_information": "sure", "anchor_depth": "depth",
-    "lag_mean": "lag_mean", "age_s": "age_s",
+    "lag_mean": "lag_mean", "age_s": "age_s", "behind": "behind",
 }  # fmt: skip
 """What the kernel keeps of each unit, and how the slow algebra calls it."""
 
@@ -131,6 +141,7 @@ class Bench:
             records.append((record, members))
             begin = end
         detect_slip(len(contacts), dt_s, self.now_ns, self.model, self.data)
+        self.naive.silent = (units.kind == UnitKind.BRIDGE) | (units.kind == UnitKind.SILENT)
         self.naive.leave((units.label < 0) & (units.kind == UnitKind.OUT))
         judged = [(r, m) for r, m in records if not r["flags"] & Flag.WEAK]
         told = self.naive.cycle(dt_s, self.now_ns, reading, judged)
@@ -203,8 +214,12 @@ def compare_units(data, states, naive, members):
     close(kept.noise_ratio[members], slow["ratio"][members], 1e-8)
     close(kept.noise_sum[members], slow["unit_lags"][0, members], 1e-6, 1e-9)
     close(kept.noise_count[members], slow["unit_lags"][1, members], 1e-8, 1e-12)
-    close(data.noise[:2], naive.lags, 1e-6, 1e-12)
-    close(data.noise[2:4], naive.readings, 1e-6, 1e-12)
+    close(data.noise[LAGS : LAGS + 2], naive.lags, 1e-6, 1e-12)
+    close(data.noise[READINGS : READINGS + 2], naive.readings, 1e-6, 1e-12)
+    close(data.noise[STEPS : STEPS + 2], naive.steps, 1e-6, 1e-12)
+    close(data.noise[RECENT_STEPS : RECENT_STEPS + 2], naive.recent_steps, 1e-6, 1e-12)
+    close(data.noise[SLOW : SLOW + 2], naive.slow_lags, 1e-6, 1e-9)
+    close(kept.slow_sum[members], slow["slow_sum"][members], 1e-5, 1e-8)
     slid = np.array([history.slid_shear, history.slid_load, history.slid_variance])
     close(slid[:, members], slow["slid"][:, members], 1e-6, 1e-12)
     close(history.borne[members], slow["borne"][members], 1e-6, 1e-12)

@@ -35,8 +35,9 @@ class Hold:
         """Loads under a round body, newton; no unit is without."""
         return peak * np.maximum(1.0 - (self.place[:2] ** 2).sum(axis=0) / reach_m**2, 0.05)
 
-    def step(self, load, way_mm, friction=np.inf, noise=None):
-        """A cycle; the way (2,) of the body along the skin, noise (2, n) mm if it is not as told.
+    def step(self, load, way_mm, friction=np.inf, noise=None, valid=None):
+        """A cycle; the way (2,) of the body along the skin, noise (2, n) mm if it is not as told,
+        and which units are heard if not all.
 
         Returns what is true: which units slip, and their shear (2, n).
         """
@@ -49,6 +50,6 @@ class Hold:
         force = np.vstack([STIFFNESS * said[:2], load])
         self.now_ns += round(1e9 / self.rate_hz)
         given = force, self.force_sigma, said, self.sigma
-        self.contacts = self.stream.update(*given, stamp_ns=self.now_ns)
-        self.contact = max(self.contacts, key=lambda c: c.load)
+        self.contacts = self.stream.update(*given, None, valid, stamp_ns=self.now_ns)
+        self.contact = max(self.contacts, key=lambda c: c.load, default=None)
         return SimpleNamespace(slips=far > limit, shear=STIFFNESS * drag)

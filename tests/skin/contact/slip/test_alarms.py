@@ -117,3 +117,19 @@ def test_a_face_that_slides_all_alike_is_seen_where_its_friction_is_told():
         assert seen[-1] < SlipState.INCIPIENT or hold.contact.margin < 0.05
     assert truth.slips.all()
     assert max(seen) >= SlipState.INCIPIENT
+
+
+@pytest.mark.parametrize("left", [0.5, 0.2, 0.0], ids=["half", "few", "no"])
+@pytest.mark.parametrize("cycles", [1, 5, 20])
+@pytest.mark.parametrize("seed", range(2))
+def test_gross_slip_does_not_flicker_while_units_are_heard_in_part(left, cycles, seed):
+    hold, told = Hold(4, 4, sigma_mm=0.03, seed=seed), []
+    # of which a few are not like all
+    friction = 0.4 * np.exp(0.2 * hold.rng.standard_normal(hold.n))
+    for t in range(600):
+        heard = np.ones(hold.n, bool)
+        if t >= 200 and t // cycles % 4 == 0:
+            heard = hold.rng.random(hold.n) < left
+        hold.step(hold.dome(1.0), (8.0 * max(0.0, t / 250.0 - 0.3), 0.0), friction, valid=heard)
+        told += [SlipState(contact.slip) for contact in hold.contacts if contact.id == 1]
+    assert set(told[told.index(SlipState.GROSS) :]) == {SlipState.GROSS}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skin.contact.record import Event, Flag, SlipState, UnitKind, UnitSlip
+from skin.contact.slip import PARAMETERS
 from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
 
 NONE, STICK, INCIPIENT, GROSS = SlipState
@@ -169,3 +170,55 @@ def test_bodies_that_pull_at_units_the_wrong_way_are_not_judged_by_patterns():
         bench.reading.force[:2] *= -1.0
         (record,) = bench.judge([{"id": 4, "members": range(4)}], 0.02 if t < 10 else 0.006)
         assert record["pattern"] == 0.0
+
+
+@pytest.mark.parametrize(
+    "heard", [[4, 1], [], [3, 1, 0]], ids=["too few for a test", "none", "faces of more friction"]
+)
+@pytest.mark.parametrize("cycles", [1, 12, 30])
+def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles):
+    rng = np.random.default_rng(32)
+    bench = Bench(flat_skin(5, rng), rng)
+    load, states = np.array([1.5, 0.5, 1.7, 0.6, 1.4]), []
+    friction = np.array([0.5, 0.5, 0.3, 0.5, 0.3])
+    for t in range(110):
+        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), friction, sigma_mm=0.01)
+        silent, kinds = 60 <= t < 60 + cycles, np.full(5, UnitKind.OUT)
+        members = heard if silent else [4, 3, 0, 1, 2]
+        kinds[np.setdiff1d(range(5), members)] = UnitKind.SILENT
+        contacts = [{"id": 4, "members": members}] if members else []
+        if t == 60 + cycles and not heard:
+            contacts[0]["event"] = Event.RESUMED
+        for record in bench.judge(contacts, 0.02 if t < 10 else 0.01, kinds):
+            states.append(SlipState(record["slip"]))
+    if cycles * 0.01 < PARAMETERS.rest_s:
+        assert set(states[states.index(GROSS) :]) == {GROSS}
+
+
+def test_a_part_that_splits_off_a_contact_that_slides_slides_too():
+    rng = np.random.default_rng(33)
+    bench = Bench(flat_skin(8, rng), rng)
+    load = rng.uniform(0.6, 1.6, 8)
+    for t in range(70):
+        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), 0.4, sigma_mm=0.01)
+        contacts = [{"id": 1, "members": range(8)}]
+        if t >= 60:
+            part = {"id": 10, "members": [6, 5, 7, 3], "parent": 1}
+            contacts = [{"id": 1, "members": [0, 2, 4, 1]}, part]
+        told = bench.judge(contacts, 0.02 if t < 10 else 0.01)
+        if t >= 60:
+            assert [record["slip"] for record in told] == [GROSS, GROSS]
+
+
+def test_a_contact_that_slid_and_was_lifted_is_judged_anew():
+    rng = np.random.default_rng(34)
+    bench = Bench(flat_skin(5, rng), rng)
+    load = np.array([1.5, 0.5, 1.7, 0.6, 1.4])
+    for t in range(60):
+        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), 0.4, sigma_mm=0.01)
+        (record,) = bench.judge([{"id": 4, "members": range(5)}], 0.02 if t < 10 else 0.01)
+    assert record["slip"] == GROSS
+    bench.judge([], 0.01)
+    bench.read(load, bench.drag((0.0, 0.0)), sigma_mm=0.01)
+    (record,) = bench.judge([{"id": 4, "members": range(5), "event": Event.RESUMED}], 0.01)
+    assert record["slip"] < INCIPIENT

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from skin.contact.record import Flag, UnitSlip
+from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import PARAMETERS
+from skin.contact.slip.data import WANDER
 from tests.skin.contact.slip.hold import Hold
 
 RATE_HZ = 250.0
@@ -80,7 +81,8 @@ def test_noise_that_is_correlated_counts_for_as_much_as_a_lowpass_leaves_of_it()
 
     expected = left(noise) / left(white(4, 0.03))
     assert expected == pytest.approx(2.5, rel=0.05)
-    assert held(noise).mean() == pytest.approx(expected, rel=0.07)
+    # Cycles in which slip is likelier than not are not learned from: some of the largest lags.
+    assert held(noise).mean() == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.parametrize("told", [0.03, 0.06])
@@ -123,3 +125,48 @@ def test_a_sigma_of_0_is_forgotten_when_it_is_told_no_more():
         hold.sigma[:] = 0.0 if t == 250 else sigma
         hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
     assert by_unit(hold.contact).mean() == pytest.approx(2.0, rel=0.15)
+
+
+def wandering(seed, sigma_mm, share, tau_s=2.0):
+    """White noise and a slow one that is bounded, so many times as large."""
+    keeps = np.exp(-1.0 / RATE_HZ / tau_s)
+    slow = lfilter([np.sqrt(1.0 - keeps**2)], [1.0, -keeps], white(seed, sigma_mm), axis=0)
+    return white(seed + 50, sigma_mm) + share * slow
+
+
+def alarms_held(noise):
+    """Whether a contact whose units are dragged a little and held has an alarm."""
+    hold, alarm = Hold(4, 5), False
+    for t, now in enumerate(noise):
+        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
+        alarm |= hold.contact.slip >= SlipState.INCIPIENT
+    return alarm
+
+
+@pytest.mark.parametrize("seed", range(20, 24))
+def test_slow_noise_that_is_bounded_is_no_slip(seed):
+    assert not alarms_held(wandering(seed, 0.03, 1.0))
+
+
+@pytest.mark.parametrize("seed", range(24, 28))
+def test_units_that_drift_are_no_slip(seed):
+    speed = 0.02 * np.random.default_rng(seed).standard_normal((2, 20))
+    t = np.arange(int(SECONDS * RATE_HZ))[:, np.newaxis, np.newaxis] / RATE_HZ
+    assert not alarms_held(white(seed, 0.03) + speed * t)
+
+
+@pytest.mark.parametrize("seed", range(28, 32))
+def test_noise_that_doubles_while_a_contact_lasts_is_no_slip(seed):
+    noise = white(seed, 0.03)
+    noise[500:] *= 2.0
+    assert not alarms_held(noise)
+
+
+def test_of_white_noise_nothing_is_slow():
+    hold = Hold(4, 5)
+    for t, now in enumerate(white(11, 0.03)):
+        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
+    # the error of a mean of as many squares
+    readings = 20.0 * 2.0 * PARAMETERS.memory_s / (2.0 * PARAMETERS.slow_s)
+    left = 0.5 / (2.0 * PARAMETERS.slow_s * RATE_HZ / 2.0)  # of white noise by the low-pass
+    assert hold.stream.data.slip.noise[WANDER] < 4.0 * left * np.sqrt(2.0 / readings)

@@ -47,7 +47,8 @@ def test_rows_that_others_read_are_those_of_their_names():
     assert (data.kept[names.NOISE_RATIO] == 3.0).all()
     assert scratch.pattern.prior is data.prior
     assert scratch.noise is data.noise
-    two = {"anchor", "lag", "moved", "moved_slow", "followed", "followed_out", "lag_mean"}
+    two = {"anchor", "lag", "moved", "moved_slow", "followed", "followed_out", "lag_mean",
+           "behind"}  # fmt: skip
     for name in kept._fields:
         assert getattr(kept, name).ndim == 1 + (name in two)
     for name in ("displacement", "direction", "moved_out"):
