@@ -96,7 +96,7 @@ def _test_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: S
 
 
 @jitable(inline=True)
-def _detect_contact(record, dt_s, now_ns, model, data, slip: SlipArrays):
+def _detect_contact(record, dt_s, now_ns, model, data, any_silent, slip: SlipArrays):
     """Detect slip of one contact and its units."""
     reading, units = data.reading, data.units
     first, last = record["begin"], record["end"]
@@ -118,7 +118,7 @@ def _detect_contact(record, dt_s, now_ns, model, data, slip: SlipArrays):
         record["flags"] |= FEW_UNITS
         if np.isfinite(record["margin"]):
             record["stick_ratio"] = stick_ratio_by_cone(record)
-    misses = misses_units(record, units, slip.history)
+    misses = any_silent and misses_units(record, units, slip.history)
     slides = record["slip"] == SlipState.GROSS and tested >= LEAST_UNITS
     if slides and still_slides(record, ratio, misses, now_ns, dt_s):
         record["stick_ratio"] = 0.0
@@ -189,16 +189,16 @@ def detect_slip(count, dt_s, now_ns, model, data):
     """
     units, slip = data.units, slip_arrays(data.slip)
     begin_cycle(slip.scratch.noise, dt_s)
+    any_silent = False  # that was touched
     for i in range(units.kind.size):
-        if (
-            units.slip[i] != UnitSlip.NO_CONTACT
-            and units.label[i] < 0
-            and units.kind[i] != BRIDGE
-            and units.kind[i] != SILENT
-        ):
+        if units.slip[i] == UnitSlip.NO_CONTACT:
+            continue
+        if units.kind[i] == BRIDGE or units.kind[i] == SILENT:
+            any_silent = True
+        elif units.label[i] < 0:
             units.slip[i] = UnitSlip.NO_CONTACT
             slip.kept.anchor_depth[i] = 0.0
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:
-            _detect_contact(record, dt_s, now_ns, model, data, slip)
+            _detect_contact(record, dt_s, now_ns, model, data, any_silent, slip)
