@@ -23,6 +23,7 @@ HEAD = """# All figures
 """
 
 TITLES = {
+    "cold": "The first start",
     "decode": "Decoding",
     "contact": "A live cycle",
     "skip": "Skipping untouched units",
@@ -53,7 +54,7 @@ TITLES = {
 
 RUNS = 3
 TIMED = (
-    "contact", "decode", "ingest", "logs", "record", "scale", "simulate", "skip", "unpack", "view",
+    "cold", "contact", "decode", "ingest", "logs", "record", "scale", "simulate", "skip", "unpack", "view",
 )  # fmt: skip
 """Benchmarks whose figures depend on the machine: each is run `RUNS` times, in processes of its own,
 by turns, on a quiet machine."""
@@ -307,6 +308,11 @@ FIGURES = (
     Figure("logs", "blf_ratio", "time of python-can over that of this package to read the same BLF log"),
     Figure("simulate", "real_time_factor_64", "simulated over real seconds; 64 units with every non-ideality"),
     # recorded logs
+    Figure("cold", "seconds/2", "time to the first state of the palm from an empty cache of kernels, two processes that compile on two cores", "s", "<= 30"),
+    Figure("cold", "busiest_cpu_s", "CPU time of the busier of two processes that compile for the first state of the palm", "s"),
+    Figure("cold", "seconds/1", "time to the first state of the palm from an empty cache of kernels, one process", "s"),
+    Figure("cold", "cpu_s/1", "CPU time to the first state of the palm from an empty cache of kernels, one process", "s"),
+    Figure("cold", "warm_cpu_s", "CPU time to the first state of the palm with all kernels in the cache", "s"),
     Figure("bulk", "candump_ratio", "time of a script with python-can, cantools and pyarrow over that of `skin decode`; candump log of 64 units to Parquet, one core each", "", ">= 10"),
     Figure("bulk", "blf_ratio", "time of a script with python-can, cantools and pyarrow over that of `skin decode`; BLF log of 64 units to Parquet, one core each", "", ">= 20"),
     Figure("bulk", "mf4_ratio", "time of a script with asammdf, cantools and pyarrow over that of `skin decode`; MF4 log of 64 units to Parquet, one core each"),
