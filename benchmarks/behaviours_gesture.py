@@ -10,16 +10,15 @@ told. Seeds from `REPORTED` on were not looked at while densities were chosen; t
 from __future__ import annotations
 
 import math
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import pairwise
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
 from benchmarks.slip_intervals import per_minute, rate
 from benchmarks.touch_trial import TOUCH_KINDS, run_touches
+from benchmarks.workers import in_parallel
 from skin.demos.gesture_trial import (
     KINDS,
     STRENGTHS_N,
@@ -31,7 +30,6 @@ from skin.demos.gesture_trial import (
 )
 
 REPORTED = 8000
-WORKERS = 2
 BINS = (0.0, 0.7, 0.9, 0.98, 0.995, 1.0)
 SECTOR_RAD = math.pi / 8.0
 
@@ -48,8 +46,7 @@ def score(people: int, mixed: int, each: int) -> dict[str, Any]:
             for i in range(len(STRENGTHS_N))]  # fmt: skip
     jobs += [("held", REPORTED + 100 + seed, each) for seed in range(mixed)]
     jobs += [("touch", REPORTED + 200 + seed, each) for seed in range(mixed)]
-    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-        trials = list(pool.map(_play, *zip(*jobs, strict=True)))
+    trials = in_parallel(_play, jobs)
     by = {kind: [t for t, job in zip(trials, jobs, strict=True) if job[0] == kind]
           for kind in ("pulls", "held", "touch")}  # fmt: skip
     strengths = [STRENGTHS_N[job[2]] for job in jobs if job[0] == "pulls"]
@@ -101,7 +98,8 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _play(kind: str, seed: int, count: int) -> GestureTrial:
+def _play(job: tuple[str, int, int]) -> GestureTrial:
+    kind, seed, count = job
     if kind == "pulls":
         strength_n = STRENGTHS_N[count]
         return run_gestures(3 * seed + count, partial(asked_pulls, strength_n=strength_n))

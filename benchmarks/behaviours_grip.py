@@ -19,14 +19,13 @@ feel nothing, next to the control without its probe and a grip of 6 N.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
 from benchmarks.brush_cells import cells, lines
 from benchmarks.slip_intervals import rate
+from benchmarks.workers import in_parallel
 from skin.demos.disturbance import DROPPED_M, run_disturbance
 from skin.demos.disturbance_score import figures_of, reactions_s
 
@@ -35,7 +34,6 @@ REPORTED = 8000
 RUNS, QUICK_RUNS = 300, 4
 DELAYS_S, DELAYED, DELAYED_SEED = (0.02, 0.04, 0.06), 100, 9000
 """Of grippers on the simulator; the runs above have none."""
-WORKERS = 2
 RETURNED = 0.05
 TARGETS = {"dropped_rate": 0.01, "margin_median": 0.20, "returned": RETURNED, "reaction_ms": 50.0}
 PAPER = {"margin_rest": 2.45, "margin_peak": 1.08}
@@ -49,18 +47,13 @@ def run(quick: bool) -> dict[str, Any]:
     late = range(DELAYED_SEED, DELAYED_SEED + (1 if quick else DELAYED))
     delays = [(seed, delay_s) for delay_s in DELAYS_S for seed in late]
     tasks = [(seed, 0.0) for seed in seeds] + (delays[:1] if quick else delays)
-    if quick:
-        found = [one(*task) for task in tasks]
-    else:
-        one(0)  # compiles before the workers are made
-        with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-            found = list(pool.map(one, *zip(*tasks, strict=True), chunksize=4))
+    found = in_parallel(one, tasks, chunk=4)
     of_delays = {
         f"{1e3 * delay_s:.0f} ms": _late([each for each in found if each["delay_s"] == delay_s])
         for delay_s in dict.fromkeys(delay_s for _, delay_s in tasks[len(seeds) :])
     }
     plain = figures(found[: len(seeds)])
-    return plain | {"delays": of_delays, "brushes": cells(quick, WORKERS)}
+    return plain | {"delays": of_delays, "brushes": cells(quick)}
 
 
 def _late(runs: list[dict[str, Any]]) -> dict[str, Any]:
@@ -71,8 +64,9 @@ def _late(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return {name: whole[name] for name in names}
 
 
-def one(seed: int, delay_s: float = 0.0) -> dict[str, Any]:
-    """What one run comes to."""
+def one(task: tuple[int, float]) -> dict[str, Any]:
+    """What the run of a seed and a delay of the gripper comes to."""
+    seed, delay_s = task
     run = run_disturbance(seed, delay_s=delay_s)
     thing = run.case.thing
     return figures_of(run) | {

@@ -11,18 +11,16 @@ Seeds from `REPORTED` on were not looked at while the model was made; those belo
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
 from benchmarks.handover_trial import Carry, Take, run_carry, run_take
 from benchmarks.slip_intervals import per_minute, rate
+from benchmarks.workers import in_parallel
 
 REPORTED = 8000
-WORKERS = 2
 EPISODE_S = 30.0
 TAKES, CARRIES = 300, 120
 AWAY = 500
@@ -39,10 +37,9 @@ def run(quick: bool) -> dict[str, Any]:
 def score(taken: int, carried: int, episode_s: float) -> dict[str, Any]:
     """The figures of some takes and of some episodes of carrying."""
     first = REPORTED + AWAY
-    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-        takes = list(pool.map(run_take, range(REPORTED, REPORTED + taken)))
-        carry = partial(run_carry, seconds=episode_s)
-        carries = list(pool.map(carry, range(first, first + carried)))
+    takes = in_parallel(run_take, range(REPORTED, REPORTED + taken))
+    carry = partial(run_carry, seconds=episode_s)
+    carries = in_parallel(carry, range(first, first + carried))
     return {"seeds": len(takes) + len(carries), **_takes(takes), **_carries(carries)}
 
 

@@ -8,14 +8,13 @@ temperatures of both, gains of units and noise are drawn by seed.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
 from benchmarks.behaviours_cost import microseconds
 from benchmarks.slip_intervals import rate
+from benchmarks.workers import in_parallel
 from skin.behaviours.pouring import Pouring
 from skin.behaviours.warmth import Warmth
 from skin.demos.play import Story
@@ -25,7 +24,6 @@ from topology import load
 REPORTED = 18_000
 """First seed that is scored: those below 1000 were developed on."""
 
-WORKERS = 2
 RUNS = 20
 CHANGES = ("high", "low", "micro", "none")
 
@@ -33,8 +31,7 @@ CHANGES = ("high", "low", "micro", "none")
 def run(quick: bool) -> dict[str, Any]:
     """Measure; see the module for what the figures are."""
     jobs = range(REPORTED, REPORTED + (1 if quick else RUNS))
-    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-        found = list(pool.map(_judge, jobs))
+    found = in_parallel(_judge, jobs)
     stops = np.array([one["stop_error_c"] for one in found])
     amounts = np.array([one["amount_error_ml"] for one in found])
     most = np.array([max(3.0, 0.05 * one["poured_ml"]) for one in found])

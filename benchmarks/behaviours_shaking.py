@@ -9,14 +9,13 @@ was put. Masses, friction, frequencies, gains of units and noise are drawn by se
 from __future__ import annotations
 
 import math
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
 from benchmarks.behaviours_cost import microseconds
 from benchmarks.slip_intervals import rate
+from benchmarks.workers import in_parallel
 from skin.behaviours.level import Level
 from skin.behaviours.shaking import Shaking
 from skin.demos.pva import pva_episode, pva_setting
@@ -26,7 +25,6 @@ from topology import load
 REPORTED = 19_000
 """First seed that is scored: those below 1000 were developed on."""
 
-WORKERS = 2
 RUNS = 20
 LIFT_S, SHAKE_S, END_S = 1.0, 4.5, 12.5
 
@@ -34,8 +32,7 @@ LIFT_S, SHAKE_S, END_S = 1.0, 4.5, 12.5
 def run(quick: bool) -> dict[str, Any]:
     """Measure; see the module for what the figures are."""
     jobs = range(REPORTED, REPORTED + (1 if quick else RUNS))
-    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-        found = list(pool.map(_judge, jobs))
+    found = in_parallel(_judge, jobs)
     hertz = np.array([one["frequency_error_hz"] for one in found])
     sigmas = np.array([one["frequency_error_sigmas"] for one in found])
     after = np.array([one["told_after_s"] for one in found])

@@ -10,14 +10,13 @@ of units and noise are drawn by seed.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
 from benchmarks.behaviours_cost import microseconds
 from benchmarks.slip_intervals import rate
+from benchmarks.workers import in_parallel
 from skin.behaviours.warmth import Warmth
 from skin.demos.play import Story
 from skin.demos.pva import pva_script, run_pva
@@ -26,7 +25,6 @@ from topology import load
 REPORTED = 18_000
 """First seed that is scored: those below 1000 were developed on."""
 
-WORKERS = 2
 RUNS, STUCK_RUNS = 20, 10
 START_C, STUCK_START_C = 52.0, 70.0
 """Of the water, which shortens the story."""
@@ -41,8 +39,7 @@ def run(quick: bool) -> dict[str, Any]:
     counts = (1, 0) if quick else (RUNS, STUCK_RUNS)
     jobs = [(REPORTED + k, False) for k in range(counts[0])]
     jobs += [(REPORTED + 500 + k, True) for k in range(counts[1])]
-    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-        found = list(pool.map(_judge, jobs))
+    found = in_parallel(_judge, jobs)
     told = [one for one in found if not one["stuck"]]
     stuck = [one for one in found if one["stuck"]]
     delays = np.array([delay for one in told for delay in one["delays_s"]])

@@ -18,9 +18,7 @@ time from when half of the load slides to a rise of the command by 1 %.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -32,11 +30,11 @@ from benchmarks.brush_trial import (
     REST_END_S,
     Cell,
     Trial,
-    plant_of,
     run_trial,
 )
 from benchmarks.slip_intervals import rate
 from benchmarks.trust_skin import BAG, QUICK_BAG
+from benchmarks.workers import in_parallel
 from skin.behaviours.grip_parameters import GripParameters
 from skin.demos.disturbance import DROPPED_M
 from skin.demos.disturbance_score import LATEST_S, LOOK_S, QUIET_S, RISEN
@@ -55,7 +53,7 @@ QUICK_CELLS = [Cell(*each) for each in zip(DELAYS_S, FACES, (*STUCK, 0), strict=
 """Of a short run: each delay, each face and each number of stuck units once."""
 
 
-def cells(quick: bool, workers: int = 2) -> dict[str, Any]:
+def cells(quick: bool) -> dict[str, Any]:
     """All figures: `delay`, `face`, `stuck`, each over all others, `mixed`, and `cells`."""
     every = [Cell(*each) for each in product(DELAYS_S, FACES, STUCK)]
     each, mixed = (EACH, MIXED) if not quick else (1, 1)
@@ -65,16 +63,12 @@ def cells(quick: bool, workers: int = 2) -> dict[str, Any]:
              for k, cell in enumerate(chosen) for i in range(each) for name in NAMES]  # fmt: skip
     tasks += [(MIXED_CELL, FIRST_SEED + 100 * len(every) + i, name, bag)
               for i in range(mixed) for name in NAMES]  # fmt: skip
-    return figures(trials(tasks, workers if not quick else 1))
+    return figures(trials(tasks))
 
 
-def trials(tasks: list[tuple[Cell, int, str, int]], workers: int) -> list[dict[str, Any]]:
+def trials(tasks: list[tuple[Cell, int, str, int]]) -> list[dict[str, Any]]:
     """What trials come to, in their order."""
-    plant_of(tasks[0][3])  # calibrates, and compiles, before the workers are made
-    if workers < 2:
-        return [_one(task) for task in tasks]
-    with ProcessPoolExecutor(workers, get_context("fork")) as pool:
-        return list(pool.map(_one, tasks, chunksize=3))
+    return in_parallel(_one, tasks, chunk=3)
 
 
 def figures(found: list[dict[str, Any]]) -> dict[str, Any]:

@@ -46,8 +46,6 @@ its making it is wrong in no more than a thousandth of the holds.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -57,6 +55,7 @@ from benchmarks.slip_calibration import grip_figures, reliability
 from benchmarks.slip_rows import BOUND, Counts, Found, jobs, judge, warm
 from benchmarks.slip_scoring import Outcome, score
 from benchmarks.slip_watch import watch
+from benchmarks.workers import in_parallel
 
 __all__ = ["run", "table", "watch"]
 
@@ -70,7 +69,6 @@ QUICK = Counts(
     base={"slip": 15, "hold": 40, "modulation": 10}, others=10,
     robust={"slip": 2, "hold": 2, "modulation": 1}, few=2, chain=2, chain_side=2,
 )  # fmt: skip
-WORKERS = 2
 
 TARGETS = {
     "caught_before_gross": 0.97, "latency_ms_first_median": 60.0, "latency_ms_first_p90": 150.0,
@@ -99,8 +97,7 @@ def run(quick: bool) -> dict[str, Any]:
 def judged(counts: Counts) -> list[Found]:
     """What all trials have given."""
     warm(REPORTED, counts)
-    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-        return list(pool.map(judge, jobs(REPORTED, counts), chunksize=4))
+    return in_parallel(judge, jobs(REPORTED, counts), chunk=4)
 
 
 def figures_of(found: list[Found]) -> dict[str, Any]:

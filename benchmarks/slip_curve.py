@@ -11,10 +11,8 @@ simulator is: to score the detector of another commit, lay this folder beside it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields
 from functools import partial
-from multiprocessing import get_context
 from typing import Any
 
 from benchmarks.slip_play import Trial
@@ -22,6 +20,7 @@ from benchmarks.slip_scenes import stage
 from benchmarks.slip_scoring import Outcome, outcome, score
 from benchmarks.slip_seen import see
 from benchmarks.slip_watch import watch
+from benchmarks.workers import in_parallel
 from skin.contact.slip import SlipSettings
 
 __all__ = ["LEVELS", "curve", "judged", "levels", "run", "table"]
@@ -29,7 +28,6 @@ __all__ = ["LEVELS", "curve", "judged", "levels", "run", "table"]
 SEED = 1000
 TRIALS = {"slip": 100, "hold": 200, "modulation": 50}
 FAMILIES = ("base", "light")
-WORKERS = 2
 LEVELS = {
     "false_alarms_per_hour": (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0),
     "slip_sigmas": (3.0, 4.0, 5.0, 6.0, 7.0, 9.0, 12.0),
@@ -52,7 +50,7 @@ def judged(trial: Trial, settings: Sequence[SlipSettings], *, draw: int = 0) -> 
 
 def curve(
     trials: Sequence[tuple[str, str, int]], settings: Sequence[SlipSettings], *,
-    seed: int = SEED, workers: int = WORKERS,
+    seed: int = SEED,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Figures of a detector at each of the settings.
 
@@ -61,8 +59,6 @@ def curve(
     trials : sequence of (family, kind, number)
     settings : sequence of SlipSettings
     seed : int
-    workers : int
-        Processes; with 1 it is done in this one.
 
     Returns
     -------
@@ -70,12 +66,7 @@ def curve(
         As of `benchmarks.slip_scoring.score`, one of each setting.
     """
     judge = partial(_judge, seed=seed, settings=tuple(settings))
-    if workers == 1:
-        rows = [judge(trial) for trial in trials]
-    else:
-        judge(trials[0])  # compiles what the workers inherit
-        with ProcessPoolExecutor(workers, get_context("fork")) as pool:
-            rows = list(pool.map(judge, trials, chunksize=4))
+    rows = in_parallel(judge, trials, chunk=4)
     return [score(outcomes) for outcomes in zip(*rows, strict=True)]
 
 

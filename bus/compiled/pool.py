@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 from bus.compiled import cache, places
 
-__all__ = ["Job", "Pool", "job_of", "processes", "submit", "together", "wait"]
+__all__ = ["Job", "Pool", "job_of", "processors", "submit", "together", "wait"]
 
 LOOK_S = 0.1
 """Between two looks at what others compile."""
@@ -49,8 +49,8 @@ class Job(NamedTuple):
         return found if self.made_by is None else found(*self.made_by)
 
 
-def processes() -> int:
-    """Processes that may compile at once, this one included."""
+def processors() -> int:
+    """Those that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -78,7 +78,7 @@ def together(count: int | None = None) -> Iterator[Pool]:
     count : int, optional
         Processes, this one included; as many as there are cores if not given.
     """
-    _pools.append(pool := Pool(processes() if count is None else count))
+    _pools.append(pool := Pool(processors() if count is None else count))
     try:
         yield pool
     finally:

@@ -11,25 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bus.compiled.aligned import zeros
+from bus.compiled.pool import processors
 from skin.decode import records
 
 if TYPE_CHECKING:
     from bus.compiled.bound import Bound
 
-__all__ = ["ENOUGH", "MOST_WORKERS", "Shared", "Shares", "processors", "together"]
+__all__ = ["ENOUGH", "MOST_WORKERS", "Shared", "Shares", "together"]
 
 ENOUGH = 1 << 18
 """Units times cycles from which on work is shared: about a millisecond of it, where to hand over to
 a thread takes about a tenth of one."""
 MOST_WORKERS = 1024
 """Threads that anybody can mean."""
-
-
-def processors() -> int:
-    """Those that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def together(calls: Sequence[Callable[[], object]]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks import slip
+from benchmarks import slip, workers
 from benchmarks.slip_intervals import per_minute, rate
 from benchmarks.slip_play import lasting
 from benchmarks.slip_rows import Counts
@@ -335,7 +335,7 @@ def test_the_benchmark_runs_and_shows(monkeypatch):
     every = dict.fromkeys(KINDS, 1)
     counts = Counts(base=dict.fromkeys(KINDS, 2), others=1, robust=every, few=1, chain=0)
     monkeypatch.setattr(slip, "WHOLE", counts)
-    monkeypatch.setattr(slip, "WORKERS", 1)
+    monkeypatch.setattr(workers, "processors", lambda: 1)
     # what lasts long is for others
     monkeypatch.setattr(
         "benchmarks.slip_rows.FAMILIES", {name: FAMILIES[name] for name in ("base", "light")}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import slip_curve
+from benchmarks import slip_curve, workers
 from benchmarks.slip_baselines import BASELINES, Baseline, Felt, feel, light_units_cusum
 from benchmarks.slip_calibration import Gripped, grip_figures, gripped, needed_n, reliability, told
 from benchmarks.slip_chain import chain_of
@@ -194,7 +194,7 @@ def test_grip_forces_are_scored_without_the_safety_that_was_asked_for(slips):
 def test_a_curve_falls_from_false_alarms_to_none():
     settings = slip_curve.levels()
     trials = [("base", "slip", 0), *(("base", "hold", i) for i in range(40))]
-    rows = slip_curve.curve(trials, settings, seed=3, workers=1)
+    rows = slip_curve.curve(trials, settings, seed=3)
     alarms = [row["rates"]["false_alarms_per_minute"]["rate"] for row in rows]
     late = [np.inf if row["latency_ms_first_p90"] is None else row["latency_ms_first_p90"]
             for row in rows]  # fmt: skip
@@ -207,7 +207,7 @@ def test_a_curve_falls_from_false_alarms_to_none():
 def test_a_curve_is_shown(monkeypatch):
     monkeypatch.setattr(slip_curve, "TRIALS", {"slip": 1, "hold": 1, "modulation": 0})
     monkeypatch.setattr(slip_curve, "FAMILIES", ("base",))
-    monkeypatch.setattr(slip_curve, "WORKERS", 1)
+    monkeypatch.setattr(workers, "processors", lambda: 1)
     figures = slip_curve.run(quick=False)
     assert len(slip_curve.table(figures).splitlines()) == 1 + len(figures["levels"])
 
