@@ -16,7 +16,7 @@ from pathlib import Path
 __all__ = ["FILE", "main", "slow"]
 
 FILE = Path(__file__).with_name("slow.txt")
-CASES_S, ALONE_S = 1.5, 2.0
+CASES_S, ALONE_S = 1.0, 1.5
 """Seconds of all cases of a test, and of a test with one case, above which it is slow."""
 KEPT = (
     "tests/attack/", "tests/bus/compiled/", "tests/examples/", "tests/house/",
