@@ -121,11 +121,26 @@ OTHERS = {
     "unlike noise": "noise that differs by 40 % between units",
     "gain errors x 2": "twice the errors of the units' gains",
     "drift": "units that drift by 5 um/s",
+    "fast drift": "10 s of units that drift by 20 um/s, in depth too",
+    "fast drift along": "10 s of units that drift by 20 um/s along the skin",
+    "wander of 0.5 sigma": "10 s of units that wander by 0.5 sigma within 2 s",
+    "wander of 1 sigma": "10 s of units that wander by 1 sigma within 2 s",
+    "noise that doubles": "10 s, with noise that doubles after the contact began",
     "dead units": "2 to 10 % of the units silent",
     "late units": "a quarter of the units a cycle late",
 }
 """What slips are judged under, other than the base, by row of `slip_robust`."""
-CAUGHT_TARGET = {"light": ">= 0.95", "soft": ">= 0.95", "fast": ">= 0.95"}
+CAUGHT_TARGET = {"light": ">= 0.85", "soft": ">= 0.95", "fast": ">= 0.95"}
+HELD_TARGET = dict.fromkeys(OTHERS, "<= 0.01") | {
+    name: "<= 0.03"
+    for name in (
+        "fast drift",
+        "fast drift along",
+        "wander of 0.5 sigma",
+        "wander of 1 sigma",
+        "noise that doubles",
+    )
+}
 
 
 DETECTORS = {
@@ -156,7 +171,7 @@ def _rows(path: str, name: str, words: str) -> Iterator[Figure]:
         )  # fmt: skip
     yield Figure(
         "slip", f"{path}/false_alarm_hold", f"contacts that stick but raise an alarm, {words}", "",
-        "<= 0.01" if name in OTHERS else "", f"{path}/holds",
+        HELD_TARGET.get(name, ""), f"{path}/holds",
     )  # fmt: skip
 
 

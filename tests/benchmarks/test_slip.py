@@ -307,7 +307,7 @@ def test_slow_noise_and_noise_that_grows_are_as_large_as_they_say():
     np.testing.assert_allclose(np.diff(long.time_s), 1.0 / one.plan.rate_hz)
     np.testing.assert_array_equal(long.displacement_mm[-1], one.displacement_mm[-1])
     np.testing.assert_array_equal(long.force[: len(one.force)], one.force)
-    names = ("wander of 1 sigma", "noise that doubles", "drift along of 20 um/s")
+    names = ("wander of 1 sigma", "noise that doubles", "fast drift along")
     plain, slow, grown, drift = (
         see(long, residue=0.0, sight=sight) for sight in (Sight(), *map(SIGHTS.get, names))
     )
