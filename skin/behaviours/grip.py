@@ -18,7 +18,7 @@ import math
 from enum import StrEnum
 
 from skin.behaviours.decision import Decisions
-from skin.behaviours.demand import FAST_S, Demand
+from skin.behaviours.demand import FAST_S, SLOW_S, Demand
 from skin.behaviours.friction import KINETIC, LOWER, Friction
 from skin.behaviours.grip_parameters import GripParameters
 from skin.behaviours.gripper import Gripper, check_gripper
@@ -171,7 +171,8 @@ class GripControl:
         self._is_alarmed = self._begins = False
         self._sliding: set[int] = set()
         self._follow = -math.expm1(-period_s / FOLLOW_S)
-        self._sent_n = self._felt_n = 0.0
+        self._slow = -math.expm1(-period_s / SLOW_S)
+        self._sent_n = self._felt_n = self._held_n = 0.0
         self._forget()
 
     def _forget(self) -> None:
@@ -244,6 +245,8 @@ class GripControl:
             self.load_n = sum(felt) / len(felt)
             self._read_contacts(state)
             self.demand.update(loads, self._arm_m)
+            share = 1.0 if self._held_n == 0.0 else self._slow
+            self._held_n += share * (self.load_n - self._held_n)
             self.shear_n = self.demand.fast_n
         if self.phase is Phase.CLOSING:
             self._grasp(elapsed_s, felt)
@@ -307,7 +310,8 @@ class GripControl:
     def _learn(self, elapsed_s: float) -> None:
         """Friction is no less than a ratio that was borne, and a weight at rest may come back."""
         demand = self.demand
-        ratio = (demand.borne_n - BOUND_SIGMAS * demand.noise_n) / max(self.load_n, LEAST_N)
+        # By equal means over time of both: a load of the past was borne by the grip of the past.
+        ratio = (demand.borne_n - BOUND_SIGMAS * demand.noise_n) / max(self._held_n, LEAST_N)
         if ratio > (1.0 + STEP) * self._most_ratio and not self._probe.dips:
             self._most_ratio = ratio
             if ratio > self.least_friction:

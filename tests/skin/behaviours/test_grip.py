@@ -315,3 +315,15 @@ def test_what_hung_is_gripped_for_while_somebody_bears_it():
     pinch.pull_n = 0.0  # lets go within a cycle
     pinch.go(control, 0.5)
     assert pinch.slid_m - slid_m < 1e-3
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7])
+def test_what_was_borne_before_a_grip_falls_is_no_bound_of_friction(share):
+    for seed in range(5):
+        pinch, control = held(seconds=4.0, friction=0.5, kinetic=0.45, seed=seed)
+        fallen_n = share * pinch.needed_n
+        for _ in range(8):  # a gripper that sticks, and lets go at once
+            pinch.grip_n = fallen_n
+            pinch.go(control, PERIOD_S)
+        pinch.go(control, 0.5)
+        assert control.least_friction < 1.02 * pinch.friction
