@@ -3,11 +3,11 @@
 The logs are of a simulated skin of 64 units at 250 Hz that a sphere presses and slides over, again
 and again: 14 CAN FD frames a cycle. The usual script reads them with python-can, decodes them with
 cantools and the DBC file of the skin, and writes one table a message with pyarrow: counts as
-physical values, without loss, validity, forces or contacts; `skin decode` is measured with temperature and
-force alone as well. Each runs in a process of its own, both on one processor for the ratio, after a
-short log that compiles and imports what they need. Times on processors, of all threads together, do
-not know who else keeps the machine busy. Two processes and one decode four short logs and four
-longer ones: the difference is without the start of the processes.
+physical values, without loss, validity, forces or contacts; `skin decode` is measured with
+temperature and force alone as well. Each runs in a process of its own, both on one processor for
+the ratio, after a short log that compiles and imports what they need. Times on processors, of all
+threads together, do not know who else keeps the machine busy. Two processes and one decode four
+short logs and four longer ones: the difference is without the start of the processes.
 """
 
 from __future__ import annotations

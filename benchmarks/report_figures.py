@@ -321,9 +321,7 @@ FIGURES = (
     Figure("bulk", "peak_gib", "peak memory of a process that decodes a long log", "GiB", "<= 1"),
     Figure("bulk", "hour_s", "time to decode an hour of 64 units at 250 Hz with contacts and slip; one log, one process", "s", "<= 60"),
     Figure("bulk", "hour_cpu_s", "CPU time to decode an hour of 64 units at 250 Hz with contacts and slip, all threads together", "s"),
-    Figure("bulk", "blf_force_ratio", "time of a script with python-can, cantools and pyarrow over that of `skin decode --want temperature force`; BLF log of 64 units to Parquet, one core each", "", ">= 18"),
-    Figure("bulk", "scaling", "speed of two processes over that of one; four logs, with the start of the processes"),
-    Figure("bulk", "scaling_rate", "speed of two processes over that of one; four logs, without the start of the processes", "", ">= 1.7"),
+    Figure("bulk", "scaling", "speed of two processes over that of one; four logs"),
     Figure("bulk", "equal_to_live", "whether decoded tables equal the values of the live skin, each of them (1: yes)", "", ">= 1"),
     # numbers
     Figure("accuracy", "coverage_min", "share of errors within one sigma (0.683 if sigma is right), lowest cell of the stated range over all components, films as drawn and as made; the interval is that of one cell", "", ">= 0.66", "", "coverage_interval"),
