@@ -3,9 +3,11 @@
 The logs are of a simulated skin of 64 units at 250 Hz that a sphere presses and slides over, again
 and again: 14 CAN FD frames a cycle. The usual script reads them with python-can, decodes them with
 cantools and the DBC file of the skin, and writes one table a message with pyarrow: counts as
-physical values, without loss, validity, forces or contacts. Each runs in a process of its own, both
-on one processor for the ratio, after a short log that compiles and imports what they need. Times on
-processors, of all threads together, do not know who else keeps the machine busy.
+physical values, without loss, validity, forces or contacts; `skin decode` is measured with
+temperature and force alone as well. Each runs in a process of its own, both on one processor for
+the ratio, after a short log that compiles and imports what they need. Times on processors, of all
+threads together, do not know who else keeps the machine busy. Two processes and one decode four
+short logs and four longer ones: the difference is without the start of the processes.
 """
 
 from __future__ import annotations
@@ -44,8 +46,8 @@ FORMATS = {"candump": "log", "blf": "blf", "mf4": "mf4"}
 def run(quick: bool) -> dict[str, Any]:
     """Measure; see `table` for what."""
     scene = _scene_frames()
-    rounds = {"few": 1, "mf4": 4 if quick else 8, "short": 24 if quick else 96,
-              "long": 48 if quick else 704}  # fmt: skip
+    rounds = {"few": 1, "mf4": 4 if quick else 8, "short": 16 if quick else 96,
+              "long": 24 if quick else 704}  # fmt: skip
     figures: dict[str, Any] = {"units": topology.load(SKIN).n, "processors": os.cpu_count()}
     with TemporaryDirectory(dir=os.environ.get("BULK_FOLDER")) as name:
         folder = Path(name)
@@ -70,6 +72,7 @@ def table(figures: dict[str, Any]) -> str:
     """Show the figures."""
     lines = [
         f"{'log':<9}{'frames/s':>12}{'one core':>12}{'usual script':>14}{'ratio':>8}{'by CPU':>8}"
+        f"{'forces':>8}{'by CPU':>8}"
     ]
     for kind in FORMATS:
         if figures.get(f"{kind}_frames_per_s") is None:
@@ -80,14 +83,19 @@ def table(figures: dict[str, Any]) -> str:
             f"{figures[f'{kind}_one_core_frames_per_s']:>12,.0f}"
             f"{figures[f'{kind}_script_frames_per_s']:>14,.0f}{figures[f'{kind}_ratio']:>8.1f}"
             f"{figures[f'{kind}_cpu_ratio']:>8.1f}"
+            f"{figures[f'{kind}_force_ratio']:>8.1f}{figures[f'{kind}_force_cpu_ratio']:>8.1f}"
         )
     lines += [
         f"a log of {figures['long_frames']:,} frames ({figures['long_minutes']:.0f} minutes of "
         f"{figures['units']} units): {figures['long_s']:.1f} s, one process, "
         f"{figures['long_frames_per_s']:,.0f} frames/s, {figures['peak_gib']:.2f} GiB; an hour: "
         f"{figures['hour_s']:.0f} s, {figures['hour_cpu_s']:.0f} s on processors",
-        f"four logs: one process {figures['one_process_s']:.1f} s, two "
-        f"{figures['two_process_s']:.1f} s: {figures['scaling']:.2f} times as fast",
+        f"four logs: one process {figures['one_process_s']:.1f} s "
+        f"({figures['one_process_cpu_s']:.1f} s on processors), two "
+        f"{figures['two_process_s']:.1f} s ({figures['two_process_cpu_s']:.1f} s), their start "
+        f"{figures['start_s']:.1f} s ({figures['start_cpu_s']:.1f} s): "
+        f"{figures['scaling']:.2f} times as fast, without their start "
+        f"{figures['scaling_rate']:.2f} times; load {figures['load']:.1f}",
         f"equal to live, value by value: {figures['equal_to_live']}",
     ]
     return "\n".join(lines)
@@ -158,14 +166,18 @@ def _side_by_side(kind: str, few: Path, short: Path, folder: Path) -> dict[str, 
     """One format: product on all processors and on one, and the usual script on one."""
     free, _ = _apart(_decode, few, short, folder / f"{kind}-free", False)
     alone, frames = _apart(_decode, few, short, folder / f"{kind}-alone", True)
+    force, _ = _apart(_decode_forces, few, short, folder / f"{kind}-force", True)
     script, few_frames = _apart(_usual_script, few, few, folder / f"{kind}.parquet", True)
+    each = {name: script[name] / few_frames * frames for name in ("s", "cpu_s")}
     return {
         f"{kind}_frames": frames,
         f"{kind}_frames_per_s": frames / free["s"],
         f"{kind}_one_core_frames_per_s": frames / alone["s"],
         f"{kind}_script_frames_per_s": few_frames / script["s"],
-        f"{kind}_cpu_ratio": (frames / alone["cpu_s"]) / (few_frames / script["cpu_s"]),
-        f"{kind}_ratio": (frames / alone["s"]) / (few_frames / script["s"]),
+        f"{kind}_cpu_ratio": each["cpu_s"] / alone["cpu_s"],
+        f"{kind}_ratio": each["s"] / alone["s"],
+        f"{kind}_force_cpu_ratio": each["cpu_s"] / force["cpu_s"],
+        f"{kind}_force_ratio": each["s"] / force["s"],
     }
 
 
@@ -188,22 +200,36 @@ def _round_frames(few: Path) -> float:
 
 
 def _scaling(scene: np.ndarray, rounds: int, folder: Path) -> dict[str, Any]:
-    """Four logs, by one process and by two."""
-    logs = []
-    for k in range(4):
-        shifted = scene.copy()
-        shifted["stamp_ns"] += k * 3600 * 10**9
-        logs.append(folder / f"log{k}.log")
-        _write_log(logs[-1], shifted, rounds)
-    seconds = {}
-    for jobs in (1, 2):
-        job = Job(topology.load(SKIN), folder / f"jobs{jobs}")
-        begun = time.perf_counter()
-        report = run_job(job, logs, jobs=jobs)
-        seconds[jobs] = time.perf_counter() - begun
-        assert not report["failed"], report["faults"]
-    return {"one_process_s": seconds[1], "two_process_s": seconds[2],
-            "scaling": seconds[1] / seconds[2]}  # fmt: skip
+    """Four logs, by one process and by two: elapsed, and on processors; see `run`."""
+    wall: dict[tuple[int, int], float] = {}
+    cpu: dict[tuple[int, int], float] = {}
+    for length in (1, rounds):
+        logs = []
+        for k in range(4):
+            shifted = scene.copy()
+            shifted["stamp_ns"] += k * 3600 * 10**9
+            logs.append(folder / f"log{length}-{k}.log")
+            _write_log(logs[-1], shifted, length)
+        for jobs in (1, 2):
+            job = Job(topology.load(SKIN), folder / f"jobs{jobs}-{length}")
+            begun, begun_cpu = time.perf_counter(), _cpu_s()
+            report = run_job(job, logs, jobs=jobs)
+            wall[jobs, length] = time.perf_counter() - begun
+            cpu[jobs, length] = _cpu_s() - begun_cpu
+            assert not report["failed"], report["faults"]
+    one, two = (wall[jobs, rounds] - wall[jobs, 1] for jobs in (1, 2))
+    return {
+        "one_process_s": wall[1, rounds], "two_process_s": wall[2, rounds],
+        "one_process_cpu_s": cpu[1, rounds], "two_process_cpu_s": cpu[2, rounds],
+        "start_s": wall[2, 1], "start_cpu_s": cpu[2, 1], "load": os.getloadavg()[0],
+        "scaling": wall[1, rounds] / wall[2, rounds], "scaling_rate": one / two,
+    }  # fmt: skip
+
+
+def _cpu_s() -> float:
+    """Time on processors so far, of this process and of those that it has ended."""
+    both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in both)
 
 
 def _apart(work, few: Path, log: Path, out: Path, pinned: bool) -> tuple[dict[str, float], int]:
@@ -223,9 +249,14 @@ def _timed(work, few: Path, log: Path, out: Path, pinned: bool) -> tuple[dict[st
     return {"s": seconds, "cpu_s": cpu_s, "gib": peak}, frames
 
 
-def _decode(log: Path, out: Path) -> int:
+def _decode_forces(log: Path, out: Path) -> int:
+    """The product, with what the usual script has; frames."""
+    return _decode(log, out, want=("temperature", "force"))
+
+
+def _decode(log: Path, out: Path, **options: Any) -> int:
     """The product; frames."""
-    job = Job(topology.load(SKIN), out)
+    job = Job(topology.load(SKIN), out, options)
     summary = decode_part(job, parts_of([log])[0])
     assert summary["error"] is None, summary["error"]
     assert not summary["faults"], summary["faults"]

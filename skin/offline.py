@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import topology as topology_package
+from bus.compiled.pool import processors
 from bus.cycle import FrameCounters
 from bus.frame import CAN_ERR, CAN_RTR
 from bus.logs import LogReader, buses_of, read
@@ -128,10 +129,12 @@ class DecodedLog(Attachable):
         finally:
             self.pipeline.sinks.stop()
 
-    def blocks(self, most: int | None = None, *, fast: bool = True) -> Iterator[Block]:
+    def blocks(
+        self, most: int | None = None, *, fast: bool = True, threads: bool | None = None
+    ) -> Iterator[Block]:
         """The same states, once, as arrays of many cycles: every number is the same to the bit.
 
-        A thread reads ahead. Memory is bounded for a log of any length. Cycles go one by one where
+        Memory is bounded for a log of any length. Cycles go one by one where
         "shocks" are wanted, which is the default: name the quantities that you want.
 
         Parameters
@@ -140,6 +143,9 @@ class DecodedLog(Attachable):
             Maximum number of cycles of a block; some megabytes if not given.
         fast : bool
             Whether one compiled call decodes many cycles.
+        threads : bool, optional
+            Whether threads read what comes next; if not given, where there is more than one
+            processor.
         """
         from skin.blocks.blocks import Blocks
         from skin.blocks.prefetch import prefetch
@@ -147,8 +153,12 @@ class DecodedLog(Attachable):
         with announcer().holding():
             self.pipeline.warmup()
         blocks = Blocks(self.pipeline, most, fast=fast)
+        self._reader.threads = threads = processors() > 1 if threads is None else threads
+        batches = self._batches()
+        if threads:
+            batches = prefetch(frames.copy() for frames in batches)
         try:
-            for frames in prefetch(frames.copy() for frames in self._batches()):
+            for frames in batches:
                 yield from blocks.feed(frames)
             last = blocks.flush()
             if last is not None:

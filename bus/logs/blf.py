@@ -6,13 +6,16 @@ import os
 import struct
 import zlib
 from collections import deque
-from collections.abc import Generator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from bus.compiled.pool import processors
 from bus.errors import LogError
 from bus.frame import FrameBatch, as_bytes, as_words
 from bus.logs import blf_kernels as kernels
@@ -39,8 +42,7 @@ _CHUNK_BYTES = 1 << 16
 _LARGEST_FILE_HEAD = 1 << 16
 _LARGEST_CONTAINER = 1 << 26
 _MOST_PADDING = 3
-_THREADS = min(4, os.cpu_count() or 1)
-_AHEAD = 2 * _THREADS
+_MOST_THREADS = 4
 _END = "the end of the file"
 
 Fault = tuple[str, str] | None
@@ -75,15 +77,18 @@ class BlfReader(LogReader):
     def _read(self, file: BinaryIO, batch: FrameBatch) -> Generator[None]:
         """Read the file's objects and those in its containers, which are inflated ahead."""
         objects, contents = _Objects(self._read_head(file)), _Objects(0)
-        ahead: deque[tuple[int, Future[tuple[bytes, Fault]]]] = deque()
+        ahead: deque[tuple[int, Callable[[], tuple[bytes, Fault]]]] = deque()
         place, status = 0, kernels.MORE
-        with ThreadPoolExecutor(_THREADS, "blf") as pool:
+        count = min(_MOST_THREADS, processors()) if self.threads else 0
+        with ThreadPoolExecutor(count, "blf") if count else nullcontext() as pool:
             while True:
-                while len(ahead) < _AHEAD and self._finds_container(file, objects):
-                    ahead.append((objects.place, pool.submit(_inflate, *self._take(file, objects))))
+                while len(ahead) < max(1, 2 * count) and self._finds_container(file, objects):
+                    at, packed = objects.place, self._take(file, objects)
+                    inflated = partial(_inflate, *packed)
+                    ahead.append((at, pool.submit(inflated).result if pool else inflated))
                 if ahead:
-                    place, inflated = ahead.popleft()
-                    inside, fault = inflated.result()
+                    place, contents_of = ahead.popleft()
+                    inside, fault = contents_of()
                     status = yield from self._parse(contents, inside, batch)
                     if status != kernels.MORE:
                         expected, got = kernels.EXPECTED[status], _shown(contents.rest)

@@ -52,6 +52,8 @@ class LogReader(ABC):
         Maximum frames of a batch; the default fits into a processor's cache.
     strict : bool
         Whether damage is raised. If not, reading ends there, and `damage` has the error.
+    threads : bool
+        Whether threads inflate what comes next, in formats that allow it.
 
     Attributes
     ----------
@@ -79,11 +81,12 @@ class LogReader(ABC):
         buses: Mapping[str, int] | None = None,
         batch: int = 4096,
         strict: bool = True,
+        threads: bool = True,
     ) -> None:
         if batch < 1:
             raise ValueError(f"batch: must be at least 1 frame; got {batch}")
         self.path = existing(path)
-        self.strict = strict
+        self.strict, self.threads = strict, threads
         self._asked = buses
         self._capacity = batch
         self._start()

@@ -90,6 +90,13 @@ class Block:
         return f"<Block: {', '.join(parts)}>"
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        parts = [self.units, self]
+        arrays = [getattr(part, name) for part in parts for name in type(part).__slots__]
+        return sum(one.nbytes for one in arrays if isinstance(one, np.ndarray))
+
+    @property
     def counters(self) -> FrameCounters:
         """Counts of frames by outcome, up to the last cycle."""
         return FrameCounters(*self.totals[-1].tolist())

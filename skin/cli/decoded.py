@@ -119,10 +119,10 @@ class _Tables:
         for first in range(0, len(block), AT_ONCE):
             self._units(block, slice(first, first + AT_ONCE), times[first : first + AT_ONCE])
         counts = map(str, np.diff(block.contact_start).tolist())
-        columns = list(columns_of((HEAD[1], CLOSED, *CYCLES), block))
+        columns = list(columns_of((HEAD[1], CLOSED, *CYCLES), [block]))
         self._write(".wrench", ["time_s", *map(_head, columns), "contacts"],
                     [times, *map(_texts, columns), counts])  # fmt: skip
-        columns = list(columns_of(QUANTITIES, block.contacts))
+        columns = list(columns_of(QUANTITIES, [block.contacts]))
         heads = ["contact" if one.name == "id" else _head(one) for one in columns]
         self._write(".contacts", ["time_s", *heads],
                     [[times[t] for t in block.contact_cycle], *map(_texts, columns)])  # fmt: skip

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bus.compiled.pool import processors
 from bus.errors import BusError
 from skin.blocks.block import Block
 from skin.blocks.blocks import blocks_of
@@ -30,7 +31,7 @@ FOREIGN_SHARE = 0.5
 """Fraction of foreign frames above which a log is of another skin [assumed]."""
 
 
-def decode_part(job: Job, part: Part) -> dict[str, Any]:
+def decode_part(job: Job, part: Part, *, threads: bool | None = None) -> dict[str, Any]:
     """Decode a log, or continue where an earlier call of the same job ended.
 
     The result does not depend on where that was: filters need the log from its beginning, so all of
@@ -40,6 +41,9 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
     ----------
     job : Job
     part : Part
+    threads : bool, optional
+        Whether threads read, decode and write at the same time; if not given, where there is more
+        than one processor. On one, threads only take it from each other.
 
     Returns
     -------
@@ -47,6 +51,7 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
         Summary of the results; ``error`` is None, or why the log was given up.
     """
     begun = time.monotonic()
+    threads = processors() > 1 if threads is None else threads
     before = committed(job, part)
     if before is not None and before.get("complete"):
         return before["summary"] | {"state": "unchanged"}
@@ -55,10 +60,10 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
                                "error": None}  # fmt: skip
     sums = _Sums(list(kept), list(tables))
     try:
-        source, blocks = _source(job, part)  # may raise: before any file is touched
+        source, blocks = _source(job, part, threads)  # may raise: before any file is touched
         clean(job, part, len(kept))
         save_manifest(job, part, _manifest(job, part, sums, {}))
-        _write(job, part, source, blocks, sums)
+        _write(job, part, source, prefetch(blocks, BLOCKS_AHEAD) if threads else blocks, sums)
     except (BusError, SkinError, OSError) as error:
         return summary | sums.totals() | {"state": "failed", "error": _words(error)}
     summary |= sums.totals() | {"counters": asdict(source.counters), "faults": source.faults,
@@ -75,7 +80,7 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
     return summary
 
 
-def _source(job: Job, part: Part) -> tuple[Any, Iterator[Block]]:
+def _source(job: Job, part: Part, threads: bool) -> tuple[Any, Iterator[Block]]:
     """The source, which has counters and faults, and its blocks."""
     if part.is_recording:
         if job.format == "mcap":
@@ -86,7 +91,7 @@ def _source(job: Job, part: Part) -> tuple[Any, Iterator[Block]]:
         played = redecode(part.log, job.topology, **job.options)
         return played, blocks_of(played, played.pipeline, job.partition_cycles)
     decoded = decode_log(job.topology, part.log, **job.of_logs)
-    return decoded, decoded.blocks(job.partition_cycles)
+    return decoded, decoded.blocks(job.partition_cycles, threads=threads)
 
 
 def _write(job: Job, part: Part, source: Any, blocks: Iterator[Block], sums: _Sums) -> None:
@@ -94,7 +99,7 @@ def _write(job: Job, part: Part, source: Any, blocks: Iterator[Block], sums: _Su
     writer, kept = _writer_of(job, part), len(sums.partitions)
     number = rows = 0
     try:
-        for block in prefetch(blocks, BLOCKS_AHEAD):
+        for block in blocks:
             most = job.partition_cycles or _partition_cycles(block)
             if rows >= most:
                 _commit(job, part, source, sums, (writer, number, rows), kept)

@@ -34,13 +34,9 @@ class FaultIntervals:
         self._since = np.zeros((2, topology.n), np.int64)
         self._last = np.zeros(2, np.int64)
 
-    def of(self, block: Block) -> Any:
-        """The fault intervals that end in a block, as a table."""
-        return self._table(self.pass_over(block))
-
-    def end(self) -> Any:
-        """The fault intervals that are open at the end of the log."""
-        return self._table([self._interval(i, *self._last) for i in np.flatnonzero(self._flags)])
+    def end(self) -> list[tuple[Any, ...]]:
+        """The fault intervals that are open at the end of the log, as `pass_over`."""
+        return [self._interval(i, *self._last) for i in np.flatnonzero(self._flags)]
 
     def pass_over(self, block: Block) -> list[tuple[Any, ...]]:
         """Fault intervals that end in a block: unit, begin, end, cycles of both, and the flags."""
@@ -63,8 +59,8 @@ class FaultIntervals:
         name = self._topology.unit_names[unit]
         return name, first_ns, int(stamp_ns), first_cycle, int(cycle), words
 
-    def _table(self, rows: list[tuple[Any, ...]]) -> Any:
-        """FaultIntervals as a table."""
+    def table(self, rows: list[tuple[Any, ...]]) -> Any:
+        """Fault intervals as a table."""
         arrow = self._library.arrow
         kinds = {
             "unit": arrow.string(), "time": arrow.timestamp("ns"), "until": arrow.timestamp("ns"),

@@ -7,9 +7,11 @@ import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bus.compiled.pool import processors
 from skin.errors import check_number
 from skin.io.bulk.decode_part import decode_part
 from skin.io.bulk.job import Job, Part, parts_of
@@ -39,7 +41,8 @@ def run(
     job : Job
     logs : iterable of Path
     jobs : int
-        Processes; each takes a log at a time.
+        Processes; each takes a log at a time, and has threads where there are two processors for
+        each.
     on_progress : callable, optional
         Called at intervals with a `skin.io.bulk.progress.ProgressReport`.
 
@@ -74,6 +77,7 @@ def _in_processes(
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Summaries as they come; the largest logs start first, to shorten the job."""
     left = sorted(parts, key=lambda part: part.size)
+    decode = partial(decode_part, threads=processors() >= 2 * jobs)
     tries = dict.fromkeys(left, 0)
     context = multiprocessing.get_context("spawn")
     while left:
@@ -83,7 +87,7 @@ def _in_processes(
         try:
             while left or running:
                 while left and len(running) < jobs:
-                    running[pool.submit(decode_part, job, left[-1])] = left[-1]
+                    running[pool.submit(decode, job, left[-1])] = left[-1]
                     left.pop()
                 ended, _ = wait(running, LOOK_S, FIRST_COMPLETED)
                 for future in ended:

@@ -19,7 +19,7 @@ from skin.io.export.columns import (
     cycle_columns,
     joined,
 )
-from skin.io.export.parquet import parquet_writer, table_of
+from skin.io.export.parquet import RowGroups, parquet_writer, table_of
 from topology.files import named, whole_file
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Writer(Protocol):
     Attributes
     ----------
     tables : tuple of str
-        Tables that each partition has a file of, of `TABLES`; set with the first block.
+        Tables that each partition has a file of, of `TABLES`; set with the first partition.
     """
 
     tables: tuple[str, ...]
@@ -93,25 +93,23 @@ def drop(files: ExitStack) -> None:
 
 
 class ParquetPartitions:
-    """Parquet files: a row group for each block, and hashes in the metadata."""
+    """Parquet files of large row groups, with hashes in the metadata."""
 
     def __init__(self, job: Job, part: Part) -> None:
         self.tables: tuple[str, ...] = ()
         self._job, self._part, self._provenance = job, part, job.provenance(part)
         self._library = arrow_for(job.folder, "written")
         self._fault_intervals = FaultIntervals(self._library, job.topology, self._provenance)
+        self._faults: list[tuple[Any, ...]] = []
+        self._groups, self._number = RowGroups(self._write_group), 0
         self._open: dict[str, Any] = {}
         self._files = ExitStack()
 
     def add(self, block: Block, number: int) -> None:
         """Add a block; see `Writer`."""
-        tables = {"cycles": table_of(self._library, cycle_columns(block), self._provenance)}
-        if block.contacts is not None:
-            tables["contacts"] = table_of(self._library, contact_columns(block), self._provenance)
-        tables["trouble"] = self._fault_intervals.of(block)
-        self.tables = tuple(tables)
-        for name, table in tables.items():
-            self._write(name, table, number)
+        self._number = number
+        self._groups.add(block)
+        self._faults += self._fault_intervals.pass_over(block)
 
     def skip(self, block: Block) -> None:
         """Skip a block; see `Writer`."""
@@ -120,7 +118,8 @@ class ParquetPartitions:
     def commit(self, number: int, *, ends: bool) -> None:
         """Commit the files; see `Writer`."""
         if ends:
-            self._write("trouble", self._fault_intervals.end(), number)
+            self._faults += self._fault_intervals.end()
+        self._groups.flush()
         self._open = {}
         files, self._files = self._files, ExitStack()
         files.close()
@@ -130,8 +129,19 @@ class ParquetPartitions:
         files, self._files, self._open = self._files, ExitStack(), {}
         drop(files)
 
-    def _write(self, name: str, table: Any, number: int) -> None:
-        path = place(self._job, self._part, name, number)
+    def _write_group(self, blocks: list[Block]) -> None:
+        """Write a row group of each table."""
+        columns = {"cycles": cycle_columns(blocks)}
+        if blocks[0].contacts is not None:
+            columns["contacts"] = contact_columns(blocks)
+        self.tables = (*columns, "trouble")
+        for name, found in columns.items():
+            self._write(name, table_of(self._library, found, self._provenance))
+        self._write("trouble", self._fault_intervals.table(self._faults))
+        self._faults = []
+
+    def _write(self, name: str, table: Any) -> None:
+        path = place(self._job, self._part, name, self._number)
         if name not in self._open:
             file = self._files.enter_context(whole_file(path))
             self._open[name] = self._files.enter_context(

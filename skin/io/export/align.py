@@ -154,7 +154,7 @@ class History:
         self._contacts[:] = np.nan
         self._count = len(state.contacts)
         kept = records_of(state)[: len(self._contacts)]
-        for place, column in zip(self._contacts.T, columns_of(QUANTITIES, kept), strict=True):
+        for place, column in zip(self._contacts.T, columns_of(QUANTITIES, [kept]), strict=True):
             place[: len(kept)] = column.values
 
     def _check(self, state: State) -> None:

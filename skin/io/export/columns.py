@@ -6,6 +6,7 @@ contacts from `skin.contact.record.Fields`; docs/reference/columns.md lists them
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import astuple
@@ -91,50 +92,57 @@ CYCLES = (
 
 
 def columns_of(
-    quantities: Sequence[Quantity], source: Any, head: str = "", at: Any = None
+    quantities: Sequence[Quantity], sources: Sequence[Any], head: str = "", at: Any = None
 ) -> Iterator[Column]:
-    """Columns that a source has, one value a row.
+    """Columns that consecutive sources have, one value a row.
 
     Parameters
     ----------
     quantities : sequence of Quantity
-    source : Block or records
-        See `Quantity.values`.
+    sources : sequence of Block or of records
+        See `Quantity.values`; all have the same quantities.
     head : str
         Prefix of names of several columns: "{}." for the quantity's name.
-    at : index, optional
-        Rows to take; all if not given.
+    at : sequence of index, optional
+        Rows to take of each source; all if not given.
     """
     for one in quantities:
-        values = one.values(source)
-        if values is None:
+        parts = [one.values(source) for source in sources]
+        if parts[0] is None:
             continue
-        values = values if at is None else values[at]
-        rows = values[np.newaxis] if not one.columns else np.ascontiguousarray(values.T)
+        if at is not None:
+            parts = [values[rows] for values, rows in zip(parts, at, strict=True)]
         before = head.format(one.name.removesuffix("_sigma")) if one.columns else ""
-        for (name, unit), row in zip(one.heads, rows, strict=True):
+        for (name, unit), row in zip(one.heads, _transposed(parts), strict=True):
             yield Column(before + name, unit, row, one)
 
 
-def cycle_columns(block: Block) -> Iterator[Column]:
-    """A row for each cycle, without its contacts; quantities that are not wanted have no column."""
-    yield from columns_of((*HEAD, CLOSED), block)
+def _transposed(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Consecutive values, shapes (t, …), one after the other: shape (columns, all t)."""
+    tall = [part.reshape(len(part), math.prod(part.shape[1:])).T for part in parts]
+    out = np.empty((len(tall[0]), sum(map(len, parts))), parts[0].dtype)
+    return np.concatenate(tall, axis=1, out=out)
+
+
+def cycle_columns(blocks: Sequence[Block]) -> Iterator[Column]:
+    """A row for each cycle of consecutive blocks, without its contacts; quantities that are not
+    wanted have no column."""
+    yield from columns_of((*HEAD, CLOSED), blocks)
+    units = blocks[0].topology.unit_names
     for one in READINGS:
-        values = one.values(block)
-        if values is None:
+        parts = [one.values(block) for block in blocks]
+        if parts[0] is None:
             continue
-        rows = np.ascontiguousarray(values.reshape(len(values), -1).T)
-        units = block.topology.unit_names
         heads = [(f"{unit}.{end}", measure) for end, measure in one.heads for unit in units]
-        for (name, measure), row in zip(heads, rows, strict=True):
+        for (name, measure), row in zip(heads, _transposed(parts), strict=True):
             yield Column(name, measure, row, one)
-    yield from columns_of(CYCLES, block, "{}.")
+    yield from columns_of(CYCLES, blocks, "{}.")
 
 
-def contact_columns(block: Block) -> Iterator[Column]:
-    """A row for each contact of each cycle; skin frame."""
-    yield from columns_of(HEAD, block, at=block.contact_cycle)
-    yield from columns_of(QUANTITIES, block.contacts)
+def contact_columns(blocks: Sequence[Block]) -> Iterator[Column]:
+    """A row for each contact of each cycle of consecutive blocks; skin frame."""
+    yield from columns_of(HEAD, blocks, at=[block.contact_cycle for block in blocks])
+    yield from columns_of(QUANTITIES, [block.contacts for block in blocks])
 
 
 def suffix(unit: str) -> str:

@@ -66,6 +66,20 @@ def test_where_files_end_changes_no_value(job, log, contents):
             np.testing.assert_array_equal(mine.to_numpy(), theirs.to_numpy())
 
 
+def test_threads_change_nothing(palm_frames, job, contents, tmp_path):
+    write(whole := tmp_path / "run.blf", palm_frames)
+    (damaged := tmp_path / "cut.blf").write_bytes(whole.read_bytes()[:-5000])
+    for log in (whole, damaged):
+        found = []
+        for threads in (True, False):
+            one = dataclasses.replace(job, folder=tmp_path / f"{log.stem}-{threads}")
+            (part,) = parts_of([log])
+            summary = decode_part(one, part, threads=threads)
+            found.append(({**summary, "wall_s": 0.0}, contents(one.folder)))
+        assert found[0] == found[1]
+        assert bool(found[0][0]["damage"]) == (log is damaged)
+
+
 def test_a_job_that_is_killed_goes_on_to_the_same_files(job, log, contents, tmp_path):
     after = int(np.random.default_rng().integers(0, 4))
     killed = dataclasses.replace(job, folder=tmp_path / "killed")

@@ -67,6 +67,13 @@ def test_columns_tell_their_units_of_measure(palm, file):
     assert schema.field("coverage").metadata is None
 
 
+def test_no_column_has_nulls(file):
+    schema = pq.ParquetFile(file).schema
+    levels = {schema.column(i).max_definition_level for i in range(len(schema.names))
+              if not schema.column(i).path.startswith("contacts.")}  # fmt: skip
+    assert levels == {0}
+
+
 def test_row_groups_are_written_as_they_fill(palm, states, tmp_path, monkeypatch):
     monkeypatch.setattr(room, "STATES", 32)
     monkeypatch.setattr(room, "MOST_ROWS", 64)
