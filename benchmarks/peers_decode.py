@@ -27,8 +27,15 @@ SPREAD = {
     "field_amplitude_ut": 0.05,
     "field_wavenumber_rad_per_mm": 0.03,
     "shear_soft_n_per_mm": 0.05,
+    "normal_stiff_n_per_hz": 0.05,
+    "shear_stiff_n_per_mm": 0.05,
+    "shear_gain_per_mm": 0.1,
+    "field_growth_per_mm": 0.02,
+    "field_angle_mm": 0.01,
+    "film_drift_per_k": 0.1,
+    "hall_gain_per_k": 0.1,
 }
-"""Relative spread of the parameters that differ from unit to unit."""
+"""Relative spread of the parameters that differ from unit to unit: those that a bench writes."""
 
 
 def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:

@@ -23,7 +23,7 @@ from bus.compiled.aligned import zeros
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from skin.decode.functions import atan2
-from skin.decode.records import tile_rows
+from skin.decode.records import RESULT_ROWS
 from skin.decode.results import Results
 from topology import CREEP_TERMS, Topology
 
@@ -355,5 +355,5 @@ def _rows(names: tuple[str, ...]) -> Rows:
     first, row = {}, 0
     for name in names:
         first[name] = row
-        row += len(tile_rows(name))
+        row += RESULT_ROWS[name]
     return Rows(*(first.get(name, -1) for name in Rows._fields))

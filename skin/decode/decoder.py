@@ -385,7 +385,7 @@ class Decoder:
         return [
             self._data_of(
                 counts=counts, status=status, background=background, state=self._state,
-                seen=self._seen, out=out.values, flags=out.flags, valid=out.valid, **scratch,
+                seen=self._seen, out=out.rows, flags=out.flags, valid=out.valid, **scratch,
             )
             for scratch in self._shares.scratch[share]
         ]  # fmt: skip

@@ -6,6 +6,7 @@ The lateral field points the way of the tangential displacement: +x force, +x di
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,10 @@ from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
 from skin.decode.parts import Parts
 from skin.decode.records import BX, BY, BZ, INVALID, MAGNETIC_ANOMALY, SATURATED, SILENT
 from skin.decode.span import lanes_of
-from skin.physics.force_law import at, force
+from skin.physics.force_law import at as law_at
+from skin.physics.force_law import force
 
-__all__ = ["FIELD_MIN", "GAIN_MIN", "amplitude_stage", "anomaly_stage", "field_law", "inversion"]
+__all__ = ["FIELD_MIN", "GAIN_MIN", "Field", "Reach", "anomaly_stage", "field_law", "inversion"]
 
 GAIN_MIN = 0.1
 """Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
@@ -27,16 +29,43 @@ DEPTH_MIN, DEPTH_MAX = -0.5, 4.0
 """mm: bounds of H in R(psi, H), whose cubics in H mean nothing far beyond their fit."""
 
 
+class Field(NamedTuple):
+    """The field that a chip reads, µT, with its gain in it.
+
+    Attributes
+    ----------
+    x, y, z : float
+    gain : float
+        Of chip and film.
+    strength : float
+        Of the lateral field.
+    """
+
+    x: float
+    y: float
+    z: float
+    gain: float
+    strength: float
+
+
+class Reach(NamedTuple):
+    """R, mm, with its one-sigma; 1 / S and the variance of the field, 1/µT and µT²."""
+
+    radius: float
+    along: float
+    each: float
+    variance: float
+
+
 def field_law(parts: Parts) -> Callable:
     """The field without the chip's offset, its drift and the background, mapped."""
     with_chip = parts.chip_compensation
     with_z = parts.angle or parts.consistency or parts.field
 
     @jitable(inline=True)
-    def field(unit, counts, background, cycle, i, chip_above, j):
-        """Lateral field and Bz of a unit, which is unit i of all, and the chip's gain, which is
-        left in them."""
-        real = type(chip_above)
+    def field(unit, counts, background, at, chip_above):
+        """Lateral field and Bz of a unit, and the chip's gain, which is left in them."""
+        real, cycle, i, j = type(chip_above), at.cycle, at.unit, at.lane
         bx, by = real(counts[cycle, BX, i]), real(counts[cycle, BY, i])
         x = unit["x_bx"][j] * bx + unit["x_by"][j] * by + unit["x_offset"][j]
         y = unit["y_bx"][j] * bx + unit["y_by"][j] * by + unit["y_offset"][j]
@@ -83,7 +112,8 @@ def amplitude_variance(depth, sigma, unit, j):
 @jitable(inline=True)
 def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     """S against M0 sin(k R), R from the angle: the miss and what a reading may miss, both squared
-    and relative; and the mean of the misses over their allowance, from `missed` on.
+    and relative, but times `whole`, the model and the field squared, so that one division does;
+    `whole`; and by how much the miss over its allowance is above the mean, `missed`.
 
     At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
     strength everywhere. Either M0 or its inverse is 1.
@@ -96,18 +126,15 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     that is beyond by itself does not count for the average, in which noise counts less.
     """
     real = type(solid)
-    one = real(1.0)
     u = unit["wavenumber"][j] * radius
     model, square = amplitude * (u * sinc(u)), solid * solid + z * z
-    each = one / (model * square)  # one division for both quotients
-    ratio = solid * inverse * square * each
-    miss = ratio - one
-    weak = ratio * ratio * model * each
-    single2 = unit["anomaly_share"][j] + unit["anomaly_field"][j] * weak
-    mean2 = unit["miss_share"][j] + unit["miss_field"][j] * weak
-    miss2 = miss * miss
-    mean = missed + unit["miss_step"][j] * (miss / np.sqrt(mean2) - missed)
-    return miss2, single2, mean if miss2 <= single2 else missed
+    read = solid * inverse
+    off, whole, weak = read - model, model * model * square, read * read
+    miss2 = off * off * square
+    single2 = unit["anomaly_share"][j] * whole + unit["anomaly_field"][j] * weak
+    mean2 = unit["miss_share"][j] * whole + unit["miss_field"][j] * weak
+    above = off * np.sqrt(square / mean2) - missed
+    return miss2, single2, whole, above if miss2 <= single2 else real(0.0)
 
 
 @jitable(inline=True)
@@ -208,42 +235,26 @@ def angle_law(parts: Parts) -> Callable:
     return by_angle
 
 
-def amplitude_stage(parts: Parts) -> Callable:
-    """The stage that decodes the film's strength at its depth: M0, or with `sine` 1 / M0."""
-    with_angle = parts.angle
-
-    @jitable(inline=True)
-    def amplitude(unit, span, tile):
-        assume_noalias()
-        _, start, size = lanes_of(span)
-        for lane in range(size):
-            j = start + lane
-            x = octaves(tile["displacement"][2, j], unit, j)
-            tile["amplitude"][j] = exp2(x if with_angle else -x)
-
-    return amplitude
-
-
 def inversion(parts: Parts) -> Callable:
-    """R by angle or by strength, and whether the field is the film's at all."""
+    """R by angle or by strength."""
     with_angle = parts.angle
     by_angle, by_strength = angle_law(parts), strength_law(parts)
 
     @jitable(inline=True)
-    def invert(variance, tile, unit, j):
-        """R, its sigma, its flags, 1 / S, 1 / M0, and the variance of the field."""
-        depth, depth_sigma = tile["displacement"][2, j], tile["displacement_sigma"][2, j]
-        solid = max(tile["strength"][j], type(depth)(FIELD_MIN))
+    def invert(field, normal, variance, unit, j):
+        """A `Reach`, flags, and the gain of chip and film; with `sine` 1 / M0 over it."""
+        depth, gain = normal.depth, field.gain
+        solid = max(field.strength, type(depth)(FIELD_MIN))
         if with_angle:
-            radius, sigma, found, each, variance = by_angle(
-                solid, tile["read"][2, j], variance, depth, depth_sigma, unit, j
+            radius, along, found, each, variance = by_angle(
+                solid, field.z, variance, depth, normal.depth_sigma, unit, j
             )
-            inverse = each
         else:
-            radius, sigma, found, each, inverse, variance = by_strength(
-                solid, variance, depth, depth_sigma, tile["gain"][j], tile["amplitude"][j], unit, j
+            weakest = exp2(-octaves(depth, unit, j))
+            radius, along, found, each, gain, variance = by_strength(
+                solid, variance, depth, normal.depth_sigma, gain, weakest, unit, j
             )
-        return radius, sigma, found, each, inverse, variance
+        return Reach(radius, along, each, variance), found, gain
 
     return invert
 
@@ -259,21 +270,21 @@ def doubt(beyond2, tile, unit, j):
     """
     real = type(beyond2)
     solid = max(tile["strength"][j], real(FIELD_MIN))
-    z = tile["read"][2, j]
+    z = tile["z"][j]
     field2 = beyond2 * (solid * solid + z * z)
     aside, limit = tile["radius"][j] / solid, unit["displacement_max"][j]
     along = tile["along"][j]
     tile["along"][j] = np.sqrt(along * along + min(field2 * (aside * aside), limit * limit))
     tile["variance"][j] += field2
-    depth, sigma = tile["displacement"][2, j], tile["displacement_sigma"][2, j]
+    depth, sigma = tile["depth"][j], tile["depth_sigma"][j]
     growth = unit["amplitude_octaves"]
     slope = real(0.6931471805599453) * (real(2.0) * growth[2, j] * depth + growth[1, j])
     deeper2 = beyond2 / max(slope * slope, real(1e-6))
-    tile["displacement_sigma"][2, j] = np.sqrt(sigma * sigma + deeper2)
-    deeper, law = np.sqrt(deeper2), at(unit["normal_law"], j)
+    tile["depth_sigma"][j] = np.sqrt(sigma * sigma + deeper2)
+    deeper, law = np.sqrt(deeper2), law_at(unit["normal_law"], j)
     half = (force(depth + deeper, law) - force(depth - deeper, law)) * real(0.5)
-    known = tile["force_sigma"][2, j]
-    tile["force_sigma"][2, j] = np.sqrt(known * known + half * half)
+    known = tile["push_sigma"][j]
+    tile["push_sigma"][j] = np.sqrt(known * known + half * half)
 
 
 def anomaly_stage(parts: Parts) -> Callable:
@@ -283,48 +294,48 @@ def anomaly_stage(parts: Parts) -> Callable:
     that is beyond.
     """
     with_angle, with_ratio, by_angle = parts.angle, parts.test_ratio, angle_law(parts)
-    with_sigma = parts.sigma
+    with_sigma, row = parts.sigma, parts.row("test_ratio")
 
     @jitable(inline=True)
-    def check(unit, span, tile, flag, state, advance):
+    def check(unit, span, tile, flag, state, out, advance):
         assume_noalias()
-        _, start, size = lanes_of(span)
-        real = tile["force"].dtype.type
+        span = lanes_of(span)
+        real = unit["x_bx"].dtype.type
         nothing, one, two, three = real(0.0), real(1.0), real(2.0), real(3.0)
         doubted = np.int16(0)
-        for lane in range(size):
-            j = start + lane
-            depth, z = tile["displacement"][2, j], tile["read"][2, j]
-            solid = max(tile["strength"][j], real(FIELD_MIN))
-            missed = state["missed"][j]
+        for lane in range(span.size):
+            j = span.start + lane
+            z, radius, gain = tile["z"][j], tile["radius"][j], tile["gain"][j]
+            solid, missed = max(tile["strength"][j], real(FIELD_MIN)), state["missed"][j]
             if with_angle:
-                amplitude = tile["gain"][j] * tile["amplitude"][j]
-                radius = tile["radius"][j]
-                miss2, single2, mean = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
-            else:
-                other, _, _, _, _ = by_angle(solid, z, one, depth, one, unit, j)  # R alone
-                miss2, single2, mean = anomaly(
-                    solid, z, other, one, tile["inverse"][j], missed, unit, j
+                amplitude = gain * exp2(octaves(tile["depth"][j], unit, j))
+                miss2, single2, whole, above = anomaly(
+                    solid, z, radius, amplitude, one, missed, unit, j
                 )
-            flags, odd = flag[j], state["odd"][j]
-            counts = flags & INVALID == 0
+            else:
+                depth = tile["depth"][j]
+                other, _, _, _, _ = by_angle(solid, z, one, depth, one, unit, j)  # R alone
+                miss2, single2, whole, above = anomaly(solid, z, other, one, gain, missed, unit, j)
+            flags, odd, step = flag[j], state["odd"][j], unit["miss_step"][j]
+            counts, mean = flags & INVALID == 0, missed + step * above
             last = (odd == one) | (odd == three)
             before = last if advance else odd >= two
             now = not miss2 <= single2
             lies = (now & before) | (not mean * mean <= one)
-            state["missed"][j] = mean if advance & counts else missed
+            # sums, for a store in some lanes alone costs more than all else here
+            state["missed"][j] = missed + (step if advance & counts else nothing) * above
             seen = (one if now else nothing) + (two if before else nothing)
-            state["odd"][j] = seen if counts else odd
+            state["odd"][j] = odd + (seen - odd if counts else nothing)
             found = MAGNETIC_ANOMALY if lies else 0
             flag[j] = flags if flags & SILENT else flags | found
             if with_sigma:
-                tile["beyond"][j] = max(miss2 - single2, nothing)
+                tile["beyond"][j] = max((miss2 - single2) / whole, nothing)
                 doubted = np.int16(doubted | (MAGNETIC_ANOMALY if now else 0))
             if with_ratio:
                 ratio = np.sqrt(max(miss2 / single2, mean * mean))
-                tile["test_ratio"][j] = real(np.nan) if flags & SILENT else ratio
+                out[row][span.shown + j] = real(np.nan) if flags & SILENT else ratio
         if with_sigma and doubted != 0:
-            for lane in range(size):
-                doubt(tile["beyond"][start + lane], tile, unit, start + lane)
+            for lane in range(span.size):
+                doubt(tile["beyond"][span.start + lane], tile, unit, span.start + lane)
 
     return check

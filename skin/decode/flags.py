@@ -15,11 +15,10 @@ from skin.decode.parts import Parts
 from skin.decode.span import lanes_of
 
 from skin.decode.records import (  # isort: skip
-    BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, IDLE, LANES, OUT_OF_RANGE,
-    SATURATED, SILENT, TANGENTIAL_ROWS,
+    BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, OUT_OF_RANGE, SATURATED, SILENT,
 )  # fmt: skip
 
-__all__ = ["changes", "flags_stage", "judge", "rest"]
+__all__ = ["changes", "flags_stage", "judge", "wake"]
 
 
 @jitable(inline=True)
@@ -77,7 +76,8 @@ def flags_stage(parts: Parts) -> Callable:
         """All flags that units of a block have by their counts or from the bus, in one, and whether
         any unit is under load."""
         assume_noalias()
-        first, _, size = lanes_of(span)
+        span = lanes_of(span)
+        first, size = span.first, span.size
         doubt = touched = flagged = np.int16(0)
         cycle = span.cycle
         for j in range(size):
@@ -124,7 +124,8 @@ def changes(counts, status, background, seen, span):
     With a background, which changes unseen, something always is.
     """
     assume_noalias()
-    first, _, size = lanes_of(span)
+    span = lanes_of(span)
+    first, size = span.first, span.size
     heard = np.int16(0)
     for j in range(size):
         now = np.int16(status[span.cycle, first + j])
@@ -142,30 +143,11 @@ def changes(counts, status, background, seen, span):
 
 
 @jitable(inline=True)
-def rest(flag, span, values, rested):
-    """Flag units as IDLE; they show nothing tangential, of the tile's `values`, unless `rested`
-    says that they do already."""
+def wake(loaded, span):
+    """Whether any of some units is under load."""
     assume_noalias()
-    _, _, size = lanes_of(span)
-    nothing = values.dtype.type(np.nan)
-    if not rested:
-        for row in TANGENTIAL_ROWS:
-            for j in range(LANES):
-                values[row * LANES + j] = nothing
-    for j in range(size):
-        flags = flag[j]
-        flag[j] = flags if flags & SILENT else flags | IDLE
-
-
-@jitable(inline=True)
-def wake(flag, loaded, span):
-    """Whether any of some units is under load; none of them is IDLE then."""
-    assume_noalias()
-    _, start, size = lanes_of(span)
+    span = lanes_of(span)
     busy = np.int16(0)
-    for lane in range(size):
-        busy = np.int16(busy | loaded[start + lane])
-    if busy != 0:
-        for lane in range(size):
-            flag[start + lane] &= ~np.int16(IDLE)
+    for lane in range(span.size):
+        busy = np.int16(busy | loaded[span.start + lane])
     return busy != 0

@@ -1,9 +1,11 @@
 """The kernel of decoding: counts in, forces, temperatures and their uncertainty out.
 
 Units are decoded in blocks of `LANES`, a block after the other: each stage is a loop over the lanes
-of the block, and the wanted rows of the tile go out in the end. The records stand in `records`, the
-stages and their laws in `flags`, `temperature`, `normal`, `field` and `tangential`. The
-type of the coefficients, float32 or float64, is the type of all arithmetic.
+of the block, in which all laws of the stage are computed and each result goes to its own row. There
+are few stages, for what is computed stays in registers; but none in which a unit takes so many
+instructions in a row that the processor cannot look ahead to the next one. The records stand in
+`records`, the stages and their laws in `flags`, `temperature`, `normal`, `field` and `tangential`.
+The type of the coefficients, float32 or float64, is the type of all arithmetic.
 """
 
 from __future__ import annotations
@@ -16,36 +18,15 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias, prefetch
 from bus.compiled.jit import compiled, jitable
-from skin.decode.flags import changes, flags_stage, rest, wake
-from skin.decode.normal import normal_stage
+from skin.decode.flags import changes, flags_stage, wake
 from skin.decode.parts import Parts
 from skin.decode.plan import LOOK_CYCLES
-from skin.decode.records import (
-    FLAGS,
-    INVALID,
-    LANES,
-    NOT_NEGATIVE,
-    SKIP,
-    TANGENTIAL_ROWS,
-    UNKNOWN,
-    tile_rows,
-)
+from skin.decode.records import FLAGS, INVALID, LANES, SKIP, UNKNOWN
 from skin.decode.span import Span, lanes_of
-from skin.decode.tangential import tangential_stage
-from skin.decode.temperature import (
-    lost,
-    recall_stage,
-    temperature_stage,
-)
+from skin.decode.tangential import units_stage
+from skin.decode.temperature import lost, recall_stage, temperature_stage
 
 __all__ = ["DecodeData", "decode", "decode_python"]
-
-TANGENTIAL_BITS = sum(1 << row for row in TANGENTIAL_ROWS)
-HELD_BITS = sum(
-    1 << row
-    for name in ("temperature", "film_above", "temperature_sigma")
-    for row in tile_rows(name)
-)
 
 
 class DecodeData(NamedTuple):
@@ -66,10 +47,11 @@ class DecodeData(NamedTuple):
     flag, loaded : ndarray, shape (LANES,), int16
         Scratch: flags of a block's units, whether they are under load.
     tile : ndarray, shape (1,), record of `skin.decode.records.tile`
-        Scratch: the block on its way through.
+        Scratch: what one stage leaves to the next.
     control : ndarray, shape (1,), record of `CONTROL`
-    out : ndarray, shape (t, r, n)
-        Written: the wanted rows.
+    out : tuple of ndarray, shape (m,)
+        Written: the wanted rows, in the order of `skin.decode.records.RESULT_ROWS`; each from its
+        first number on to the end of the array of shape (t, r, n) that they make.
     flags : ndarray, shape (t, n), uint16
         Written: flags of the bus and of the decoder.
     valid : ndarray, shape (t, n), bool
@@ -85,7 +67,7 @@ class DecodeData(NamedTuple):
     loaded: np.ndarray
     tile: np.ndarray
     control: np.ndarray
-    out: np.ndarray
+    out: tuple[np.ndarray, ...]
     flags: np.ndarray
     valid: np.ndarray
 
@@ -106,120 +88,154 @@ def prefetch_block(data, span, state):
     _prefetch_row(data.status[cycle], start)
     _prefetch_row(data.flags[cycle], start)
     _prefetch_row(data.valid[cycle], start)
-    for row in range(data.out.shape[1]):
-        _prefetch_row(data.out[cycle, row], start)
+    for row in data.out:
+        _prefetch_row(row, span.shown + LANES)
     _prefetch_row(state["last_temperature"], 0)
     _prefetch_row(state["film_lag"], 0)
 
 
 @jitable(inline=True)
-def write_results(rows, values, flag, span, out, unknown, kept):
-    """Show rows of the tile, given as its `values` one after the other; not those whose bit is
-    `kept`, which show the same already, and nothing of units that are `unknown`, if any is."""
+def hide(flag, span, out):
+    """Show nothing of units that are UNKNOWN."""
     assume_noalias()
-    first, _, size = lanes_of(span)
-    nothing = out.dtype.type(np.nan)
-    for r in range(rows.size):
-        if (kept >> rows[r]) & 1:
-            continue
-        at = (rows[r] * LANES) & NOT_NEGATIVE
-        for j in range(size):
-            out[span.cycle, r, first + j] = values[at + j]
-        if unknown != 0:
-            for j in range(size):
-                if flag[j] & UNKNOWN != 0:
-                    out[span.cycle, r, first + j] = nothing
+    span = lanes_of(span)
+    for row in out:
+        nothing = row.dtype.type(np.nan)
+        for j in range(span.size):
+            if flag[j] & UNKNOWN != 0:
+                row[span.shown + j] = nothing
 
 
-def rest_stage(parts: Parts) -> Callable:
-    """The stage that decides whether a block shows nothing tangential."""
-    with_skip, with_look = parts.skip, parts.look
-    with_tangential = parts.shear or parts.field
+def clear_stage(parts: Parts) -> Callable:
+    """The stage that shows nothing tangential."""
+    rows = parts.tangential_rows
 
     @jitable(inline=True)
-    def resting(seen, touched, turn, every, reuse):
-        """Whether units without load are looked at all the same; whether the block rests, and
-        whether it is shown so already."""
-        look = rests = rested = False
-        if with_skip:
-            if with_look:
-                look = turn % max(every, LOOK_CYCLES) == 0
-            rests = with_tangential and touched == 0 and not look
-            rested = rests and reuse and seen["rested"][0] != 0
-            seen["rested"][0] = rests
-        return look, rests, rested
+    def clear(span, out):
+        assume_noalias()
+        span = lanes_of(span)
+        for row in rows:
+            nothing = out[row].dtype.type(np.nan)
+            for lane in range(span.size):
+                out[row][span.shown + span.start + lane] = nothing
 
-    return resting
+    return clear
+
+
+class Turn(NamedTuple):
+    """What is to be done in a cycle.
+
+    Attributes
+    ----------
+    due : bool
+        Decode temperatures that are held.
+    look : bool
+        Look at units without load all the same.
+    advance, reuse : bool
+        As of `skin.decode.records.CONTROL`.
+    """
+
+    due: bool
+    look: bool
+    advance: bool
+    reuse: bool
+
+
+def block_stage(parts: Parts) -> Callable:
+    """All stages, for the units of a block."""
+    with_warmth = parts.temperature or parts.film_compensation or parts.chip_compensation
+    sees_changes, with_hold = parts.skip, parts.hold and with_warmth
+    with_skip = parts.skip and (parts.shear or parts.field)
+    judge, clear = flags_stage(parts), clear_stage(parts)
+    units, rest = units_stage(parts, loaded=True), units_stage(parts, loaded=False)
+    recall, temperature = recall_stage(parts), temperature_stage(parts)
+
+    @jitable(inline=True)
+    def decode_block(model, data, span, turn, block):
+        assume_noalias()
+        counts, flag, out = data.counts, data.flag, data.out
+        unit = model.coefficients[block if model.coefficients.size > 1 else 0]
+        limits = model.limits[block if model.limits.size > 1 else 0]
+        state, advance = data.state[block], turn.advance
+        heard = np.int16(1)
+        if sees_changes:
+            seen = data.seen[block]
+            heard, changed = changes(counts, data.status, data.background, seen, span)
+            if turn.reuse and not turn.due and changed == 0:
+                return
+        found, touched = judge(counts, data.status, limits, span, flag, data.loaded)
+        if with_hold:
+            above, anew = state, turn.due
+            warm = anew or lost(state, span, flag)
+            if not warm and not (turn.reuse and heard == 0):
+                recall(state, span, out)
+        else:
+            above, anew, warm = data.tile[0], advance, with_warmth
+        if warm:
+            temperature(unit, data, span, state, above, found, anew)
+        if with_skip:
+            rests = touched == 0 and not turn.look
+            shown_so = rests and turn.reuse and seen["rested"][0] != 0
+            seen["rested"][0] = rests
+            together = SKIP if touched != 0 and not turn.look else LANES
+            for start in range(0, span.size, together):
+                some = Span(
+                    span.cycle, span.first, span.shown, start, min(together, span.size - start)
+                )  # fmt: skip
+                if turn.look or (not rests and wake(data.loaded, some)):
+                    units(unit, data, some, above, state, advance)
+                else:
+                    rest(unit, data, some, above, state, advance)
+                    if not shown_so:
+                        clear(some, out)
+        else:
+            units(unit, data, span, above, state, advance)
+        if found & UNKNOWN != 0:
+            hide(flag, span, out)
+        write_flags(flag, limits, span, data.flags, data.valid)
+
+    return decode_block
+
+
+@jitable(inline=True)
+def write_flags(flag, limits, span, flags, valid):
+    """Show the flags of a block, and what they mean."""
+    assume_noalias()
+    span = lanes_of(span)
+    for j in range(span.size):
+        flags[span.cycle, span.first + j] = (flag[j] & FLAGS) | limits["note"][j]
+        valid[span.cycle, span.first + j] = flag[j] & INVALID == 0
 
 
 def decode_python(parts: Parts) -> Callable:
     """The function that decodes what `parts` say, not compiled: ``decode(model, data)``."""
-    with_skip, with_hold, with_shear, with_prefetch = (
-        parts.skip, parts.hold, parts.shear, parts.prefetch
-    )  # fmt: skip
-    with_tangential = parts.shear or parts.field
-    warm = parts.temperature or parts.film_compensation or parts.chip_compensation
-    judge, normal, resting = flags_stage(parts), normal_stage(parts), rest_stage(parts)
-    recall, temperature = recall_stage(parts), temperature_stage(parts)
-    tangential = tangential_stage(parts)
+    with_skip, with_look, with_prefetch = parts.skip, parts.look, parts.prefetch
+    decode_block = block_stage(parts)
 
     def decode(model, data):
         """Decode the cycles of a `DecodeData` by a `skin.decode.model.DecodeModel`, in turn."""
         assume_noalias()
-        counts, status, background, flag = data.counts, data.status, data.background, data.flag
-        control, tile, every = data.control[0], data.tile[0], model.temperature_every
-        values = data.tile.view(data.out.dtype)
-        unit_step = 0 if model.coefficients.size == 1 else 1
-        limit_step = 0 if model.limits.size == 1 else 1
+        control, n, every = data.control[0], data.counts.shape[2], model.temperature_every
         advance, reuse = control["advance"] != 0, control["reuse"] != 0
         phase = control["phase"] - (0 if advance else 1)
-        for cycle in range(counts.shape[0]):
-            due = advance and (phase + cycle) % every == 0
+        for cycle in range(data.counts.shape[0]):
+            look = False
+            if with_look:
+                look = (phase + cycle) % max(every, LOOK_CYCLES) == 0
+            turn = Turn(advance and (phase + cycle) % every == 0, look, advance, reuse)
             for block in range(control["first"], control["last"]):
-                first = (block * LANES) & NOT_NEGATIVE
-                size = min(LANES, counts.shape[2] - first) & (2 * LANES - 1)
-                span = Span(cycle, first, 0, size)
-                unit = model.coefficients[(block * unit_step) & NOT_NEGATIVE]
-                limits = model.limits[(block * limit_step) & NOT_NEGATIVE]
-                state = data.state[block & NOT_NEGATIVE]
-                seen = data.seen[block & NOT_NEGATIVE]
-                heard, steady = np.int16(0), False
+                first = block * LANES
+                shown = cycle * len(data.out) * n + first
                 if with_prefetch:
-                    prefetch_block(data, span, data.state[(block + 1) & NOT_NEGATIVE])
-                if with_skip:
-                    heard, changed = changes(counts, status, background, seen, span)
-                    if reuse and not due and changed == 0:
-                        continue
-                found, touched = judge(counts, status, limits, span, flag, data.loaded)
-                look, rests, rested = resting(seen, touched, phase + cycle, every, reuse)
-                if warm:
-                    fresh = True
-                    if with_hold:
-                        fresh = due or lost(state, span, flag)
-                        steady = with_skip and reuse and heard == 0 and not fresh
-                        recall(state, span, tile, not steady, not (steady and rests))
-                    if fresh:
-                        anew = due if with_hold else advance
-                        temperature(unit, counts, span, state, tile, flag, found, anew)
-                if with_shear:
-                    normal(unit, counts, background, span, tile)
-                if with_skip and with_tangential and not look:
-                    rest(flag, span, values, rested)
-                if with_tangential and not rests:
-                    together = SKIP if with_skip and touched != 0 else LANES
-                    for part in range((size + together - 1) // together):
-                        start = (part * together) & NOT_NEGATIVE
-                        lanes = min(together, size - start) & (2 * LANES - 1)
-                        some = Span(cycle, first, start, lanes)
-                        if with_skip and not look and not wake(flag, data.loaded, some):
-                            continue
-                        tangential(unit, counts, background, some, tile, flag, state, advance)
-                kept = (HELD_BITS if steady else 0) | (TANGENTIAL_BITS if rested else 0)
-                write_results(model.rows, values, flag, span, data.out, found & UNKNOWN, kept)
-                for j in range(size):
-                    data.flags[cycle, first + j] = (flag[j] & FLAGS) | limits["note"][j]
-                    data.valid[cycle, first + j] = flag[j] & INVALID == 0
-        control["phase"] = phase + (counts.shape[0] if advance else 1)
+                    prefetch_block(data, Span(cycle, first, shown, 0, LANES), data.state[block + 1])
+                # a whole block has nothing left over of its vectors, if the compiler knows
+                if with_skip or n - first < LANES:
+                    span = Span(cycle, first, shown, 0, min(LANES, n - first))
+                    decode_block(model, data, span, turn, block)
+                else:
+                    whole = Span(cycle, first, shown, 0, LANES)
+                    decode_block(model, data, whole, turn, block)
+        control["phase"] = phase + (data.counts.shape[0] if advance else 1)
         control["reuse"] = 1
 
     return decode
@@ -228,4 +244,6 @@ def decode_python(parts: Parts) -> Callable:
 @functools.cache
 def decode(parts: Parts) -> Callable:
     """The kernel for `parts`, compiled."""
-    return compiled(decode_python(parts), fastmath={"contract"}, made_by=("decode", parts))
+    return compiled(
+        decode_python(parts), fastmath={"contract"}, allocates=False, made_by=("decode", parts)
+    )

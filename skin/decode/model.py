@@ -16,6 +16,7 @@ from skin.decode.bound import check
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
+from skin.decode.parts import Parts
 from skin.decode.plan import Plan
 from skin.decode.resting import axial_at_rest
 from skin.decode.uncertainty import Neighbours, uncertainty
@@ -48,15 +49,12 @@ class DecodeModel(NamedTuple):
         Calibration, a block for every `LANES` units, or a single block that all share.
     limits : ndarray, shape (b,) or (1,), records of `LIMITS`
         Ranges of counts.
-    rows : ndarray, shape (r,), int64
-        Rows of the tile that go out, in this order.
     temperature_every : int
         Temperatures are new where the number of the cycle is a multiple of this. Only with `hold`.
     """
 
     coefficients: np.ndarray
     limits: np.ndarray
-    rows: np.ndarray
     temperature_every: int
 
 
@@ -100,9 +98,8 @@ def model_of(
     }
     found |= uncertainty(topology, found, neighbours)
     return DecodeModel(
-        _blocks(found, k.coefficients(plan.dtype)),
+        _blocks(found, k.coefficients(plan.dtype, Parts.of(plan, topology.n))),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
-        np.array([row for name in plan.results for row in k.tile_rows(name)], np.int64),
         plan.temperature_every,
     )
 

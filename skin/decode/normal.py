@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.parts import Parts
 from skin.decode.records import FREQUENCY
-from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
-from skin.physics.force_law import at, force, lines
+from skin.physics.force_law import at as law_at
+from skin.physics.force_law import force, lines
 
-__all__ = ["law_variance", "normal_stage"]
+__all__ = ["Normal", "law_variance", "normal_law"]
+
+
+class Normal(NamedTuple):
+    """Depth, mm, and normal force, N, with their one-sigma."""
+
+    depth: float
+    push: float
+    depth_sigma: float
+    push_sigma: float
 
 
 @jitable(inline=True)
@@ -25,34 +34,32 @@ def law_variance(force, relative2, absolute2):
     return relative2 * square + min(absolute2, square)
 
 
-def normal_stage(parts: Parts) -> Callable:
-    """The stage that decodes depth and normal force, and their one-sigma."""
+def normal_law(parts: Parts) -> Callable:
+    """Depth and normal force of a unit, and their one-sigma."""
     with_sigma, push_of = parts.sigma, force if parts.cubes else lines
 
     @jitable(inline=True)
-    def normal(unit, counts, background, span, tile):
-        assume_noalias()
-        first, _, size = lanes_of(span)
-        real = tile["force"].dtype.type
-        for j in range(size):
-            frequency = real(counts[span.cycle, FREQUENCY, first + j])
-            depth = unit["depth_scale"][j] * frequency + unit["depth_offset"][j]
-            if background is not None:
-                depth -= unit["depth_per_hz"][j] * background[span.cycle, 0, first + j]
-            law = at(unit["normal_law"], j)
-            push = push_of(depth, law)
-            tile["displacement"][2, j] = depth
-            tile["force"][2, j] = push
-            if with_sigma:
-                over = max(depth - unit["depth_high"][j], unit["depth_low"][j] - depth)
-                beyond = real(EXTRAPOLATION) * max(over, real(0.0))
-                tile["displacement_sigma"][2, j] = unit["depth_sigma"][j] + beyond
-                # half of what the force changes over the interval of the frequency, and of the law
-                sigma = unit["normal_sigma"][j] + beyond
-                half = push_of(depth + sigma, law)
-                half -= push_of(depth - sigma, law)
-                half *= real(0.5)
-                law2 = law_variance(push, unit["normal_variance"][j], unit["normal_floor"][j])
-                tile["force_sigma"][2, j] = np.sqrt(half * half + law2)
+    def normal(unit, counts, background, at):
+        j = at.lane
+        real = unit["depth_scale"].dtype.type
+        depth = unit["depth_scale"][j] * real(counts[at.cycle, FREQUENCY, at.unit])
+        depth += unit["depth_offset"][j]
+        if background is not None:
+            depth -= unit["depth_per_hz"][j] * background[at.cycle, 0, at.unit]
+        law = law_at(unit["normal_law"], j)
+        push = push_of(depth, law)
+        depth_sigma = push_sigma = real(0.0)
+        if with_sigma:
+            over = max(depth - unit["depth_high"][j], unit["depth_low"][j] - depth)
+            beyond = real(EXTRAPOLATION) * max(over, real(0.0))
+            depth_sigma = unit["depth_sigma"][j] + beyond
+            # half of what the force changes over the interval of the frequency, and of the law
+            sigma = unit["normal_sigma"][j] + beyond
+            half = push_of(depth + sigma, law)
+            half -= push_of(depth - sigma, law)
+            half *= real(0.5)
+            law2 = law_variance(push, unit["normal_variance"][j], unit["normal_floor"][j])
+            push_sigma = np.sqrt(half * half + law2)
+        return Normal(depth, push, depth_sigma, push_sigma)
 
     return normal

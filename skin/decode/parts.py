@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from skin.decode.plan import TANGENTIAL, Plan
+from skin.decode.records import RESULT_ROWS
 
 __all__ = ["Parts"]
 
@@ -20,8 +21,8 @@ class Parts(NamedTuple):
 
     Attributes
     ----------
-    temperature, force, tangential, theta, displacement, field, test_ratio
-        Quantities that are wanted.
+    temperature, force, tangential, theta, displacement, field, test_ratio, film_above
+        Results that are written; the first five with their one-sigma, with `sigma`.
     angle
         R from the angle of the field (`field-angle`); else from its strength (`sine`).
     hold
@@ -40,6 +41,7 @@ class Parts(NamedTuple):
     displacement: bool = False
     field: bool = False
     test_ratio: bool = False
+    film_above: bool = False
     sigma: bool = False
     angle: bool = False
     consistency: bool = False
@@ -67,6 +69,28 @@ class Parts(NamedTuple):
             "prefetch": units >= FAR,
         }
         return cls(**{name: bool(wanted) for name, wanted in chosen.items()})
+
+    def row(self, result: str) -> int:
+        """The first row of a result among all that are written; -1 if it is not."""
+        row = 0
+        for name, size in RESULT_ROWS.items():
+            of = name.removesuffix("_sigma")
+            written = getattr(self, of) and (self.sigma or of == name)
+            if name == result:
+                return row if written else -1
+            row += size if written else 0
+        raise KeyError(result)
+
+    @property
+    def tangential_rows(self) -> tuple[int, ...]:
+        """Rows of results that a unit without load does not show: of force and displacement all but
+        what is normal."""
+        rows = []
+        for name, size in RESULT_ROWS.items():
+            row, normal = self.row(name), name.startswith(("force", "displacement"))
+            if row >= 0 and not name.startswith(("temperature", "film")):
+                rows += range(row, row + size - normal)
+        return tuple(rows)
 
     @property
     def shear(self) -> bool:

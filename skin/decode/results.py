@@ -25,23 +25,26 @@ class Results:
     Parameters
     ----------
     names : tuple of str
-        Results in the order of the kernel's rows, of `records.TILE_ROWS`.
+        Results in the order of the kernel's rows, of `records.RESULT_ROWS`.
     cycles, units : int
     real : dtype
 
     Attributes
     ----------
     values : ndarray, shape (t, r, n), float32 or float64
+    rows : tuple of ndarray, shape (m,)
+        The same from the first number of each row on.
     flags : ndarray, shape (t, n), uint16
     valid : ndarray, shape (t, n), bool
     """
 
     def __init__(self, names: tuple[str, ...], cycles: int, units: int, real: np.dtype) -> None:
         self.names = names
-        rows = sum(records.TILE_ROWS[name] for name in names)
+        rows = sum(records.RESULT_ROWS[name] for name in names)
         self.values = zeros((cycles, rows, units), real)
         self.flags = zeros((cycles, units), np.uint16)
         self.valid = zeros((cycles, units), bool)
+        self.rows = tuple(self.values.reshape(-1)[row * units :] for row in range(rows))
         self.arrays = self.values, self.flags, self.valid
 
     def reading(self, at: int | slice, shown: Collection[str]) -> Reading:
@@ -51,7 +54,7 @@ class Results:
         )
         row = 0
         for name in self.names:
-            size = records.TILE_ROWS[name]
+            size = records.RESULT_ROWS[name]
             if name.removesuffix("_sigma") in shown:
                 rows = self.values[at, row] if size == 1 else self.values[at, row : row + size]
                 found[FIELDS.get(name, name)] = rows

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bus.compiled.jit import jitable
-from skin.decode.records import LANES, NOT_NEGATIVE
+from skin.decode.records import LANES
 
-__all__ = ["Span", "lanes_of"]
+__all__ = ["Place", "Span", "lanes_of", "place"]
 
 
 class Span(NamedTuple):
@@ -18,19 +18,37 @@ class Span(NamedTuple):
     cycle : int
     first : int
         Unit in lane 0.
+    shown : int
+        Place of its results in each row.
     start, size : int
         Lanes: the first of them, and how many.
     """
 
     cycle: int
     first: int
+    shown: int
     start: int
     size: int
 
 
+class Place(NamedTuple):
+    """Where a unit stands: cycle, unit of all, lane of its block, place in each row of results."""
+
+    cycle: int
+    unit: int
+    lane: int
+    shown: int
+
+
 @jitable(inline=True)
 def lanes_of(span):
-    """`first`, `start` and `size` of a span, as numbers of which the compiler knows that they are
-    not negative: so a stage becomes vector instructions wherever it is compiled."""
-    most = 2 * LANES - 1
-    return span.first & NOT_NEGATIVE, span.start & most, span.size & most
+    """A span of which the compiler knows that it has `LANES` lanes at most: it chooses the width of
+    vectors by what the most that there may be leaves over."""
+    return Span(span.cycle, span.first, span.shown, span.start, min(span.size, LANES))
+
+
+@jitable(inline=True)
+def place(span, lane):
+    """Where a lane's unit stands."""
+    j = span.start + lane
+    return Place(span.cycle, span.first + j, j, span.shown + j)

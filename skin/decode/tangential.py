@@ -12,20 +12,22 @@ from bus.compiled.jit import jitable
 from skin.decode.field import (
     FIELD_MIN,
     GAIN_MIN,
-    amplitude_stage,
+    Field,
+    Reach,
     anomaly_stage,
     field_law,
     inversion,
 )
 from skin.decode.functions import atan2, sin_cos
-from skin.decode.normal import law_variance
+from skin.decode.normal import Normal, law_variance, normal_law
 from skin.decode.parts import Parts
-from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
-from skin.decode.span import lanes_of
+from skin.decode.records import EXTRAPOLATED, IDLE, KNOTS, SILENT
+from skin.decode.span import lanes_of, place
 from skin.decode.temperature import EXTRAPOLATION
-from skin.physics.force_law import at, force, lines
+from skin.physics.force_law import at as law_at
+from skin.physics.force_law import force, lines
 
-__all__ = ["tangential_stage"]
+__all__ = ["units_stage"]
 
 
 class Shear(NamedTuple):
@@ -35,10 +37,8 @@ class Shear(NamedTuple):
     ----------
     x, y : float
         Direction.
-    radius, outer : float
-        Displacement of the film's middle and of the film on the chip's axis, mm.
-    along : float
-        One-sigma along the direction, mm.
+    radius : float
+        Displacement of the film's middle, mm.
     law, stiffening : float
         Force at the reference depth, N, and its factor at this depth.
     """
@@ -46,8 +46,6 @@ class Shear(NamedTuple):
     x: float
     y: float
     radius: float
-    outer: float
-    along: float
     law: float
     stiffening: float
 
@@ -58,7 +56,7 @@ def shear_variance_of(parts: Parts) -> Callable:
 
     @jitable(inline=True)
     def shear_variance(shear, along, depth_sigma, unit, j):
-        law = at(unit["shear_law"], j)
+        law = law_at(unit["shear_law"], j)
         half = push_of(shear.radius + along, law)
         half -= push_of(shear.radius - along, law)
         half *= type(along)(0.5) * shear.stiffening
@@ -91,19 +89,23 @@ def correct(x, y, unit, j):
 
 
 def shear_of(parts: Parts) -> Callable:
-    """Direction, displacement and force of a unit from its R; what is wanted, into the tile."""
+    """Direction, displacement and force of a unit from its R; what is wanted is shown."""
     with_correction, with_centre = parts.theta_correction, parts.film_centre
     with_force, with_tangential = parts.force, parts.tangential
     with_theta, with_displacement = parts.theta, parts.displacement
+    push_row, tangential_row = parts.row("force"), parts.row("tangential")
+    theta_row, row = parts.row("theta"), parts.row("displacement")
     push_of = force if parts.cubes else lines
 
     @jitable(inline=True)
-    def shear(x, y, outer, along, strength, tile, unit, j):
-        real = type(x)
+    def shear(field, reach, depth, unit, out, at):
+        j, i = at.lane, at.shown
+        real = type(depth)
         zero, one = real(0.0), real(1.0)
+        x, y, outer = field.x * reach.each, field.y * reach.each, reach.radius
         if with_correction:
             x, y = correct(x, y, unit, j)
-        radius, share = outer, one if strength > zero else zero
+        radius, share = outer, one if field.strength > zero else zero
         if with_centre:
             dx = outer * x - unit["film_x"][j]
             dy = outer * y - unit["film_y"][j]
@@ -111,21 +113,20 @@ def shear_of(parts: Parts) -> Callable:
             away = one / max(radius, real(FIELD_MIN))
             x = dx * away
             y = dy * away
-        law = push_of(radius, at(unit["shear_law"], j))
-        depth = tile["displacement"][2, j]
+        law = push_of(radius, law_at(unit["shear_law"], j))
         stiffening = unit["shear_gain"][j] * depth + unit["shear_gain_offset"][j]
         push = law * stiffening
         if with_force:
-            tile["force"][0, j] = push * x
-            tile["force"][1, j] = push * y
+            out[push_row][i] = push * x
+            out[push_row + 1][i] = push * y
         if with_tangential:
-            tile["tangential"][j] = push * share
+            out[tangential_row][i] = push * share
         if with_theta:
-            tile["theta"][j] = atan2(y, x)
+            out[theta_row][i] = atan2(y, x)
         if with_displacement:
-            tile["displacement"][0, j] = radius * x
-            tile["displacement"][1, j] = radius * y
-        return Shear(x, y, radius, outer, along, law, stiffening)
+            out[row][i] = radius * x
+            out[row + 1][i] = radius * y
+        return Shear(x, y, radius, law, stiffening)
 
     return shear
 
@@ -134,148 +135,179 @@ def sigma_of(parts: Parts) -> Callable:
     """One-sigma of all that is tangential."""
     with_force, with_tangential = parts.force, parts.tangential
     with_theta, with_displacement = parts.theta, parts.displacement
+    push_row, tangential_row = parts.row("force_sigma"), parts.row("tangential_sigma")
+    theta_row, row = parts.row("theta_sigma"), parts.row("displacement_sigma")
     shear_variance = shear_variance_of(parts)
 
     @jitable(inline=True)
-    def sigma(shear, each, variance, tile, unit, j):
-        """`each` is 1 / S, `variance` that of the field."""
-        real = type(each)
+    def sigma(shear, reach, depth_sigma, unit, out, at):
+        j, i = at.lane, at.shown
+        real = type(depth_sigma)
         limit = unit["displacement_max"][j]
-        over = max(shear.outer - shear.along - limit, real(0.0))
-        along = shear.along + real(EXTRAPOLATION) * over
+        over = max(reach.radius - reach.along - limit, real(0.0))
+        along = reach.along + real(EXTRAPOLATION) * over
         along2 = along * along
         # across the direction, R sigma / S, which has a limit at R = 0
-        aside = each * shear.outer
-        across2 = min(variance * (aside * aside), limit * limit)
+        aside = reach.each * reach.radius
+        across2 = min(reach.variance * (aside * aside), limit * limit)
         rate = real(1.0) / max(shear.radius, real(1e-12))
         turned2 = across2 * (rate * rate)
         if with_theta:
             most = real(1.8137993642342178)  # pi / sqrt(3)
-            tile["theta_sigma"][j] = min(np.sqrt(turned2), most)
+            out[theta_row][i] = min(np.sqrt(turned2), most)
         if with_displacement:
-            tile["displacement_sigma"][0, j] = component(shear.x, along2, across2)
-            tile["displacement_sigma"][1, j] = component(shear.y, along2, across2)
+            out[row][i] = component(shear.x, along2, across2)
+            out[row + 1][i] = component(shear.y, along2, across2)
         if with_force or with_tangential:
             push = shear.law * shear.stiffening
-            depth_sigma = tile["displacement_sigma"][2, j]
             along2 = shear_variance(shear, along, depth_sigma, unit, j)
             across2 = push * push * turned2
             if with_tangential:
-                tile["tangential_sigma"][j] = np.sqrt(along2)
+                out[tangential_row][i] = np.sqrt(along2)
             if with_force:
-                tile["force_sigma"][0, j] = component(shear.x, along2, across2)
-                tile["force_sigma"][1, j] = component(shear.y, along2, across2)
+                out[push_row][i] = component(shear.x, along2, across2)
+                out[push_row + 1][i] = component(shear.y, along2, across2)
 
     return sigma
 
 
-def field_stage(parts: Parts) -> Callable:
-    """The stage that decodes the field and its strength, with the chip's gain left in them."""
-    with_field, with_shear, with_z = parts.field, parts.shear, parts.angle or parts.consistency
-    with_film, law = parts.film_compensation, field_law(parts)
+def field_of(parts: Parts) -> Callable:
+    """The field and its strength, which is shown if it is wanted."""
+    with_field, with_film, with_chip = (
+        parts.field, parts.film_compensation, parts.chip_compensation
+    )  # fmt: skip
+    row, law = parts.row("field"), field_law(parts)
 
     @jitable(inline=True)
-    def field(unit, counts, background, span, tile):
-        assume_noalias()
-        first, start, size = lanes_of(span)
-        real = tile["force"].dtype.type
-        for lane in range(size):
-            j = start + lane
-            chip_above = tile["chip_above"][j]
-            x, y, z, gain = law(unit, counts, background, span.cycle, first + j, chip_above, j)
-            if with_field:
-                each = real(1.0) / gain
-                tile["field"][0, j] = x * each
-                tile["field"][1, j] = y * each
-                tile["field"][2, j] = z * each
-            if with_shear:
-                if with_film:
-                    warmer = unit["film_drift"][j] * tile["film_above"][j]
-                    gain *= max(real(1.0) + warmer, real(GAIN_MIN))
-                tile["read"][0, j] = x
-                tile["read"][1, j] = y
-                if with_z:
-                    tile["read"][2, j] = z
-                tile["gain"][j] = gain
-                tile["strength"][j] = np.sqrt(x * x + y * y)
+    def field_at(unit, counts, background, at, above, out):
+        real, j = unit["x_bx"].dtype.type, at.lane
+        chip_above = above["chip_above"][j] if with_chip else real(0.0)
+        x, y, z, gain = law(unit, counts, background, at, chip_above)
+        if with_field:
+            each = real(1.0) / gain
+            out[row][at.shown] = x * each
+            out[row + 1][at.shown] = y * each
+            out[row + 2][at.shown] = z * each
+        if with_film:
+            warmer = unit["film_drift"][j] * above["film_above"][j]
+            gain *= max(real(1.0) + warmer, real(GAIN_MIN))
+        return Field(x, y, z, gain, np.sqrt(x * x + y * y))
 
-    return field
+    return field_at
 
 
-def displacement_stage(parts: Parts) -> Callable:
-    """The stage that decodes R and its direction."""
-    with_sigma, with_check = parts.sigma, parts.consistency
-    invert = inversion(parts)
-
-    @jitable(inline=True)
-    def displacement(unit, background, span, tile, flag):
-        assume_noalias()
-        first, start, size = lanes_of(span)
-        for lane in range(size):
-            j = start + lane
-            variance = unit["field_variance"][j]
-            if background is not None:
-                variance += background[span.cycle, 4, first + j]
-            radius, along, found, each, inverse, variance = invert(variance, tile, unit, j)
-            found |= EXTRAPOLATED if radius > unit["displacement_max"][j] else 0
-            flags = flag[j]
-            flag[j] = flags if flags & SILENT else flags | found
-            tile["radius"][j] = radius
-            tile["direction"][0, j] = tile["read"][0, j] * each
-            tile["direction"][1, j] = tile["read"][1, j] * each
-            if with_check:
-                tile["inverse"][j] = inverse
-            if with_sigma:
-                tile["each"][j] = each
-                tile["along"][j] = along
-                tile["variance"][j] = variance
-
-    return displacement
-
-
-def shear_stage(parts: Parts) -> Callable:
-    """The stage that decodes the tangential force, and what is not known of all of these."""
+def keep_of(parts: Parts) -> tuple[Callable, Callable]:
+    """What writes a unit down between two stages, and what reads it."""
     with_sigma = parts.sigma
+
+    @jitable(inline=True)
+    def keep(tile, j, field, reach, normal, gain):
+        tile["strength"][j] = field.strength
+        tile["z"][j] = field.z
+        tile["radius"][j] = reach.radius
+        tile["gain"][j] = gain
+        tile["depth"][j] = normal.depth
+        if with_sigma:
+            tile["x"][j] = field.x
+            tile["y"][j] = field.y
+            tile["along"][j] = reach.along
+            tile["each"][j] = reach.each
+            tile["variance"][j] = reach.variance
+            tile["push"][j] = normal.push
+            tile["depth_sigma"][j] = normal.depth_sigma
+            tile["push_sigma"][j] = normal.push_sigma
+
+    @jitable(inline=True)
+    def kept(tile, j):
+        strength = tile["strength"][j]
+        field = Field(tile["x"][j], tile["y"][j], tile["z"][j], strength, strength)
+        reach = Reach(tile["radius"][j], tile["along"][j], tile["each"][j], tile["variance"][j])
+        normal = Normal(
+            tile["depth"][j], tile["push"][j], tile["depth_sigma"][j], tile["push_sigma"][j]
+        )
+        return field, reach, normal
+
+    return keep, kept
+
+
+def show_of(parts: Parts, loaded: bool) -> Callable:
+    """Forces, displacements and their one-sigma of a unit that is `loaded`, or what shows without
+    load."""
+    with_force, with_displacement, with_sigma = parts.force, parts.displacement, parts.sigma
+    push_row, push_sigma_row = parts.row("force") + 2, parts.row("force_sigma") + 2
+    depth_row, depth_sigma_row = parts.row("displacement") + 2, parts.row("displacement_sigma") + 2
     shear_from, sigma_from = shear_of(parts), sigma_of(parts)
 
     @jitable(inline=True)
-    def shear(unit, span, tile):
-        assume_noalias()
-        _, start, size = lanes_of(span)
-        real = tile["force"].dtype.type
-        for lane in range(size):
-            j = start + lane
-            x, y = tile["direction"][0, j], tile["direction"][1, j]
-            along = tile["along"][j] if with_sigma else real(0.0)
-            strength = tile["strength"][j]
-            found = shear_from(x, y, tile["radius"][j], along, strength, tile, unit, j)
+    def show(field, reach, normal, unit, out, at):
+        i = at.shown
+        if loaded:
+            shear = shear_from(field, reach, normal.depth, unit, out, at)
             if with_sigma:
-                sigma_from(found, tile["each"][j], tile["variance"][j], tile, unit, j)
+                sigma_from(shear, reach, normal.depth_sigma, unit, out, at)
+        if with_force:
+            out[push_row][i] = normal.push
+            if with_sigma:
+                out[push_sigma_row][i] = normal.push_sigma
+        if with_displacement:
+            out[depth_row][i] = normal.depth
+            if with_sigma:
+                out[depth_sigma_row][i] = normal.depth_sigma
 
-    return shear
+    return show
 
 
-def tangential_stage(parts: Parts) -> Callable:
-    """The stages that decode the field, the tangential displacement and the tangential force.
-
-    Each is a loop of its own: a short loop keeps its constants in registers, and a processor that
-    looks ahead works on more units at a time.
-    """
-    with_shear, with_check = parts.shear, parts.consistency
-    with_amplitude = parts.consistency or not parts.angle
-    field, amplitude = field_stage(parts), amplitude_stage(parts)
-    displacement, check = displacement_stage(parts), anomaly_stage(parts)
-    shear = shear_stage(parts)
+def units_stage(parts: Parts, loaded: bool) -> Callable:
+    """The stage that decodes units but for their temperatures: those that are `loaded`, or what
+    shows without load."""
+    with_shear, with_check = parts.shear, loaded and parts.consistency
+    with_field = loaded and (parts.shear or parts.field)
+    shows_later = with_check and parts.sigma
+    normal_of, field_at, invert = normal_law(parts), field_of(parts), inversion(parts)
+    (keep, kept), show, check = keep_of(parts), show_of(parts, loaded), anomaly_stage(parts)
 
     @jitable(inline=True)
-    def tangential(unit, counts, background, span, tile, flag, state, advance):
-        field(unit, counts, background, span, tile)
-        if with_shear:
-            if with_amplitude:
-                amplitude(unit, span, tile)
-            displacement(unit, background, span, tile, flag)
-            if with_check:
-                check(unit, span, tile, flag, state, advance)
-            shear(unit, span, tile)
+    def reach_units(unit, counts, background, span, above, tile, flag, out):
+        assume_noalias()
+        span = lanes_of(span)
+        for lane in range(span.size):
+            at = place(span, lane)
+            j, flags = at.lane, flag[at.lane]
+            if with_field:
+                field = field_at(unit, counts, background, at, above, out)
+            if with_shear:
+                normal = normal_of(unit, counts, background, at)
+                if with_field:
+                    variance = unit["field_variance"][j]
+                    if background is not None:
+                        variance += background[at.cycle, 4, at.unit]
+                    reach, found, gain = invert(field, normal, variance, unit, j)
+                    found |= EXTRAPOLATED if reach.radius > unit["displacement_max"][j] else 0
+                    flag[j] = flags if flags & SILENT else flags | found
+                    if with_check:
+                        keep(tile, j, field, reach, normal, gain)
+                    if not shows_later:
+                        show(field, reach, normal, unit, out, at)
+                else:
+                    show(None, None, normal, unit, out, at)
+            if not loaded:
+                flag[j] = flags if flags & SILENT else flags | IDLE
 
-    return tangential
+    @jitable(inline=True)
+    def show_units(unit, span, tile, out):
+        assume_noalias()
+        span = lanes_of(span)
+        for lane in range(span.size):
+            field, reach, normal = kept(tile, span.start + lane)
+            show(field, reach, normal, unit, out, place(span, lane))
+
+    @jitable(inline=True)
+    def units(unit, data, span, above, state, advance):
+        tile, flag, out = data.tile[0], data.flag, data.out
+        reach_units(unit, data.counts, data.background, span, above, tile, flag, out)
+        if with_check:
+            check(unit, span, tile, flag, state, out, advance)
+            if shows_later:
+                show_units(unit, span, tile, out)
+
+    return units

@@ -45,8 +45,8 @@ def lag_law(parts: Parts, calm: bool) -> Callable:
 
     @jitable(inline=True)
     def follow(t, chip_count, unit, state, j, keep, advance):
-        """A unit that is invalid leaves no trace in the state. Without `advance`, the state is
-        already that of this cycle."""
+        """A unit that is not to `keep` leaves no trace in the state. Without `advance`, the state
+        is already that of this cycle."""
         real = type(t)
         if calm:
             keep = advance = True
@@ -56,16 +56,16 @@ def lag_law(parts: Parts, calm: bool) -> Callable:
         if with_film or with_lag:
             last = state["last_temperature"][j]
             # NaN: no cycle before this one
-            step = last - t if (last == last) & now else real(0.0)  # noqa: PLR0124
+            step = last - t if last == last else real(0.0)  # noqa: PLR0124
             state["last_temperature"][j] = t if keep & now else last
             if with_film:
-                was = state["film_lag"][j]
-                lag = (unit["film_keep"][j] if now else real(1.0)) * (was + step)
+                was, share = state["film_lag"][j], unit["film_keep"][j]
+                lag = share * (was + step) if now else was
                 state["film_lag"][j] = lag if keep else was
                 film_above = (t - unit["film_reference"][j]) + lag
             if with_lag:
-                was = state["chip_lag"][j]
-                lag = (unit["chip_keep"][j] if now else real(1.0)) * (was + step)
+                was, share = state["chip_lag"][j], unit["chip_keep"][j]
+                lag = share * (was + step) if now else was
                 state["chip_lag"][j] = lag if keep else was
                 chip_above = unit["chip_follows"][j] * (t + lag)
         if with_chip:
@@ -76,124 +76,114 @@ def lag_law(parts: Parts, calm: bool) -> Callable:
 
 
 @jitable(inline=True)
+def sigma_law(t, current, unit, j):
+    """One-sigma of the gel's temperature."""
+    real = type(t)
+    step, power = unit["gel_step"][j] / current, unit["gel_rate"]
+    above = t - real(20.0)
+    rate = (power[2, j] * above + power[1, j]) * above + power[0, j]
+    over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
+    noise2 = rate * rate * (unit["gel_noise"][j] + step * step)
+    sigma = np.sqrt(unit["gel_variance"][j] + noise2)
+    return sigma + real(EXTRAPOLATION) * max(over, real(0.0))
+
+
+@jitable(inline=True)
 def lost(state, span, flag):
     """Whether a unit is known that was not when temperatures were due: it is decoded now."""
     assume_noalias()
-    _, _, size = lanes_of(span)
     unheard = np.int16(0)
-    for j in range(size):
+    for j in range(lanes_of(span).size):
         t = state["temperature"][j]
         missing = (t != t) & (flag[j] & UNKNOWN == 0)  # noqa: PLR0124
         unheard = np.int16(unheard | (1 if missing else 0))
     return unheard != 0
 
 
-def recall_stage(parts: Parts) -> Callable:
-    """The stage that shows temperatures which are held."""
-    with_sigma = parts.sigma
-
-    @jitable(inline=True)
-    def recall(state, span, tile, shown, needed):
-        """From the state, what is `shown` and what further stages need."""
-        assume_noalias()
-        _, _, size = lanes_of(span)
-        if shown:
-            for j in range(size):
-                tile["temperature"][j] = state["temperature"][j]
-            if with_sigma:
-                for j in range(size):
-                    tile["temperature_sigma"][j] = state["temperature_sigma"][j]
-        if needed:
-            for j in range(size):
-                tile["film_above"][j] = state["film_above"][j]
-            for j in range(size):
-                tile["chip_above"][j] = state["chip_above"][j]
-
-    return recall
-
-
 def temperature_stage(parts: Parts) -> Callable:
-    """The stage that decodes temperatures; those that are held and not `due` stay as they are."""
-    with_hold, sigma = parts.hold, sigma_stage(parts)
-    with_sigma = parts.sigma and parts.temperature
+    """The stage that decodes temperatures; those that are held and not due stay as they are."""
+    with_hold, with_compensation = parts.hold, parts.film_compensation or parts.chip_compensation
     calmly, carefully = gel_stage(parts, calm=True), gel_stage(parts, calm=False)
 
     @jitable(inline=True)
-    def temperature(unit, counts, span, state, tile, flag, found, anew):
+    def temperature(unit, data, span, state, above, found, anew):
         """`found` are all flags of the block's units, in one; `anew`: those that are held are due;
         where none is held, the state goes on by a cycle."""
-        if not with_hold and anew and found & INVALID == 0:
-            calmly(unit, counts, span, state, tile, flag, True, True)
+        if with_compensation and not with_hold and anew and found & INVALID == 0:
+            calmly(unit, data.counts, span, state, above, data.flag, data.out, True)
         else:
-            carefully(unit, counts, span, state, tile, flag, anew, anew | with_hold)
-        if with_sigma:
-            sigma(unit, counts, span, state, tile, flag, anew)
+            carefully(unit, data.counts, span, state, above, data.flag, data.out, anew)
 
     return temperature
 
 
 def gel_stage(parts: Parts, calm: bool) -> Callable:
     """The stage that decodes the gel's temperature, and what follows it."""
-    with_hold, follow = parts.hold, lag_law(parts, calm)
+    with_hold, with_temperature, with_film = parts.hold, parts.temperature, parts.film_above
+    with_compensation = parts.film_compensation or parts.chip_compensation
+    with_sigma, follow = parts.temperature and parts.sigma, lag_law(parts, calm)
+    row, sigma_row = parts.row("temperature"), parts.row("temperature_sigma")
+    film_row = parts.row("film_above")
 
     @jitable(inline=True)
-    def gel(unit, counts, span, state, tile, flag, due, advance):
+    def gel(unit, counts, span, state, above, flag, out, anew):
         assume_noalias()
-        first, _, size = lanes_of(span)
-        real = tile["temperature"].dtype.type
-        nothing = real(np.nan)
-        for j in range(size):
-            flags = flag[j]
-            i = first + j
-            t, _ = gel_law(real(counts[span.cycle, GEL, i]), unit, j)
-            keep = flags & INVALID == 0
-            held = False
+        span = lanes_of(span)
+        real = unit["gel_scale"].dtype.type
+        nothing, sigma = real(np.nan), real(0.0)
+        for j in range(span.size):
+            flags, i, at = flag[j], span.first + j, span.shown + j
+            t, current = gel_law(real(counts[span.cycle, GEL, i]), unit, j)
+            if with_sigma:
+                sigma = sigma_law(t, current, unit, j)
+            held, keep = False, flags & INVALID == 0
             if with_hold:
-                old = tile["temperature"][j]
-                held = (not due) & (old == old)  # noqa: PLR0124
+                old = state["temperature"][j]
+                held = (not anew) & (old == old)  # noqa: PLR0124
                 keep = keep & (not held)
-            film_above, chip_above = follow(
-                t, real(counts[span.cycle, CHIP, i]), unit, state, j, keep, advance
-            )
+            chip_count = real(counts[span.cycle, CHIP, i])
+            film_above, chip_above = follow(t, chip_count, unit, state, j, keep, anew | with_hold)
             if with_hold:
-                t = tile["temperature"][j] if held else t
-                film_above = tile["film_above"][j] if held else film_above
-                chip_above = tile["chip_above"][j] if held else chip_above
-                state["temperature"][j] = t if flags & UNKNOWN == 0 else nothing
-                state["film_above"][j] = film_above
-                state["chip_above"][j] = chip_above
-            tile["temperature"][j] = t
-            tile["film_above"][j] = film_above
-            tile["chip_above"][j] = chip_above
+                known = flags & UNKNOWN == 0
+                t = old if held else t
+                state["temperature"][j] = t if known else nothing
+                film_above = above["film_above"][j] if held else film_above
+                chip_above = above["chip_above"][j] if held else chip_above
+                if with_sigma:
+                    sigma = state["temperature_sigma"][j] if held else sigma
+                    state["temperature_sigma"][j] = sigma if known else nothing
+            if with_temperature:
+                out[row][at] = t
+            if with_sigma:
+                out[sigma_row][at] = sigma
+            if with_compensation:
+                above["film_above"][j] = film_above
+                above["chip_above"][j] = chip_above
+            if with_film:
+                out[film_row][at] = film_above
 
     return gel
 
 
-def sigma_stage(parts: Parts) -> Callable:
-    """The stage of the one-sigma of the gel's temperature."""
-    with_hold = parts.hold
+def recall_stage(parts: Parts) -> Callable:
+    """The stage that shows temperatures which are held."""
+    with_temperature, with_film = parts.temperature, parts.film_above
+    with_sigma = parts.temperature and parts.sigma
+    row, sigma_row, film_row = map(
+        parts.row, ("temperature", "temperature_sigma", "film_above")
+    )  # fmt: skip
 
     @jitable(inline=True)
-    def sigma_of(unit, counts, span, state, tile, flag, due):
+    def recall(state, span, out):
         assume_noalias()
-        first, _, size = lanes_of(span)
-        real = tile["temperature"].dtype.type
-        nothing = real(np.nan)
-        for j in range(size):
-            t = tile["temperature"][j]
-            _, current = gel_law(real(counts[span.cycle, GEL, first + j]), unit, j)
-            step, power = unit["gel_step"][j] / current, unit["gel_rate"]
-            above = t - real(20.0)
-            rate = (power[2, j] * above + power[1, j]) * above + power[0, j]
-            over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
-            noise2 = rate * rate * (unit["gel_noise"][j] + step * step)
-            sigma = np.sqrt(unit["gel_variance"][j] + noise2)
-            sigma += real(EXTRAPOLATION) * max(over, real(0.0))
-            if with_hold:
-                old = tile["temperature_sigma"][j]
-                held = (not due) & (old == old)  # noqa: PLR0124
-                sigma = old if held else sigma
-                state["temperature_sigma"][j] = sigma if flag[j] & UNKNOWN == 0 else nothing
-            tile["temperature_sigma"][j] = sigma
+        span = lanes_of(span)
+        for j in range(span.size):
+            at = span.shown + j
+            if with_temperature:
+                out[row][at] = state["temperature"][j]
+            if with_sigma:
+                out[sigma_row][at] = state["temperature_sigma"][j]
+            if with_film:
+                out[film_row][at] = state["film_above"][j]
 
-    return sigma_of
+    return recall

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.decode_sides import touched
 from bus.status import Status
 from skin.decode import bound, sharing
 from skin.decode.decoder import Decoder
+from skin.decode.records import COEFFICIENT_ROWS, LANES
 from skin.errors import CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts
 from tests.skin.decode.test_field_angle import counts_at
@@ -127,15 +129,27 @@ def test_someone_must_work(workers):
     assert "sigma" not in Decoder(row_of(4), {"force"}, sweeps=0, ambient=False).want
 
 
+@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
+@pytest.mark.parametrize("consistency", [False, True])
+@pytest.mark.parametrize("want", [{"temperature", "force"}, {"temperature", "force", "sigma"}])
+def test_records_hold_what_a_kernel_reads(estimator, consistency, want):
+    skin = row_of(3)
+    decoder = Decoder(skin, want, estimator, consistency=consistency, sweeps=0, ambient=False)
+    read = touched(decoder, np.zeros((6, skin.n), np.int16))["coefficients"]
+    held = set(decoder._model.coefficients.dtype.names)
+    only_here = set(COEFFICIENT_ROWS["background"])
+    assert {path[2] for path in read} == held - only_here
+
+
 @pytest.mark.parametrize(
     ("workers", "shares"),
     [(1, [(0, 3)]), (2, [(0, 3), (0, 1), (1, 3)]), (9, [(0, 3), (0, 1), (1, 2), (2, 3)])],
 )
 def test_blocks_are_shared_out_without_a_rest(workers, shares):
     """The first share is all of them; others come into play from enough units times cycles on."""
-    found = sharing.Shares(300, np.dtype("float32"), workers)
+    found = sharing.Shares(3 * LANES - 1, np.dtype("float32"), workers)
     assert [(int(c["first"]), int(c["last"])) for c in found.control] == shares
     assert found.of(1) == slice(1)
-    many = -(-sharing.ENOUGH // 300)
+    many = -(-sharing.ENOUGH // (3 * LANES - 1))
     assert found.of(many) == (slice(1) if workers == 1 else slice(1, None))
     assert found.of(many - 1) == slice(1)
