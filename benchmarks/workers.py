@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
 
-from bus.compiled.pool import processors
+from bus.processors import processors
 
 __all__ = ["in_parallel"]
 

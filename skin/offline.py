@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import topology as topology_package
-from bus.compiled.pool import processors
 from bus.cycle import FrameCounters
 from bus.frame import CAN_ERR, CAN_RTR
 from bus.logs import LogReader, buses_of, read
+from bus.processors import processors
 from skin.compiling import announcer
 from skin.options import Options
 from skin.sinks import Attachable

@@ -23,8 +23,9 @@ from threading import Condition, Thread
 from typing import Any, NamedTuple
 
 from bus.compiled import cache, places
+from bus.processors import processors
 
-__all__ = ["Job", "Pool", "job_of", "processors", "submit", "together", "wait"]
+__all__ = ["Job", "Pool", "job_of", "submit", "together", "wait"]
 
 LOOK_S = 0.1
 """Between two looks at what others compile."""
@@ -47,13 +48,6 @@ class Job(NamedTuple):
         """The kernel, imported."""
         found = getattr(import_module(self.module), self.name)
         return found if self.made_by is None else found(*self.made_by)
-
-
-def processors() -> int:
-    """Those that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def job_of(kernel: Any, kinds: tuple[Any, ...]) -> Job | None:

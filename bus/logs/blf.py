@@ -15,11 +15,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from bus.compiled.pool import processors
 from bus.errors import LogError
 from bus.frame import FrameBatch, as_bytes, as_words
 from bus.logs import blf_kernels as kernels
 from bus.logs.reader import LogReader
+from bus.processors import processors
 
 try:
     from isal import isal_zlib as _isal  # the extra `blf`: inflates 1.5 times as fast

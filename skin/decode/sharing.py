@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bus.compiled.aligned import zeros
-from bus.compiled.pool import processors
+from bus.processors import processors
 from skin.decode import records
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from bus.compiled.pool import processors
+from bus.processors import processors
 
 __all__ = ["run"]
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bus.compiled.pool import processors
 from bus.errors import BusError
+from bus.processors import processors
 from skin.blocks.block import Block
 from skin.blocks.blocks import blocks_of
 from skin.blocks.prefetch import prefetch

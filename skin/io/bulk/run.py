@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bus.compiled.pool import processors
+from bus.processors import processors
 from skin.errors import check_number
 from skin.io.bulk.decode_part import decode_part
 from skin.io.bulk.job import Job, Part, parts_of
