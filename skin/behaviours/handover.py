@@ -25,6 +25,7 @@ from skin.behaviours.densities import beta_log, log_normal_longer_log, normal_lo
 from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
 from skin.behaviours.numbers import check_direction, check_tuple
+from skin.behaviours.rest import PADS
 from skin.errors import OptionError, check_kind, check_number, shown
 from skin.state import State
 from topology import Topology
@@ -178,7 +179,6 @@ class Handover:
         self._period_s = 1.0 / topology.cycle_rate_hz
         self._gain = self._period_s / (self.parameters.smooth_s + self._period_s)
         self._pads = len(self.disturbance.pads.names)
-        self._rest: list[float] = []
         self._recent: deque[float] = deque(
             maxlen=round(self.parameters.ease_s / self._period_s) + 1
         )
@@ -203,7 +203,7 @@ class Handover:
         self._enter(Phase.GIVING, "asked to")
         self.disturbance.settle()
         self._clear()
-        self._known_n = math.inf if weight_n is None else float(weight_n)
+        self._most_n = math.inf if weight_n is None else float(weight_n)
 
     def take(self) -> None:
         """Take an object that is put between the open pads."""
@@ -218,13 +218,9 @@ class Handover:
     def update(self, state: State) -> Phase:
         """Process a cycle; returns the phase."""
         seen = self.disturbance
-        if not seen.update(state):
-            self._before_n = math.nan  # other units may measure another weight
-            return self.phase
-        if not seen.settled:
+        if not seen.update(state) or not seen.settled:
             return self.phase
         if self.phase == Phase.GIVING:
-            self._weigh()
             self._give()
         elif self.phase in (Phase.AWAITING, Phase.OFFERED):
             self._take()
@@ -233,23 +229,19 @@ class Handover:
     @property
     def weight_n(self) -> float:
         """Load of the pads at rest, without a person's."""
-        return -_dot(self.disturbance.rest_n, self._up) - self._excess_n
+        return min(-_dot(self._lightest, self._up), self._most_n)
 
-    def _weigh(self) -> None:
-        """Excess of the load at rest over the weight: a person who leans on it for long."""
-        rest_n = -_dot(self.disturbance.rest_n, self._up)
-        if self._known_n is not None:
-            self._excess_n, self._known_n = max(rest_n - self._known_n, 0.0), None
-        elif not math.isnan(self._before_n):
-            self._excess_n = max(self._excess_n + rest_n - self._before_n, 0.0)
-        self._before_n = rest_n
+    @property
+    def _lightest(self) -> list[float]:
+        """The load at rest, with or without who leans on it."""
+        rest = self.disturbance.rest
+        return max(rest.own, rest.load, key=lambda load: _dot(load, self._up))
 
     def _clear(self) -> None:
-        self._known_n: float | None = None
-        self._excess_n, self._before_n = 0.0, math.nan
+        self._most_n = math.inf
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
         self._still_n = [math.inf] * 3
-        self._rest, self._lift = [], [0.0] * self._pads
+        self._lift = [0.0] * self._pads
         self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
@@ -260,16 +252,17 @@ class Handover:
         """Weigh the hypotheses, and report when the object is taken."""
         p, seen = self.parameters, self.disturbance
         weight_n = self.weight_n
-        pads = self._pad_lifts()
         if weight_n < p.least_n:
             self.support = math.nan
             return
+        own = self._lightest
+        off = [now - then for now, then in zip(seen.now_n, own, strict=True)]
         self._lift = [
-            before + self._gain * (now - rest - before)
-            for before, now, rest in zip(self._lift, pads, self._rest, strict=True)
+            lift + self._gain * (_dot(off[PADS + 3 * i :], self._up) - lift)
+            for i, lift in enumerate(self._lift)
         ]
-        own_n = self._excess_n / self._pads
-        lift = [value - own_n for value in self._lift]
+        excess_n = -_dot(own, self._up) - weight_n
+        lift = [value - excess_n / self._pads for value in self._lift]
         self.support = sum(lift) / weight_n
         if not seen.active:
             self._recent.clear()
@@ -310,21 +303,6 @@ class Handover:
     def _bump_longer_log(self) -> float:
         """Logarithm of the fraction of bumps that stay near their peak for longer than so far."""
         return log_normal_longer_log(max(self._age_s / BUMP_NEAR, 1e-3), *self.parameters.bump_s)
-
-    def _pad_lifts(self) -> list[float]:
-        """Lift of each pad, newton; its rest is that of the sum, by the same rules."""
-        seen = self.disturbance
-        u, v, w = self._up
-        now = [u * x + v * y + w * z for x, y, z in zip(*seen.pad_force_n, strict=True)]
-        rest = _dot(seen.rest_n, self._up)
-        if not self._rest:
-            self._rest = list(now)
-        if not seen.active:
-            gain = self._period_s / seen.parameters.rest_s
-            self._rest = [r + gain * (v - r) for r, v in zip(self._rest, now, strict=True)]
-        moved = (rest - sum(self._rest)) / self._pads
-        self._rest = [r + moved for r in self._rest]
-        return now
 
     def _agree(self, lift: list[float]) -> float:
         """Log-likelihood that two pads share a lift."""
