@@ -1,18 +1,16 @@
-"""Disturbance: forces of a person on a skin, or on a held object, relative to a slowly learned
-rest.
+"""Disturbance: forces of a person on a skin, or on a held object, relative to rest.
 
 The sum of the pads' loads balances weight and pull: its change is the force of a person, in any
 orientation or slip of the object. A disturbance begins where the change exceeds the noise, and ends
-where it no longer does. The rest is not learned meanwhile.
+where it no longer does; the rest is not learned meanwhile (`skin.behaviours.rest`). One that lasts
+too long ends, and is of a person who leans on it from then on. To let go later is no disturbance: a
+change straight back to the object's own load is a return, and ends there.
 
 On a bare skin only contacts count, where they are wanted: this keeps out the noise of untouched
 units.
 
-A change that lasts too long becomes a new rest. The old rest is kept, since letting go later is no
-new disturbance: a change straight back to it is a return, which ends there.
-
-Loads of silent units are estimates. When the set of heard units changes, the rest is shifted by the
-apparent change, and nothing is reported in that cycle. Nothing is reported while no unit is heard.
+Loads of silent units are estimates. When the set of heard units changes, the own load is learned
+anew, and nothing is reported meanwhile, nor while no unit is heard.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
 from skin.behaviours.pads import PadLoads, Pads
-from skin.behaviours.rest import LOAD, Rest
+from skin.behaviours.rest import Rest
 from skin.behaviours.sums import centre_of, normal_of, touched
 from skin.behaviours.travel import Travel
 from skin.contact.record import SlipState
@@ -55,13 +53,14 @@ class Disturbance:
     active, ended : bool
         Whether a disturbance is in progress; whether it ended in this cycle.
     returning : bool
-        Whether the disturbance is, so far, a return to the rest before.
+        Whether the disturbance is, so far, a return to the own load of what is held.
     time_s, began_s, duration_s : float
         Duration until the last cycle above the noise.
     force_n : list of 3 float
         Newton, skin frame: change from rest, smoothed by `smooth_s`.
     moment_nm : list of 3 float
         The same about the grasp; on a bare skin only torsion.
+    rest : Rest
     rest_n : list of 3 float
         Load of the pads at rest.
     pad_force_n : list of list of float
@@ -89,35 +88,30 @@ class Disturbance:
         self.pads = Pads(topology, pads)
         self.normal = normal_of(topology, self.pads.names)
         self._period_s = dt = 1.0 / topology.cycle_rate_hz
-        self.rest = Rest(p, dt, len(self.pads.names))
+        self.rest = Rest(p, dt)
         self._gains = [dt / (time_s + dt) for time_s in (p.smooth_s, p.slow_s)]
         self._shares = [gain / (2.0 - gain) for gain in self._gains]
         self.time_s = 0.0
         self._start_ns: int | None = None
         self.heard = self.held = self.ended = False
-        self._valid, self._centre = b"", [0.0] * 3
+        self._valid, self._last, self._centre = b"", [0.0] * 7, [0.0] * 3
         self.settle()
         self._forget()
 
     def settle(self) -> None:
         """Take the present loads as the rest: after a grasp, a lift or a turn."""
         self.rest.forget()
-        self.active = self._straight = False
+        self.active = self.returning = False
         self._calm()
 
     def _calm(self) -> None:
         """Nothing is off the rest."""
-        self._change, self._slowly = ([0.0] * len(self.rest.own) for _ in range(2))
+        self._change, self._slowly = [0.0] * 7, [0.0] * 7
 
     @property
     def settled(self) -> bool:
         """Whether the rest is known."""
         return self.rest.settled
-
-    @property
-    def returning(self) -> bool:
-        """See the class."""
-        return self.active and self._straight
 
     @property
     def rest_n(self) -> list[float]:
@@ -153,15 +147,13 @@ class Disturbance:
     @property
     def sigma_n(self) -> float:
         """One-sigma of a component of `force_n`."""
-        return math.sqrt(self._variance(self._shares[0]))
+        return math.sqrt(self.mean_variance(self._period_s / self._shares[0]))
 
     def mean_variance(self, duration_s: float) -> float:
         """Variance of a component of the mean change over a time, newton squared: of noise and
         rest."""
-        return self._variance(self._period_s / duration_s)
-
-    def _variance(self, share: float) -> float:
-        return share * sum(self.rest.noise[:3]) / 3.0 + self.parameters.wander_n**2
+        noise = sum(self.rest.noise[:3]) / 3.0
+        return noise * self._period_s / duration_s + self.parameters.wander_n**2
 
     def update(self, state: State) -> bool:
         """Process a cycle; returns whether the loads of the pads are known."""
@@ -174,14 +166,14 @@ class Disturbance:
         self.heard = all(map(math.isfinite, now))
         if not self.heard:
             return False
-        self.load_n = now[LOAD]
+        self.load_n = now[6]
         valid = state.units.valid.tobytes()
         if valid != self._valid:
-            self._valid, self.now_n = valid, now
+            self._valid, self._last = valid, now
             rest.forget_own()
             if not self.active:
                 self._calm()
-        last, self.now_n = self.now_n, now
+        last, self._last = self._last, now
         if rest.known:
             self._follow(now, last, state, loads)
             return True
@@ -206,13 +198,12 @@ class Disturbance:
             if contacts is not None and math.isfinite(x):
                 x, y, z, torsion = touched(contacts)
             moment = [torsion * n for n in self.normal]
-        turn = [value / self.lever_m for value in moment]
-        each = loads.force_n.ravel("F").tolist()
-        return [x, y, z, *turn, sum(loads.load_n.tolist()), *each]
+        lever_m = self.lever_m
+        return [x, y, z, *(value / lever_m for value in moment), sum(loads.load_n.tolist())]
 
     def _check(self, loads: PadLoads) -> None:
         """Whether an object is held; if that is new, or it is elsewhere, learn the rest again."""
-        held = self.rest.own[LOAD] > self.parameters.held_n
+        held = self.rest.own[6] > self.parameters.held_n
         centre = centre_of(loads) if held else [0.0] * 3
         if held != self.held or (held and math.dist(centre, self._centre) > 1e-3):
             self.held, self._centre = held, centre
@@ -223,43 +214,44 @@ class Disturbance:
     ) -> None:
         """Compare with the rest; begin, continue or end a disturbance."""
         p, rest = self.parameters, self.rest
-        off = [a - b for a, b in zip(now, rest.load, strict=True)]
-        for mean, gain in zip((self._change, self._slowly), self._gains, strict=True):
-            for i, value in enumerate(off):
-                mean[i] += gain * (value - mean[i])
-        mean, share = self._change, self._shares[0]
+        change, slowly, (smooth, slow) = self._change, self._slowly, self._gains
+        for i, at in enumerate(rest.load):
+            off = now[i] - at
+            change[i] += smooth * (off - change[i])
+            slowly[i] += slow * (off - slowly[i])
+        mean, share = change, self._shares[0]
         distance = rest.distance(mean, share)
         is_sharp = distance > p.onset
         if not is_sharp and (not self.active or self._is_light):
-            mean, share = self._slowly, self._shares[1]
+            mean, share = slowly, self._shares[1]
             distance = rest.distance(mean, share)
         if not self.active:
             if distance <= p.onset:
-                rest.follow(now, last, [0.0] * len(now))
+                rest.follow(now, last, [0.0] * 7)
                 return
             self._forget()
-            self.active = self._straight = self._is_light = True
+            self.active = self.returning = self._is_light = True
             self.began_s = self.time_s - (p.smooth_s if is_sharp else p.slow_s)
         self._is_light = self._is_light and not is_sharp
         self._lasted = self.time_s - self.began_s
-        self._add(off, state, loads)
-        size = sum(a * a - share * b for a, b in zip(mean, rest.noise, strict=False))
+        self._add(now, state, loads)
+        size = sum([mean[i] * mean[i] - share * rest.noise[i] for i in range(6)])
         self.peak_n = max(self.peak_n, math.sqrt(max(size, 0.0)))
         from_way, from_own = rest.way_back(mean, share)
-        self._straight = self._straight and from_way <= p.onset
+        self.returning = self.returning and from_way <= p.onset
         if distance > p.end:
             self.duration_s = self._lasted
         if from_own > p.end:
             self._away_s = self._lasted
         is_back, is_long = self._lasted - self._away_s > p.quiet_s, self._lasted > p.longest_s
         if is_back or is_long or self._lasted - self.duration_s > p.quiet_s:
-            self.active = False
-            self.ended = not (self._straight and (is_back or is_long))
-            self._slowly = list(self._change)
+            self.ended = not (self.returning and (is_back or is_long))
+            self.active = self.returning = False
+            self._slowly = list(change)
         if is_back or is_long:
-            rest.move(self._change, self._shares[0], leans=not is_back)
+            rest.move(mean, share, leans=not is_back)
             self._calm()
-            if (rest.load[LOAD] > p.held_n) != self.held:
+            if (rest.load[6] > p.held_n) != self.held:
                 self.settle()
 
     def _forget(self) -> None:
@@ -271,13 +263,15 @@ class Disturbance:
         self._sliding = 0.0
         self._travel = Travel()
 
-    def _add(self, change: list[float], state: State, loads: PadLoads) -> None:
+    def _add(self, now: list[float], state: State, loads: PadLoads) -> None:
         """Accumulate this cycle."""
         dt, n, noise, energy = self._period_s, self.normal, self.rest.noise, self.energy
-        self._impulse = [a + dt * b for a, b in zip(self._impulse, change, strict=False)]
-        along = sum(change[i] * n[i] for i in range(3))
-        along_noise = sum(noise[i] * n[i] * n[i] for i in range(3))
+        change = [now[i] - self.rest.load[i] for i in range(6)]
         squares = [change[i] * change[i] - noise[i] for i in range(6)]
+        for i, value in enumerate(change):
+            self._impulse[i] += dt * value
+        along = change[0] * n[0] + change[1] * n[1] + change[2] * n[2]
+        along_noise = noise[0] * n[0] ** 2 + noise[1] * n[1] ** 2 + noise[2] * n[2] ** 2
         energy[0] += dt * (along * along - along_noise)
         energy[1] += dt * (sum(squares[:3]) - along * along + along_noise)
         energy[2] += dt * sum(squares[3:])

@@ -8,8 +8,8 @@ explained by a light touch, or was far below its peak: a bump is near its peak f
 its duration, a taking hand stays there.
 
 Support is the missing weight, not its change: a person who leans on the object, or pulls it down,
-makes it heavier, and when they let go nothing is borne. The weight is given to `Handover.give`, or
-else is the least load at rest since then.
+makes it heavier, and when they let go nothing is borne. The weight is that of the load at rest,
+with or without such a person, whichever is less, and no more than was given to `Handover.give`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from skin.behaviours.densities import beta_log, log_normal_longer_log, normal_lo
 from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
 from skin.behaviours.numbers import check_direction, check_tuple
-from skin.behaviours.rest import PADS
 from skin.errors import OptionError, check_kind, check_number, shown
 from skin.state import State
 from topology import Topology
@@ -229,19 +228,14 @@ class Handover:
     @property
     def weight_n(self) -> float:
         """Load of the pads at rest, without a person's."""
-        return min(-_dot(self._lightest, self._up), self._most_n)
-
-    @property
-    def _lightest(self) -> list[float]:
-        """The load at rest, with or without who leans on it."""
         rest = self.disturbance.rest
-        return max(rest.own, rest.load, key=lambda load: _dot(load, self._up))
+        return min(-_dot(rest.own, self._up), -_dot(rest.load, self._up), self._most_n)
 
     def _clear(self) -> None:
         self._most_n = math.inf
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
         self._still_n = [math.inf] * 3
-        self._lift = [0.0] * self._pads
+        self._lift, self._shares = [0.0] * self._pads, [0.0] * self._pads
         self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
@@ -255,15 +249,14 @@ class Handover:
         if weight_n < p.least_n:
             self.support = math.nan
             return
-        own = self._lightest
-        off = [now - then for now, then in zip(seen.now_n, own, strict=True)]
-        self._lift = [
-            lift + self._gain * (_dot(off[PADS + 3 * i :], self._up) - lift)
-            for i, lift in enumerate(self._lift)
-        ]
-        excess_n = -_dot(own, self._up) - weight_n
-        lift = [value - excess_n / self._pads for value in self._lift]
-        self.support = sum(lift) / weight_n
+        now = [-_dot(force, self._up) for force in zip(*seen.pad_force_n, strict=True)]
+        for i, borne_n in enumerate(now):
+            if not seen.active:
+                gain = self._period_s / seen.parameters.rest_s if self._shares[i] else 1.0
+                self._shares[i] += gain * (borne_n / sum(now) - self._shares[i])
+            lift_n = self._shares[i] * weight_n - borne_n
+            self._lift[i] += self._gain * (lift_n - self._lift[i])
+        self.support = sum(self._lift) / weight_n
         if not seen.active:
             self._recent.clear()
             return
@@ -271,7 +264,7 @@ class Handover:
         light = normal_log(max(self.support, p.light[0]), *p.light)
         self._age(hand > light, seen.sigma_n / weight_n)
         even = -math.log(2.0 * p.widest)
-        agree = self._agree(lift)
+        agree = self._agree()
         logs = {
             "hand": hand + agree,
             "light": light + agree,
@@ -304,12 +297,12 @@ class Handover:
         """Logarithm of the fraction of bumps that stay near their peak for longer than so far."""
         return log_normal_longer_log(max(self._age_s / BUMP_NEAR, 1e-3), *self.parameters.bump_s)
 
-    def _agree(self, lift: list[float]) -> float:
+    def _agree(self) -> float:
         """Log-likelihood that two pads share a lift."""
-        total = sum(lift)
+        total = sum(self._lift)
         if self._pads != 2 or total <= 0.0:
             return 0.0
-        return beta_log(lift[0] / total, *self.parameters.agree)
+        return beta_log(self._lift[0] / total, *self.parameters.agree)
 
     def _take(self) -> None:
         """Close on contact; an object that hangs still is received."""
