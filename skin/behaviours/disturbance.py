@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Disturbance"]
 
+OFF = 0.1
+"""Distance of a grasp from where it was, over the lever, for which the rest is learned again
+[assumed: a force is a tenth of it as torque; the centre of one cycle is 1 mm off]."""
+
 
 class Disturbance:
     """Follows the change of the pads' summed wrench, cycle by cycle.
@@ -205,7 +209,7 @@ class Disturbance:
         """Whether an object is held; if that is new, or it is elsewhere, learn the rest again."""
         held = self.rest.own[6] > self.parameters.held_n
         centre = centre_of(loads) if held else [0.0] * 3
-        if held != self.held or (held and math.dist(centre, self._centre) > 1e-3):
+        if held != self.held or math.dist(centre, self._centre) > OFF * self.lever_m:
             self.held, self._centre = held, centre
             self.settle()
 
