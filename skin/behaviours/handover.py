@@ -178,6 +178,7 @@ class Handover:
         self._period_s = 1.0 / topology.cycle_rate_hz
         self._gain = self._period_s / (self.parameters.smooth_s + self._period_s)
         self._pads = len(self.disturbance.pads.names)
+        self._rest: list[float] = []
         self._recent: deque[float] = deque(
             maxlen=round(self.parameters.ease_s / self._period_s) + 1
         )
@@ -235,7 +236,7 @@ class Handover:
         self._most_n = math.inf
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
         self._still_n = [math.inf] * 3
-        self._lift, self._shares = [0.0] * self._pads, [0.0] * self._pads
+        self._rest, self._lift = [], [0.0] * self._pads
         self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
@@ -250,12 +251,12 @@ class Handover:
             self.support = math.nan
             return
         now = [-_dot(force, self._up) for force in zip(*seen.pad_force_n, strict=True)]
-        for i, borne_n in enumerate(now):
-            if not seen.active:
-                gain = self._period_s / seen.parameters.rest_s if self._shares[i] else 1.0
-                self._shares[i] += gain * (borne_n / sum(now) - self._shares[i])
-            lift_n = self._shares[i] * weight_n - borne_n
-            self._lift[i] += self._gain * (lift_n - self._lift[i])
+        if not seen.active or not self._rest:
+            gain, rest = self._period_s / seen.parameters.rest_s, self._rest or now
+            self._rest = [a + gain * (b - a) for a, b in zip(rest, now, strict=True)]
+        scale = weight_n / max(sum(self._rest), p.least_n)
+        for i, lift_n in enumerate(self._lift):
+            self._lift[i] += self._gain * (scale * self._rest[i] - now[i] - lift_n)
         self.support = sum(self._lift) / weight_n
         if not seen.active:
             self._recent.clear()
