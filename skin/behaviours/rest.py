@@ -1,10 +1,10 @@
 """Rest: what pads bear while nobody moves it, as a sum of an object's own load and a person's.
 
-``now = own + lean + noise``: `own` is constant but for a drift, and `lean`, of a person who leans
-on the object, pulls or bears it, is zero or constant for long. A Kalman filter of a random walk
-follows their sum. Its gain is its variance over that of the noise, too: it falls as 1/n while n
-cycles are learned, down to that of `rest_s`. What drifts is the person's where one leans, else the
-object's.
+``now = own + drift + lean + noise``: `own` is constant. `lean`, of a person who leans on the
+object, pulls or bears it, is zero or constant for long; while there is one, what changes slowly is
+the person's. Whose `drift` is, nobody can tell: it is of the units, or of a person who leans on it
+more and more. A Kalman filter of a random walk follows the sum. Its gain is its variance over that
+of the noise, too: it falls as 1/n while n cycles are learned, down to that of `rest_s`.
 
 A load is seven numbers, newton, skin frame: three of force, three of torque over a lever, and the
 sum of the pads' normal forces.
@@ -28,7 +28,7 @@ class Rest:
 
     Attributes
     ----------
-    own, lean, load : list of 7 float
+    own, drift, lean, load : list of 7 float
         Loads, see the module; `load` is the sum.
     noise : list of 7 float
         Newton squared: variance of the load of a cycle.
@@ -41,12 +41,12 @@ class Rest:
     def __init__(self, parameters: DisturbanceParameters, period_s: float) -> None:
         self._parameters, self._period_s = parameters, period_s
         self._gain = period_s / (parameters.rest_s + period_s)
-        self._drift = self._gain * self._gain / (1.0 - self._gain)
+        self._walk = self._gain * self._gain / (1.0 - self._gain)
         self.forget()
 
     def forget(self) -> None:
         """Learn all anew."""
-        self.own, self.lean, self.load = [0.0] * 7, [0.0] * 7, [0.0] * 7
+        self.own, self.drift, self.lean, self.load = ([0.0] * 7 for _ in range(4))
         self.noise, self.doubt, self._cycles = [0.0] * 7, UNKNOWN, 0
         self.settled = self.known = False
         self._left_s = self._parameters.learn_s
@@ -59,8 +59,9 @@ class Rest:
 
     def follow(self, now: list[float], last: list[float], change: list[float]) -> None:
         """Learn from the load of a cycle, and of the last one, which is a change away from rest."""
-        part = self.lean if self.known and any(self.lean) else self.own
-        doubt = self.doubt + self._drift
+        part = self.lean if any(self.lean) else self.drift
+        part = part if self.known else self.own
+        doubt = self.doubt + self._walk
         self.doubt = gain = doubt / (1.0 + doubt)
         self._cycles += 1
         noise, noise_gain = self.noise, max(self._gain, 1.0 / self._cycles)
@@ -77,8 +78,11 @@ class Rest:
     def move(self, change: list[float], share: float, *, leans: bool) -> None:
         """Add a lasting change, of somebody who leans on it from now on, or who has let go."""
         self.load = [a + b for a, b in zip(self.load, change, strict=True)]
-        self.own = self.own if leans else list(self.load)
-        self.lean = [a - b for a, b in zip(self.load, self.own, strict=True)]
+        if leans:
+            self.lean = [a + b for a, b in zip(self.lean, change, strict=True)]
+        else:
+            self.lean = [0.0] * 7
+            self.drift = [a - b for a, b in zip(self.load, self.own, strict=True)]
         self.doubt += share
 
     def distance(self, change: Sequence[float], share: float, allowed_n: float = 0.0) -> float:

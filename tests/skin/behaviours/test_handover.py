@@ -79,6 +79,21 @@ def test_who_pulls_it_down_for_long_and_lets_go_bears_nothing(size):
     assert taken_s(play(handover, held, ramp(1.5, 0.3, 5.0), 1.0)) < 0.5
 
 
+def test_who_bears_a_part_for_long_and_lets_go_leaves_the_whole_weight():
+    handover, held = giving()
+    assert taken_s(play(handover, held, ramp(0.5, 0.1, 11.0), 12.0)) is None
+    assert handover.weight_n == pytest.approx(1.5, abs=0.1)
+    assert abs(handover.support) < 0.15
+
+
+def test_who_leans_on_it_so_slowly_that_nothing_is_seen_bears_nothing_either():
+    handover, held = giving()
+    told = play(handover, held, lambda t: -0.12 * t if t < 25.0 else 0.0, 26.0)
+    assert taken_s(told) is None
+    assert handover.weight_n == pytest.approx(1.5, abs=0.1)
+    assert abs(handover.support) < 0.15
+
+
 def test_who_leans_on_it_from_the_start_bears_nothing_where_the_weight_is_known():
     held = Held()
     handover = Handover(held.topology)
