@@ -10,7 +10,7 @@ On a bare skin only contacts count, where they are wanted: this keeps out the no
 units.
 
 Loads of silent units are estimates. When the set of heard units changes, the own load is learned
-anew, and nothing is reported meanwhile, nor while no unit is heard.
+again, and nothing is reported meanwhile, nor while no unit is heard.
 """
 
 from __future__ import annotations
@@ -213,9 +213,7 @@ class Disturbance:
             self.held, self._centre = held, centre
             self.settle()
 
-    def _follow(
-        self, now: list[float], last: list[float], state: State, loads: PadLoads
-    ) -> None:
+    def _follow(self, now: list[float], last: list[float], state: State, loads: PadLoads) -> None:
         """Compare with the rest; begin, continue or end a disturbance."""
         p, rest = self.parameters, self.rest
         change, slowly, (smooth, slow) = self._change, self._slowly, self._gains

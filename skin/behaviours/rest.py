@@ -2,7 +2,7 @@
 
 ``now = own + drift + lean + noise``: `own` is constant. `lean`, of a person who leans on the
 object, pulls or bears it, is zero or constant for long; while there is one, what changes slowly is
-the person's. Whose `drift` is, nobody can tell: it is of the units, or of a person who leans on it
+the person's. Whose `drift` is remains unknown: of the units, or of a person who leans on the object
 more and more. A Kalman filter of a random walk follows the sum. Its gain is its variance over that
 of the noise, too: it falls as 1/n while n cycles are learned, down to that of `rest_s`.
 
@@ -45,14 +45,14 @@ class Rest:
         self.forget()
 
     def forget(self) -> None:
-        """Learn all anew."""
+        """Learn all of it again."""
         self.own, self.drift, self.lean, self.load = ([0.0] * 7 for _ in range(4))
         self.noise, self.doubt, self._cycles = [0.0] * 7, UNKNOWN, 0
         self.settled = self.known = False
         self._left_s = self._parameters.learn_s
 
     def forget_own(self) -> None:
-        """Learn the own load anew: other units may measure another one."""
+        """Learn the own load again: other units may measure another one."""
         if self.settled:
             self.known, self.doubt = False, UNKNOWN
             self._left_s = self._parameters.anchor_s

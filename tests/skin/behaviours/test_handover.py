@@ -87,10 +87,10 @@ def test_who_bears_a_part_for_long_and_lets_go_leaves_the_whole_weight():
 
 
 def test_who_leans_on_it_so_slowly_that_nothing_is_seen_bears_nothing_either():
-    handover, held = giving()
-    told = play(handover, held, lambda t: -0.12 * t if t < 25.0 else 0.0, 26.0)
+    handover, held = giving(Held(weight_n=0.4))
+    told = play(handover, held, lambda t: -0.04 * t if t < 25.0 else 0.0, 26.0)
     assert taken_s(told) is None
-    assert handover.weight_n == pytest.approx(1.5, abs=0.1)
+    assert handover.weight_n == pytest.approx(0.4, abs=0.05)
     assert abs(handover.support) < 0.15
 
 

@@ -104,5 +104,5 @@ def test_other_units_change_the_own_load_and_not_who_leans():
     watched(rest, loads(15, OWN + LEAN + [0.0, 0.5, 0.3, 0.0, 0.0, 0.0, 1.0], seed=2), kept)
     assert rest.known
     assert rest.lean == lean
-    own = OWN + [0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0]
+    own = np.add(OWN, [0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0])
     np.testing.assert_allclose(np.add(rest.own, rest.drift), own, atol=0.12)
