@@ -178,7 +178,6 @@ class Handover:
         self._period_s = 1.0 / topology.cycle_rate_hz
         self._gain = self._period_s / (self.parameters.smooth_s + self._period_s)
         self._pads = len(self.disturbance.pads.names)
-        self._rest: list[float] = []
         self._recent: deque[float] = deque(
             maxlen=round(self.parameters.ease_s / self._period_s) + 1
         )
@@ -218,11 +217,11 @@ class Handover:
     def update(self, state: State) -> Phase:
         """Process a cycle; returns the phase."""
         seen = self.disturbance
-        if not seen.update(state) or not seen.settled:
+        if not seen.update(state):
             return self.phase
         if self.phase == Phase.GIVING:
             self._give()
-        elif self.phase in (Phase.AWAITING, Phase.OFFERED):
+        elif seen.settled and self.phase in (Phase.AWAITING, Phase.OFFERED):
             self._take()
         return self.phase
 
@@ -236,7 +235,7 @@ class Handover:
         self._most_n = math.inf
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
         self._still_n = [math.inf] * 3
-        self._rest, self._lift = [], [0.0] * self._pads
+        self._rest, self._lift = [0.0] * self._pads, [0.0] * self._pads
         self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
@@ -246,17 +245,17 @@ class Handover:
     def _give(self) -> None:
         """Weigh the hypotheses, and report when the object is taken."""
         p, seen = self.parameters, self.disturbance
+        now = [-_dot(force, self._up) for force in zip(*seen.pad_force_n, strict=True)]
+        if not seen.active:
+            gain = min(seen.rest.doubt, 1.0)
+            self._rest = [a + gain * (b - a) for a, b in zip(self._rest, now, strict=True)]
         weight_n = self.weight_n
-        if weight_n < p.least_n:
+        if not seen.settled or weight_n < p.least_n:
             self.support = math.nan
             return
-        now = [-_dot(force, self._up) for force in zip(*seen.pad_force_n, strict=True)]
-        if not seen.active or not self._rest:
-            gain, rest = self._period_s / seen.parameters.rest_s, self._rest or now
-            self._rest = [a + gain * (b - a) for a, b in zip(rest, now, strict=True)]
-        scale = weight_n / max(sum(self._rest), p.least_n)
+        more_n = (weight_n - sum(self._rest)) / self._pads
         for i, lift_n in enumerate(self._lift):
-            self._lift[i] += self._gain * (scale * self._rest[i] - now[i] - lift_n)
+            self._lift[i] += self._gain * (self._rest[i] + more_n - now[i] - lift_n)
         self.support = sum(self._lift) / weight_n
         if not seen.active:
             self._recent.clear()

@@ -105,6 +105,19 @@ def test_who_leans_on_it_from_the_start_bears_nothing_where_the_weight_is_known(
         handover.give(float("nan"))
 
 
+def test_a_bump_just_when_the_weight_is_learned_hides_no_hand():
+    held = Held()
+    handover = Handover(held.topology)
+    handover.give()
+
+    def course(t):
+        if t < 1.0:
+            return 0.0 if t < 0.39 else 1.4 if t < 0.45 else -0.5
+        return ramp(1.5, 0.2, 5.0)(t - 1.0)
+
+    assert 1.1 < taken_s(play(handover, held, course, 2.0)) < 1.4
+
+
 def test_a_hand_that_pulls_too_much_is_recognised_when_it_eases():
     handover, held = giving()
     told = play(handover, held, lambda t: 3.75 if t < 0.8 else 1.5, 2.0)
