@@ -29,11 +29,11 @@ class DisturbanceParameters:
     quiet_s : float
         Duration below `end` that ends a disturbance [assumed].
     longest_s : float
-        A longer change is a new rest [assumed].
+        A longer change is of a person who leans on it [assumed].
     back : float
-        Tolerance of a return to the rest before, relative to its travel [assumed].
+        Tolerance of a return to the own load, relative to what leaned on it [assumed].
     anchor_s : float
-        Duration of learning the rest again where the set of heard units has changed [derived: its
+        Duration of learning the own load again where other units are heard [derived: its
         mean has a fourth of the noise].
     wander_n : float
         Sigma of the rest itself, newton [assumed].

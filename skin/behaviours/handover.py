@@ -8,8 +8,8 @@ explained by a light touch, or was far below its peak: a bump is near its peak f
 its duration, a taking hand stays there.
 
 Support is the missing weight, not its change: a person who leans on the object, or pulls it down,
-makes it heavier, and when they let go nothing is borne. The weight is given to `Handover.give`, or
-else is the least load at rest since then.
+makes it heavier, and when they let go nothing is borne. The weight is that of the load at rest,
+with or without such a person, whichever is less, and no more than was given to `Handover.give`.
 """
 
 from __future__ import annotations
@@ -178,7 +178,6 @@ class Handover:
         self._period_s = 1.0 / topology.cycle_rate_hz
         self._gain = self._period_s / (self.parameters.smooth_s + self._period_s)
         self._pads = len(self.disturbance.pads.names)
-        self._rest: list[float] = []
         self._recent: deque[float] = deque(
             maxlen=round(self.parameters.ease_s / self._period_s) + 1
         )
@@ -203,7 +202,7 @@ class Handover:
         self._enter(Phase.GIVING, "asked to")
         self.disturbance.settle()
         self._clear()
-        self._known_n = math.inf if weight_n is None else float(weight_n)
+        self._most_n = math.inf if weight_n is None else float(weight_n)
 
     def take(self) -> None:
         """Take an object that is put between the open pads."""
@@ -219,37 +218,24 @@ class Handover:
         """Process a cycle; returns the phase."""
         seen = self.disturbance
         if not seen.update(state):
-            self._before_n = math.nan  # other units may measure another weight
-            return self.phase
-        if not seen.settled:
             return self.phase
         if self.phase == Phase.GIVING:
-            self._weigh()
             self._give()
-        elif self.phase in (Phase.AWAITING, Phase.OFFERED):
+        elif seen.settled and self.phase in (Phase.AWAITING, Phase.OFFERED):
             self._take()
         return self.phase
 
     @property
     def weight_n(self) -> float:
         """Load of the pads at rest, without a person's."""
-        return -_dot(self.disturbance.rest_n, self._up) - self._excess_n
-
-    def _weigh(self) -> None:
-        """Excess of the load at rest over the weight: a person who leans on it for long."""
-        rest_n = -_dot(self.disturbance.rest_n, self._up)
-        if self._known_n is not None:
-            self._excess_n, self._known_n = max(rest_n - self._known_n, 0.0), None
-        elif not math.isnan(self._before_n):
-            self._excess_n = max(self._excess_n + rest_n - self._before_n, 0.0)
-        self._before_n = rest_n
+        rest = self.disturbance.rest
+        return min(-_dot(rest.own, self._up), -_dot(rest.load, self._up), self._most_n)
 
     def _clear(self) -> None:
-        self._known_n: float | None = None
-        self._excess_n, self._before_n = 0.0, math.nan
+        self._most_n = math.inf
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
         self._still_n = [math.inf] * 3
-        self._rest, self._lift = [], [0.0] * self._pads
+        self._rest, self._lift = [0.0] * self._pads, [0.0] * self._pads
         self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
@@ -259,18 +245,18 @@ class Handover:
     def _give(self) -> None:
         """Weigh the hypotheses, and report when the object is taken."""
         p, seen = self.parameters, self.disturbance
+        now = [-_dot(force, self._up) for force in zip(*seen.pad_force_n, strict=True)]
+        if not seen.active:
+            gain = min(seen.rest.doubt, 1.0)
+            self._rest = [a + gain * (b - a) for a, b in zip(self._rest, now, strict=True)]
         weight_n = self.weight_n
-        pads = self._pad_lifts()
-        if weight_n < p.least_n:
+        if not seen.settled or weight_n < p.least_n:
             self.support = math.nan
             return
-        self._lift = [
-            before + self._gain * (now - rest - before)
-            for before, now, rest in zip(self._lift, pads, self._rest, strict=True)
-        ]
-        own_n = self._excess_n / self._pads
-        lift = [value - own_n for value in self._lift]
-        self.support = sum(lift) / weight_n
+        more_n = (weight_n - sum(self._rest)) / self._pads
+        for i, lift_n in enumerate(self._lift):
+            self._lift[i] += self._gain * (self._rest[i] + more_n - now[i] - lift_n)
+        self.support = sum(self._lift) / weight_n
         if not seen.active:
             self._recent.clear()
             return
@@ -278,7 +264,7 @@ class Handover:
         light = normal_log(max(self.support, p.light[0]), *p.light)
         self._age(hand > light, seen.sigma_n / weight_n)
         even = -math.log(2.0 * p.widest)
-        agree = self._agree(lift)
+        agree = self._agree()
         logs = {
             "hand": hand + agree,
             "light": light + agree,
@@ -311,27 +297,12 @@ class Handover:
         """Logarithm of the fraction of bumps that stay near their peak for longer than so far."""
         return log_normal_longer_log(max(self._age_s / BUMP_NEAR, 1e-3), *self.parameters.bump_s)
 
-    def _pad_lifts(self) -> list[float]:
-        """Lift of each pad, newton; its rest is that of the sum, by the same rules."""
-        seen = self.disturbance
-        u, v, w = self._up
-        now = [u * x + v * y + w * z for x, y, z in zip(*seen.pad_force_n, strict=True)]
-        rest = _dot(seen.rest_n, self._up)
-        if not self._rest:
-            self._rest = list(now)
-        if not seen.active:
-            gain = self._period_s / seen.parameters.rest_s
-            self._rest = [r + gain * (v - r) for r, v in zip(self._rest, now, strict=True)]
-        moved = (rest - sum(self._rest)) / self._pads
-        self._rest = [r + moved for r in self._rest]
-        return now
-
-    def _agree(self, lift: list[float]) -> float:
+    def _agree(self) -> float:
         """Log-likelihood that two pads share a lift."""
-        total = sum(lift)
+        total = sum(self._lift)
         if self._pads != 2 or total <= 0.0:
             return 0.0
-        return beta_log(lift[0] / total, *self.parameters.agree)
+        return beta_log(self._lift[0] / total, *self.parameters.agree)
 
     def _take(self) -> None:
         """Close on contact; an object that hangs still is received."""

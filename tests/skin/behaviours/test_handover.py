@@ -79,6 +79,21 @@ def test_who_pulls_it_down_for_long_and_lets_go_bears_nothing(size):
     assert taken_s(play(handover, held, ramp(1.5, 0.3, 5.0), 1.0)) < 0.5
 
 
+def test_who_bears_a_part_for_long_and_lets_go_leaves_the_whole_weight():
+    handover, held = giving()
+    assert taken_s(play(handover, held, ramp(0.5, 0.1, 11.0), 12.0)) is None
+    assert handover.weight_n == pytest.approx(1.5, abs=0.1)
+    assert abs(handover.support) < 0.15
+
+
+def test_who_leans_on_it_so_slowly_that_nothing_is_seen_bears_nothing_either():
+    handover, held = giving(Held(weight_n=0.4))
+    told = play(handover, held, lambda t: -0.04 * t if t < 25.0 else 0.0, 26.0)
+    assert taken_s(told) is None
+    assert handover.weight_n == pytest.approx(0.4, abs=0.05)
+    assert abs(handover.support) < 0.15
+
+
 def test_who_leans_on_it_from_the_start_bears_nothing_where_the_weight_is_known():
     held = Held()
     handover = Handover(held.topology)
@@ -88,6 +103,19 @@ def test_who_leans_on_it_from_the_start_bears_nothing_where_the_weight_is_known(
     assert taken_s(play(handover, held, ramp(1.5, 0.3, 5.0), 1.0)) < 0.5
     with pytest.raises(OptionError, match="handover: weight_n: must be a number from"):
         handover.give(float("nan"))
+
+
+def test_a_bump_just_when_the_weight_is_learned_hides_no_hand():
+    held = Held()
+    handover = Handover(held.topology)
+    handover.give()
+
+    def course(t):
+        if t < 1.0:
+            return 0.0 if t < 0.39 else 1.4 if t < 0.45 else -0.5
+        return ramp(1.5, 0.2, 5.0)(t - 1.0)
+
+    assert 1.1 < taken_s(play(handover, held, course, 2.0)) < 1.4
 
 
 def test_a_hand_that_pulls_too_much_is_recognised_when_it_eases():
