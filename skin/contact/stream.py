@@ -174,7 +174,9 @@ class ContactStream:
             Wants(bool(wants), each, slips),
             (slip or SlipSettings()).model(),
         )
-        self.data = contact_data(no_readings(n, self._dtype), capacity, detects_slip=slips)
+        self.data = contact_data(
+            no_readings(n, self._dtype), capacity, graph.neighbour.size, detects_slip=slips
+        )
         pose = self.model.geometry.pose
         pose["feels"], pose["most"] = 1.0 if feels is None else feels, most_n
         self.tracker = Tracker(self.data)
