@@ -55,6 +55,7 @@ def open(
     skip: bool = False,
     slip: SlipSettings | None = None,
     false_contacts_per_day: float = 1.0,
+    capacity: int | None = None,
     stencil: Stencil | str | os.PathLike[str] | None = None,
     zeros: str | os.PathLike[str] | None = None,
     learn: bool = False,
@@ -76,7 +77,7 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, auto_tare, creep, skip, slip, false_contacts_per_day, …
+    want, estimator, dtype, sweeps, ambient, auto_tare, creep, skip, slip, false_contacts_per_day, capacity, …
         What is computed, and how: see `skin.options.Options`; `stencil` may be a file.
     zeros, learn : path, optional, and bool
         Carry zeros from run to run (`skin.calibrate.zeros`); learn fields of neighbours.
@@ -110,7 +111,8 @@ def open(
         options = Options(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
             auto_tare=auto_tare, creep=creep, skip=skip, slip=slip,
-            false_contacts_per_day=false_contacts_per_day, stencil=_stencil(stencil, loaded),
+            false_contacts_per_day=false_contacts_per_day, capacity=capacity,
+            stencil=_stencil(stencil, loaded),
         )  # fmt: skip
         _check(sync, wait, pace, learn, seed, log)
         _begin_to_compile(undo, options)

@@ -20,10 +20,14 @@ from topology.pose import pose_fault
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "PAIR", "POSE", "SUMS", "WAYPOINTS", "ContactData",
     "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
-    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_data", "no_readings",
+    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_capacity", "contact_data", "no_readings",
     "posed_units", "set_poses",
 ]  # fmt: skip
 
+LEAST_CAPACITY, UNITS_EACH = 16, 16
+"""Contacts with an identity of a small skin [assumed]. Units for each of a large one: nine, which
+tell its shape and slip across all directions, and a row that parts it from the next on two sides,
+four by four of a grid [derived]."""
 WAYPOINTS = 128
 """Waypoints stored per contact [assumed]."""
 
@@ -294,6 +298,18 @@ def _check_shapes(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
             f"position, rotation: must have shapes (3, {n}) and (3, 3, {n}); "
             f"got {np.shape(position)} and {np.shape(rotation)}"
         )
+
+
+def contact_capacity(n: int) -> int:
+    """Contacts of n units that have an identity if no number is given: one for each 16 units, 16 at
+    least. Each costs 8.5 kB, and no time while it is not there.
+
+    Examples
+    --------
+    >>> contact_capacity(64), contact_capacity(4096)
+    (16, 256)
+    """
+    return max(LEAST_CAPACITY, n // UNITS_EACH)
 
 
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:

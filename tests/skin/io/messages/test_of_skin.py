@@ -224,12 +224,12 @@ def state():
 
 @pytest.fixture
 def record(palm):
-    return np.zeros(1, record_dtype(palm))
+    return np.zeros(1, record_dtype(palm, 16))
 
 
 def test_a_contact_keeps_its_slot_ends_at_zero_and_leaves_its_place_free(palm, store):
     messages = SkinMessages(described(palm), "recording")
-    made = np.zeros(1, record_dtype(palm))
+    made = np.zeros(1, record_dtype(palm, 16))
 
     def told(*identities):
         found = np.zeros(len(identities), CONTACT)
