@@ -27,7 +27,7 @@ Sweeps = Literal[0, 1, 2]
 ESTIMATORS: tuple[Estimator, ...] = get_args(Estimator)
 DTYPES: tuple[DType, ...] = get_args(DType)
 MOST_CONTACTS = 4096
-"""Largest number of contacts with an identity: 35 MB of records [assumed]."""
+"""Largest number of contacts with an identity: 42 MB [assumed]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -77,8 +77,8 @@ class Gather:
     @property
     def is_full(self) -> bool:
         """Whether there may be no room for another cycle."""
-        full = self.count == self.capacity
-        return full or (self._lists and self.contact_capacity - self.contact_count < self.most_contacts)
+        room = self.contact_capacity - self.contact_count
+        return self.count == self.capacity or room < self.most_contacts
 
     def add(self, state: State) -> None:
         """Copy a state of the pipeline."""

@@ -247,7 +247,7 @@ def _absorbed_into(contacts, other, slot):
 @jitable
 def _own(load, graph, units, slot, represents, contacts):
     """Set the owner of a contact's units: those of absorbed records keep it, new ones take a
-    neighbour's. `represents` tells whether there are absorbed ones."""
+    neighbour's. `represents` is whether there are absorbed ones."""
     label, owner, members = units.label, units.owner, units.members
     first, last = contacts[slot]["begin"], contacts[slot]["end"]
     if not represents:

@@ -20,13 +20,13 @@ from topology.pose import pose_fault
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "PAIR", "POSE", "SUMS", "WAYPOINTS", "ContactData",
     "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
-    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_capacity", "contact_data", "no_readings",
-    "posed_units", "set_poses",
+    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_capacity", "contact_data",
+    "no_readings", "posed_units", "set_poses",
 ]  # fmt: skip
 
 LEAST_CAPACITY, UNITS_EACH = 16, 16
-"""Contacts with an identity of a small skin [assumed]. Units for each of a large one: nine, which
-tell its shape and slip across all directions, and a row that parts it from the next on two sides,
+"""Contacts with an identity of a small skin [assumed]. Units for each of a large one: nine, whose
+load shows shape and slip in all directions, and a row that parts it from the next on two sides,
 four by four of a grid [derived]."""
 WAYPOINTS = 128
 """Waypoints stored per contact [assumed]."""
@@ -302,7 +302,7 @@ def _check_shapes(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
 
 def contact_capacity(n: int) -> int:
     """Contacts of n units that have an identity if no number is given: one for each 16 units, 16 at
-    least. Each costs 8.5 kB, and no time while it is not there.
+    least. Each costs 10 kB, and no time while it is not there.
 
     Examples
     --------

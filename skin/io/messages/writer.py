@@ -67,7 +67,7 @@ class RecordWriter:
         self._kernel, self._rest, self._fill = kernel, rest, None
 
     def write(self, state: State) -> None:
-        """Write a state; quantities that are not wanted stay NaN, or -1. """
+        """Write a state; quantities that are not wanted stay NaN, or -1."""
         head, contacts = self._head, if_wanted(state, "contacts")
         head[0], head[1], head[2] = state.stamp_ns, state.cycle, bool(if_wanted(state, "whole"))
         head[3], head[4] = if_wanted(state, "untracked") or 0, len(contacts) if contacts else 0

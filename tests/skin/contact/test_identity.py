@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact import identity
 from skin.contact.graph import neighbour_graph
+from skin.contact.identity import _assign
 from skin.contact.model import PAIR
 from skin.contact.record import CONTACT, Event, TrackState
 from skin.contact.stream import ContactStream
@@ -223,9 +223,7 @@ def test_pairs_are_assigned_as_by_a_matrix_with_equal_loads_too(shared, track):
         pairs[at]["part"], pairs[at]["slot"], pairs[at]["load"] = part, slot, load
     slots = SimpleNamespace(slot_of=np.full(6, -1), part_of=np.full(8, -1))
     worth = {TrackState.PRESENT: 1.0, TrackState.ABSORBED: 0.25}
-    identity._assign(
-        pairs, contacts, TrackState.PRESENT, TrackState.ABSORBED, 0.25, slots, order
-    )
+    _assign(pairs, contacts, TrackState.PRESENT, TrackState.ABSORBED, 0.25, slots, order)
     expected = dense(pairs, [worth.get(one, 0.0) for one in track], 8, 6)
     assert slots.slot_of.tolist() == expected.tolist()
     for part, slot in enumerate(expected):

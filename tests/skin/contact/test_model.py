@@ -39,8 +39,9 @@ def test_a_new_stream_has_room_as_documented_and_knows_of_nothing(dtype):
         "reading.given": (1,), "units.begin": (n + 1,), "units.members": (n,),
         "units.loaded": (n,), "units.queue": (n,), "units.owner": (n,), "slots.present": (slots,),
         "slots.ended": (slots,), "slots.before": (capacity,), "slots.parent": (capacity,),
-        "slots.mark": (slots,), "counters": (1,), "clock": (1,), "shared": (n,), "nearby": (n + edges,),
-        "order": (n + edges,), "most": (slots,), "contacts": (slots + 1,), "paths": (slots, WAYPOINTS, 3), "sums.rows": (capacity + 2,),
+        "slots.mark": (slots,), "counters": (1,), "clock": (1,), "shared": (n,),
+        "nearby": (n + edges,), "order": (n + edges,), "most": (slots,), "contacts": (slots + 1,),
+        "paths": (slots, WAYPOINTS, 3), "sums.rows": (capacity + 2,),
         "scratch.covariance": (6, 6), "scratch.first": (3, 3), "scratch.vectors": (3, 3),
         "evidence.level": (n,), "evidence.cycle": (n,),
     }  # fmt: skip
