@@ -11,6 +11,9 @@ without slip and numpy doing that, contacts with slip of plain arrays that are n
 and the contact stage of nb-touch on forces that are decoded already, against what the lean pass
 takes beyond decoding, where that package is installed.
 
+Scaling: contacts of three by three units on 4096, all moving: those that have an identity, and the
+time to find them, and to describe them with slip, of plain arrays in place.
+
 Error: the centre of pressure of one sphere on a palm of 8 x 8 units against the truth, over load
 and place, edges included; and how often the truth lies within one sigma, along x and along y (0.683
 if sigma is right).
@@ -50,6 +53,8 @@ SHAPES = {64: "grid", 363: "cylinder", 1024: "grid", 4096: "grid"}
 """Units of each skin and its kind of patch."""
 PITCH_M = 0.012
 TOUCHES = (0, 1, 3)
+MANY, TILE = (1, 50, 100, 191), 4
+"""Contacts, each on a square of its own with so many units along a side."""
 SHARE = 0.07
 """Share of the units that a contact touches: five of 64."""
 CYCLES = 64
@@ -78,6 +83,7 @@ def run(quick: bool) -> dict:
         **{f"live_us_p50_{n}": rows[most]["live"]["us_p50"] for n, rows in sizes.items()},
         **{f"plain_us_p50_{n}": rows[most]["plain"]["us_p50"] for n, rows in sizes.items()},
         "sizes": sizes,
+        "many": [many(max(SHAPES), count, quick) for count in MANY],
         "centre_of_pressure": centre_of_pressure(TRIALS[not quick]),
     }  # fmt: skip
 
@@ -100,6 +106,10 @@ def table(figures: dict) -> str:
             )
     if "nb_touch" not in next(iter(next(iter(figures["sizes"].values())).values())):
         lines.append("nb-touch is not installed: it needs Python 3.12, pip install nb-touch")
+    lines.append(f"{'contacts':>10}{'identities':>12}{'found us p50':>14}{'with slip us p50':>18}")
+    for row in figures["many"]:
+        lines.append(f"{row['contacts']:>10}{row['identities']:>12}{row['found_us_p50']:>14.1f}"
+                     f"{row['full_us_p50']:>18.1f}")  # fmt: skip
     lines.append(f"{'place':>8}{'load N':>9}{'trials':>8}{'rms mm':>9}{'sigma mm':>10}"
                  f"{'within x':>10}{'within y':>10}")  # fmt: skip
     for row in figures["centre_of_pressure"]:
@@ -177,6 +187,35 @@ def plain(skin: Topology) -> Callable[..., list[Contact]]:
     )  # fmt: skip
     stamps = itertools.count(0, round(1e9 / skin.cycle_rate_hz))
     return lambda *arrays: stream.update(*arrays, stamp_ns=next(stamps))
+
+
+def many(n: int, count: int, quick: bool) -> dict:
+    """So many contacts of three by three units on n, which move one unit back and forth together;
+    fewer where there is no room."""
+    skin, side = plate(n), int(np.sqrt(n))
+    tiles = np.random.default_rng(count).permutation((side // TILE) ** 2)[:count]
+    row, column = TILE * (tiles // (side // TILE)), TILE * (tiles % (side // TILE))
+    load = np.zeros((CYCLES, side, side), np.float32)
+    for cycle in range(CYCLES):
+        for a, b in np.ndindex(TILE - 1, TILE - 1):
+            load[cycle, row + a, column + b + cycle // 8 % 2] = 1.0
+    found = {}
+    for name, want in (("found", set()), ("full", FULL)):
+        stream = ContactStream(
+            skin.position, skin.rotation, skin.area, skin.neighbour_start, skin.neighbour_index,
+            want=want, rate_hz=skin.cycle_rate_hz,
+        )  # fmt: skip
+        force, sigma = np.zeros((3, n), np.float32), np.full((3, n), 0.01, np.float32)
+        moved = np.zeros((3, n), np.float32)
+        take, stamps, taken = stream.bind(force, sigma, moved, sigma), itertools.count(1), []
+        for cycle in range(CYCLES * LAPS[not quick]):
+            force[2] = load[cycle % CYCLES].reshape(-1)
+            started = time.perf_counter_ns()
+            take(round(1e9 / skin.cycle_rate_hz) * next(stamps))
+            taken.append(time.perf_counter_ns() - started)
+        found[f"{name}_us_p50"] = float(np.median(taken)) * 1e-3
+        assert stream.tracker.untracked + len(stream.contacts) == tiles.size
+    return {"contacts": int(tiles.size), "identities": len(stream.contacts), **found}
 
 
 def alone(skin: Topology) -> Topology:

@@ -55,6 +55,7 @@ def open(
     skip: bool = False,
     slip: SlipSettings | None = None,
     false_contacts_per_day: float = 1.0,
+    capacity: int | None = None,
     stencil: Stencil | str | os.PathLike[str] | None = None,
     zeros: str | os.PathLike[str] | None = None,
     learn: bool = False,
@@ -76,7 +77,7 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, auto_tare, creep, skip, slip, false_contacts_per_day, …
+    want, estimator, dtype, sweeps, ambient, auto_tare, creep, skip, slip, capacity, …
         What is computed, and how: see `skin.options.Options`; `stencil` may be a file.
     zeros, learn : path, optional, and bool
         Carry zeros from run to run (`skin.calibrate.zeros`); learn fields of neighbours.
@@ -84,8 +85,7 @@ def open(
         SYNC is sent by this host, or by another node. Wake when cycles are usually complete (least
         latency), or at the deadline (least work).
     pace, deadline_s : bool, and float, optional
-        Keep the cycle rate of the topology; False starts the next cycle as soon as one is done.
-        Longest wait for frames after a SYNC; 0.9 periods if not given.
+        Keep the cycle rate, or start each cycle at once; longest wait after a SYNC (0.9 periods).
     simulate, repeat : bool, str, Path, SceneFile or Scene; and bool
         Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
         file, a loaded one or your own; false: none. At its end it repeats, or ends the loop.
@@ -109,7 +109,7 @@ def open(
         ends = [undo.enter_context(end) for end in _given(transports)]
         options = Options(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
-            auto_tare=auto_tare, creep=creep, skip=skip, slip=slip,
+            auto_tare=auto_tare, creep=creep, skip=skip, slip=slip, capacity=capacity,
             false_contacts_per_day=false_contacts_per_day, stencil=_stencil(stencil, loaded),
         )  # fmt: skip
         _check(sync, wait, pace, learn, seed, log)

@@ -17,13 +17,17 @@ if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
     from skin.physics.stencil import Stencil
 
-__all__ = ["DTYPES", "ESTIMATORS", "DType", "Estimator", "Options", "Sweeps", "wanted"]
+__all__ = [
+    "DTYPES", "ESTIMATORS", "MOST_CONTACTS", "DType", "Estimator", "Options", "Sweeps", "wanted",
+]  # fmt: skip
 
 Estimator = Literal["sine", "field-angle"]
 DType = Literal["float32", "float64"]
 Sweeps = Literal[0, 1, 2]
 ESTIMATORS: tuple[Estimator, ...] = get_args(Estimator)
 DTYPES: tuple[DType, ...] = get_args(DType)
+MOST_CONTACTS = 4096
+"""Largest number of contacts with an identity: 42 MB [assumed]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +66,10 @@ class Options:
         Priors of friction, the safety of grip forces, and thresholds of slip.
     false_contacts_per_day : float
         Contacts that noise alone may start on the whole skin; see `skin.contact.gate`.
+    capacity : int, optional
+        Contacts of a cycle that have an identity, at most: the heaviest; others are counted in
+        `State.untracked`. If None it follows the number of units; see
+        `skin.contact.model.contact_capacity`.
 
     Raises
     ------
@@ -84,6 +92,7 @@ class Options:
     skip: bool = False
     slip: SlipSettings | None = None
     false_contacts_per_day: float = 1.0
+    capacity: int | None = None
     stencil: Stencil | None = None
 
     def __post_init__(self) -> None:
@@ -102,6 +111,8 @@ class Options:
         if self.stencil is not None and not hasattr(self.stencil, "coefficients"):
             raise OptionError(f"stencil: must be a Stencil or None; got {shown(self.stencil)}")
         check_number("false_contacts_per_day", self.false_contacts_per_day, 1e-9, 1e9)
+        if self.capacity is not None:
+            check_number("capacity", self.capacity, 1, MOST_CONTACTS, whole=True)
 
     @property
     def quantities(self) -> frozenset[str]:

@@ -135,7 +135,7 @@ class Pipeline:
             )  # fmt: skip
             self._show(self.contacts)
         self._bind()
-        nothing = dict.fromkeys([*self.shown, "contacts", "whole"])
+        nothing = dict.fromkeys([*self.shown, "contacts", "whole", "untracked"])
         self._array = Layout(nothing) if self.contacts is None else None
         self._units = self.decoder.layout
         shown: dict[str, Any] = dict(self.shown)
@@ -225,6 +225,7 @@ class Pipeline:
             want=want, dtype=self.options.dtype, slip=self.options.slip,
             rate_hz=topology.cycle_rate_hz,
             false_contacts_per_day=self.options.false_contacts_per_day,
+            capacity=self.options.capacity,
             unit_names=topology.unit_names, feels=topology.enabled & ~topology.counts_only,
             most_n=topology.parameters["normal_max_n"],
         )  # fmt: skip
@@ -272,7 +273,13 @@ class Pipeline:
         if "slip" in want:
             self._slip = stream.unit_slip
         self._label = stream.tracker.label
+        self._untracked = stream.data.counters["untracked"].data
         stream.show(**self.shown, **({} if self.lists_contacts else {"contacts": None}))
+
+    @property
+    def contact_capacity(self) -> int:
+        """Contacts that a state can have."""
+        return 0 if self.contacts is None else self.contacts.capacity
 
     @property
     def shown(self) -> dict[str, np.ndarray]:
@@ -468,7 +475,7 @@ class Pipeline:
             contacts = self.contacts.taken(found)
             if self.lists_contacts:
                 now.contacts = contacts
-            now.whole = not flags & UNSEEN
+            now.whole, now.untracked = not flags & UNSEEN, self._untracked[0]
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by

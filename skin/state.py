@@ -48,6 +48,7 @@ _NEEDS = {
     "label": ("contacts",),
     "slips": ("slip",),
     "whole": ("contacts",),
+    "untracked": ("contacts",),
 }
 """Names for `want` of quantities with other names."""
 
@@ -191,6 +192,10 @@ class State(_Wanted):
         in or next to a contact, was in contact when last valid, or has no valid neighbour that
         would show a contact. The possible load of these units is in the sigmas. Present with any
         feature of the array.
+    untracked : int
+        Contacts beyond the capacity (see `skin.options.Options`), the lightest: they are part of
+        the wrench, but not of `contacts`, and their units have no label. Present with any feature
+        of the array.
     """
 
     cycle: int
@@ -210,6 +215,7 @@ class State(_Wanted):
     sampled_ns: np.ndarray = UNWANTED
     topology: Topology = UNWANTED
     whole: bool = UNWANTED
+    untracked: int = UNWANTED
 
     def __repr__(self) -> str:
         """Units, contacts and faults, in a line."""
@@ -219,6 +225,8 @@ class State(_Wanted):
             parts.append(f"{np.count_nonzero(label >= 0)} touched")
         if (contacts := if_wanted(self, "contacts")) is not None:
             parts.append(f"{len(contacts)} contact" + "s" * (len(contacts) != 1))
+        if untracked := if_wanted(self, "untracked"):
+            parts.append(f"{untracked} more without identity")
         if (wrench := if_wanted(self, "wrench")) is not None:
             x, y, z = wrench[:3]
             parts.append(f"force ({x:.2f}, {y:.2f}, {z:.2f}) N")
@@ -261,7 +269,7 @@ class State(_Wanted):
         own.coverage, own.closed_by, own.counters = self.coverage, self.closed_by, self.counters
         own.overruns, own.topology = self.overruns, self.topology
         if self.whole is not None:
-            own.whole = self.whole
+            own.whole, own.untracked = self.whole, self.untracked
         own.sampled_ns = self.sampled_ns.copy()
         return own
 

@@ -55,6 +55,8 @@ class Block:
     slip : ndarray, shape (t, n), int32
         `skin.contact.record.UnitSlip` of each unit.
     sampled_ns : ndarray, shape (t, n), int64
+    untracked : ndarray, shape (t,), int64
+        Contacts beyond the capacity.
     whole : ndarray, shape (t,), bool
         See `State`.
     """
@@ -78,6 +80,7 @@ class Block:
     slip: np.ndarray = UNWANTED
     sampled_ns: np.ndarray = UNWANTED
     whole: np.ndarray = UNWANTED
+    untracked: np.ndarray = UNWANTED
 
     def __len__(self) -> int:
         return self.cycle.size

@@ -19,10 +19,9 @@ __all__ = ["Gather"]
 BLOCK_BYTES = 16 << 20
 """Bytes of a block [assumed: a part of a laptop's third-level cache]."""
 MOST_CYCLES, LEAST_CYCLES = 4096, 16
-CONTACTS = 16
-"""Maximum number of contacts in one cycle."""
 READING = "reading."
 FLAGS = "flags of the total"
+UNTRACKED = "contacts beyond the capacity"
 
 
 class Gather:
@@ -38,6 +37,8 @@ class Gather:
         ----------
         count, contact_count : int
             Cycles and contacts in the current block.
+        most_contacts : int
+            Of one cycle.
         sources : dict of str to ndarray
             Arrays that are copied each cycle; they stay the same.
         rows : dict of str to ndarray
@@ -54,7 +55,8 @@ class Gather:
         row_bytes = sum(array.nbytes for array in self.sources.values()) + 64
         capacity = int(np.clip(BLOCK_BYTES // row_bytes, LEAST_CYCLES, MOST_CYCLES))
         self.capacity = capacity if most is None else max(1, min(most, capacity))
-        self.contact_capacity = 2 * self.capacity + CONTACTS if self._lists else 0
+        self.most_contacts = pipeline.contact_capacity if self._lists else 0
+        self.contact_capacity = 2 * self.capacity + self.most_contacts if self._lists else 0
         topology = pipeline.topology
         self._area_share = topology.area / topology.area.sum()
         self._renew()
@@ -75,8 +77,8 @@ class Gather:
     @property
     def is_full(self) -> bool:
         """Whether there may be no room for another cycle."""
-        full = self.count == self.capacity
-        return full or (self._lists and self.contact_capacity - self.contact_count < CONTACTS)
+        room = self.contact_capacity - self.contact_count
+        return self.count == self.capacity or room < self.most_contacts
 
     def add(self, state: State) -> None:
         """Copy a state of the pipeline."""
@@ -106,6 +108,8 @@ class Gather:
         listed = {}
         if (flags := rows.pop(FLAGS, None)) is not None:
             listed["whole"] = flags[:, 0] & int(Flag.UNSEEN) == 0
+        if (untracked := rows.pop(UNTRACKED, None)) is not None:
+            listed["untracked"] = untracked[:, 0]
         if self._lists:
             listed["contacts"] = self.contacts[: self.contact_count].copy()
             listed["contact_start"] = self.contact_start[: t + 1]
@@ -133,6 +137,7 @@ def _sources(pipeline: Pipeline) -> dict[str, np.ndarray]:
     found |= pipeline.shown
     if pipeline.contacts is not None and pipeline.contacts.model.wants.total:
         found[FLAGS] = pipeline.contacts.records["flags"][-1:]
+        found[UNTRACKED] = pipeline.contacts.data.counters["untracked"]
     found |= {
         "totals": pipeline.assembler.totals,
         "sampled_ns": pipeline.assembler.sampled_ns,

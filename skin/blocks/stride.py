@@ -10,7 +10,7 @@ from bus.assemble.feed import feed
 from bus.compiled.bound import Bound
 from bus.compiled.chained import addresses, words
 from bus.frame import FrameViews
-from skin.blocks.gather import CONTACTS, Gather
+from skin.blocks.gather import Gather
 from skin.blocks.stride_kernel import PROGRESS, Assembly, Copies, stride
 from skin.contact.model import CLOCK
 from skin.contact.record import CONTACT
@@ -75,7 +75,7 @@ class Stride:
         first, now = gather.count, progress[0]
         now["row"], now["count"], now["contacts"] = row, first, gather.contact_count
         now["most"] = min(gather.capacity, first + most)
-        now["contacts_most"] = max(gather.contact_capacity - CONTACTS, 0)
+        now["contacts_most"] = max(gather.contact_capacity - gather.most_contacts, 0)
         copies = self._copies(gather)
         while stride(cycle.stage, Assembly(place, words(bound), arrays[1].state), copies, progress):
             cycle.renew()

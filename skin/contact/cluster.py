@@ -234,7 +234,7 @@ def contact_clusters(
         geometry, Wants(False, False, False),
     )  # fmt: skip
     reading = Readings(loads, sigmas, loads, sigmas, load, used, np.zeros(1, GIVEN))
-    data = contact_data(reading, 1)
+    data = contact_data(reading, 1, model.graph.neighbour.size)
     if touching is not None:
         data.units.touching[:] = touching
     join(model, data)

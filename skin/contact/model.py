@@ -18,12 +18,16 @@ from skin.errors import SkinError
 from topology.pose import pose_fault
 
 __all__ = [
-    "ADDED", "CLOCK", "COUNTERS", "GIVEN", "POSE", "SUMS", "WAYPOINTS", "ContactData",
+    "ADDED", "CLOCK", "COUNTERS", "GIVEN", "PAIR", "POSE", "SUMS", "WAYPOINTS", "ContactData",
     "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
-    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_data", "no_readings",
-    "posed_units", "set_poses",
+    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_capacity", "contact_data",
+    "no_readings", "posed_units", "set_poses",
 ]  # fmt: skip
 
+LEAST_CAPACITY, UNITS_EACH = 16, 16
+"""Contacts with an identity of a small skin [assumed]. Units for each of a large one: nine, whose
+load shows shape and slip in all directions, and a row that parts it from the next on two sides,
+four by four of a grid [derived]."""
 WAYPOINTS = 128
 """Waypoints stored per contact [assumed]."""
 
@@ -63,6 +67,16 @@ CLOCK = np.dtype(
         ("silent", np.int64),  # units that were silent and should have been heard
     ]
 )
+
+PAIR = np.dtype(
+    [
+        ("load", np.float64),  # N, on common units
+        ("worth", np.float64),  # that, weighted by the state of the record
+        ("part", np.int32),
+        ("slot", np.int32),
+    ]
+)
+"""A cluster and a record that have units in common."""
 
 _ADDED = [
     # Symmetric matrices as upper triangles, row by row; lengths about the middle of the array.
@@ -188,7 +202,6 @@ class Evidence(NamedTuple):
 
     level: np.ndarray  # normal load in sigmas, float64
     before: np.ndarray  # the same in the cycle before, -inf where it was not above the gate
-    weight: np.ndarray  # loads of clusters, newton, float64; scratch
     cycle: np.ndarray  # cycle of this evidence, int64
 
 
@@ -201,6 +214,7 @@ class SlotData(NamedTuple):
     ended: np.ndarray  # int64, identities that ended in this cycle
     before: np.ndarray  # (s // 2,), `present` of the cycle before
     parent: np.ndarray  # (s // 2,), record that a cluster has split from, -1; scratch
+    mark: np.ndarray  # last pair of each record; whether it represents absorbed ones; scratch
 
 
 class Sums(NamedTuple):
@@ -228,8 +242,10 @@ class ContactData(NamedTuple):
     slots: SlotData
     counters: np.ndarray  # (1,), COUNTERS
     clock: np.ndarray  # (1,), CLOCK
-    shared: np.ndarray  # (s // 2, s), float64: common load of a cluster and a record; scratch
-    nearby: np.ndarray  # (s // 2, s), float64: the same with the record's neighbours; scratch
+    shared: np.ndarray  # (n,), PAIR: of units that a record owns, by cluster; scratch
+    nearby: np.ndarray  # (n + m,), PAIR: the same with the record's neighbours; scratch
+    order: np.ndarray  # (n + m,), int32: a heap of pairs; scratch
+    most: np.ndarray  # (s,), float64: largest load of a cluster or record in common; scratch
     contacts: np.ndarray  # (s + 1,), CONTACT: the records, kept; the last is the total
     paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
     sums: Sums
@@ -284,6 +300,18 @@ def _check_shapes(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
         )
 
 
+def contact_capacity(n: int) -> int:
+    """Contacts of n units that have an identity if no number is given: one for each 16 units, 16 at
+    least. Each costs 10 kB, and no time while it is not there.
+
+    Examples
+    --------
+    >>> contact_capacity(64), contact_capacity(4096)
+    (16, 256)
+    """
+    return max(LEAST_CAPACITY, n // UNITS_EACH)
+
+
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     """Arrays for the readings of n units, all valid."""
     return Readings(
@@ -294,8 +322,11 @@ def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     )
 
 
-def contact_data(reading: Readings, capacity: int, *, detects_slip: bool = False) -> ContactData:
-    """Arrays for so many contacts, with those of slip if it `detects_slip`."""
+def contact_data(
+    reading: Readings, capacity: int, edges: int, *, detects_slip: bool = False
+) -> ContactData:
+    """Arrays for so many contacts on a graph with so many edges, with those of slip if it
+    `detects_slip`."""
     n, slots = reading.valid.size, 2 * capacity
     rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
     units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
@@ -303,7 +334,6 @@ def contact_data(reading: Readings, capacity: int, *, detects_slip: bool = False
     units.owner[:] = -1
     of_slots = np.zeros((3, slots), np.int32)
     sums = np.zeros(capacity + 2, SUMS)
-    shared, nearby = np.zeros((2, capacity, slots))
     return ContactData(
         reading,
         units,
@@ -312,16 +342,19 @@ def contact_data(reading: Readings, capacity: int, *, detects_slip: bool = False
             ended=np.zeros(slots, np.int64),
             before=np.zeros(capacity, np.int32),
             parent=np.zeros(capacity, np.int32),
+            mark=np.zeros(slots, np.int32),
         ),
         np.zeros(1, COUNTERS),
         np.zeros(1, CLOCK),
-        shared,
-        nearby,
+        np.zeros(n, PAIR),
+        np.zeros(n + edges, PAIR),
+        np.zeros(n + edges, np.int32),
+        np.zeros(slots, np.float64),
         np.zeros(slots + 1, CONTACT),
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
         Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3)), six=np.zeros(6)),
-        Evidence(*np.zeros((3, n)), cycle=np.full(n, -2)),
+        Evidence(*np.zeros((2, n)), cycle=np.full(n, -2)),
         np.full(n, np.nan),
         UNTOUCHED.copy(),
         no_common(reading.force.dtype),

@@ -19,6 +19,7 @@ from skin.contact.model import (
     Readings,
     Wants,
     check_poses,
+    contact_capacity,
     contact_data,
     no_readings,
     posed_units,
@@ -31,7 +32,7 @@ from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError, check_choice, check_number, check_numbers, shown
-from skin.options import DTYPES, wanted
+from skin.options import DTYPES, MOST_CONTACTS, wanted
 
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
 
@@ -71,9 +72,10 @@ class ContactStream:
         `false_contacts_per_day`, see `skin.contact.gate`.
     keep_sigma : float
         Normal load that each unit of a contact must exceed.
-    capacity : int
+    capacity : int, optional
         Maximum number of contacts; further ones, the lightest, have no identity and are counted in
-        `tracker.untracked`.
+        `tracker.untracked`. If not given it follows the number of units; see
+        `skin.contact.model.contact_capacity`.
     memory_s : float
         How long a lost contact can return.
     settle_s : float
@@ -93,6 +95,8 @@ class ContactStream:
 
     Attributes
     ----------
+    capacity : int
+        As given, or as follows from the units.
     contacts : list of Contact
         Of the last cycle, oldest first.
     total : Contact
@@ -133,7 +137,7 @@ class ContactStream:
         slip: SlipSettings | None = None,
         start_sigma: float | None = None,
         keep_sigma: float = KEEP_SIGMA,
-        capacity: int = 16,
+        capacity: int | None = None,
         memory_s: float = 0.1,
         settle_s: float = 0.2,
         rate_hz: float = 250.0,
@@ -153,11 +157,12 @@ class ContactStream:
             1e-9, 1e9, rate_hz=rate_hz, false_alarms_per_hour=false_alarms_per_hour,
             false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
-        check_number("capacity", capacity, 1, 4096, whole=True)
+        n = np.shape(position)[-1]
+        self.capacity = capacity = contact_capacity(n) if capacity is None else capacity
+        check_number("capacity", capacity, 1, MOST_CONTACTS, whole=True)
         check_choice("dtype", dtype, DTYPES)
         if slip is not None and not isinstance(slip, SlipSettings):
             raise OptionError(f"slip: must be SlipSettings or None; got {shown(slip)}")
-        n = np.shape(position)[-1]
         self._dtype = np.dtype(dtype)
         self._alone = threading.Lock()
         slips = "slip" in wants
@@ -174,7 +179,9 @@ class ContactStream:
             Wants(bool(wants), each, slips),
             (slip or SlipSettings()).model(),
         )
-        self.data = contact_data(no_readings(n, self._dtype), capacity, detects_slip=slips)
+        self.data = contact_data(
+            no_readings(n, self._dtype), capacity, graph.neighbour.size, detects_slip=slips
+        )
         pose = self.model.geometry.pose
         pose["feels"], pose["most"] = 1.0 if feels is None else feels, most_n
         self.tracker = Tracker(self.data)

@@ -14,22 +14,33 @@ from bus.compiled.jit import jitable
 from skin.contact.cluster import join_python
 from skin.contact.identity import identify, keep_heaviest
 from skin.contact.model import ContactData
-from skin.contact.record import BRIDGE, OPEN
+from skin.contact.record import BORN, BRIDGE, OPEN, RESUMED
 
 __all__ = ["Tracker", "find_contacts"]
 
 
 @jitable
-def _order(parts, contacts, slots, units):
-    """Contacts by age: `present` holds their records, `label` of a unit counts along it."""
+def _order(parts, before, contacts, slots, units):
+    """Contacts by age: `present` holds their records, `label` of a unit counts along it.
+
+    Of the `before` contacts of the last cycle it has the order already, and new ones come in that
+    of their identities: only those that are back are sorted in.
+    """
     present = slots.present
-    for k in range(parts):
-        slot = slots.slot_of[k]
-        at = k
+    stored = 0
+    for k in range(before):
+        present[stored] = present[k]
+        stored += slots.part_of[present[k]] >= 0
+    for part in range(parts):
+        slot = slots.slot_of[part]
+        if not contacts[slot]["event"] & (BORN | RESUMED):
+            continue
+        at = stored
         while at > 0 and contacts[present[at - 1]]["id"] > contacts[slot]["id"]:
             present[at] = present[at - 1]
             at -= 1
         present[at] = slot
+        stored += 1
     for k in range(parts):
         record = contacts[present[k]]
         for at in range(record["begin"], record["end"]):
@@ -60,12 +71,12 @@ def find_contacts(model, data):
         units.touching[:] = 0
         return 0
     load = data.reading.force[data.reading.force.shape[0] - 1]
-    room = data.shared.shape[0]
+    room = data.slots.before.size
     counters["untracked"] = max(0, parts - room)
     if parts > room:
-        parts = keep_heaviest(load, units, parts, room, data.evidence.weight)
+        parts = keep_heaviest(load, parts, room, data)
     identify(load, model, parts, data)
-    _order(parts, data.contacts, data.slots, units)
+    _order(parts, counters["present"], data.contacts, data.slots, units)
     for i in range(units.kind.size):
         bridge = units.kind[i] == BRIDGE
         units.touching[i] = (units.kind[i] == OPEN) | (bridge & (units.label[i] >= 0))

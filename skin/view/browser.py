@@ -47,7 +47,7 @@ class View(WorkerSink):
         super().__init__("view", pipeline)
         self._source, topology = source, source.topology
         timing = getattr(source, "timing", None)
-        dtype = snapshot_dtype(topology)
+        dtype = snapshot_dtype(topology, pipeline.contact_capacity)
         self._ring = RingBuffer(dtype, SLOTS)
         self.snapshots = Snapshots(self._ring, pipeline, timing, getattr(source, "transports", ()))
         self._calls, self._zeros = 0, _summary(pipeline)

@@ -164,6 +164,8 @@ class Health:
                 found.append((Level.IMPAIRED, f"{late} periods left out in {RATE_S:g} s"))
         if not record["whole"]:
             found.append((Level.IMPAIRED, "the wrench is not whole"))
+        if beyond := int(record["untracked"]):
+            found.append((Level.IMPAIRED, f"{beyond} contacts have no identity"))
         return max((level for level, _ in found), default=Level.GOOD), found
 
     def _units_judged(self, status: np.ndarray) -> list[tuple[Level, str]]:
@@ -223,6 +225,8 @@ class Health:
             rows.append(("test ratio", f"{worst:.2f} at most ({unit}); 1 is the limit"))
         if not record["whole"]:
             rows.append(("wrench", "not whole: a silent unit may be in contact"))
+        if beyond := int(record["untracked"]):
+            rows.append(("contacts", f"{beyond} beyond the capacity have no identity"))
         if work is not None:
             rows.append(("cycle time", f"{work[0]:.0f} µs p50, {work[1]:.0f} µs p99"))
         return rows

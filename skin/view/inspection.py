@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from skin.contact.record import CONTACT, SlipState
-from skin.io.messages.record import CONTACTS, contacts_of
+from skin.io.messages.record import contacts_of
 from skin.state import Status
 from skin.view.colour import QUANTITIES, valid
 from skin.view.health import STYLE, row_html
@@ -175,7 +175,7 @@ def seen_contacts(history: History, count: int) -> np.ndarray:
     """The CONTACT records of the last snapshots, shape (t, k); those beyond its number are 0 in
     `id`, which none has."""
     seen = history.values("contacts", count).view(CONTACT)[..., 0]
-    beyond = np.arange(CONTACTS) >= history.values("contact_count", count)[:, np.newaxis]
+    beyond = np.arange(seen.shape[1]) >= history.values("contact_count", count)[:, np.newaxis]
     seen["id"] = np.where(beyond, -1, seen["id"])
     return seen
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.io.messages.record import CONTACTS, contacts_of
+from skin.io.messages.record import contacts_of
 from skin.view.colour import OFF_COLOUR, QUANTITIES, Range, is_on, valid
 from skin.view.drawing import (
     Frame,
@@ -134,12 +134,9 @@ class Scene:
         self._wrenches = self._arrows("/wrenches", none, np.zeros((0, 3), np.uint8), 0.008)
         self._hues, self._heard = np.zeros((0, 3), np.uint8), np.ones(self._n, bool)
         self._sent: dict[tuple[int, str], np.ndarray] = {}
-        self._texts: list[str] = [""] * CONTACTS
-        self._tails = np.full((CONTACTS, 3), np.nan, np.float32)
-        self._labels = [
-            self._scene.add_label(f"/contacts/{k}", BLANK, visible=False, anchor="bottom-center")
-            for k in range(CONTACTS)
-        ]
+        self._texts: list[str] = []
+        self._tails: list[np.ndarray] = []
+        self._labels: list[Any] = []
         self._unit_label = self._scene.add_label(
             "/chosen", "", visible=False, anchor="bottom-left", font_screen_scale=0.9
         )
@@ -293,6 +290,8 @@ class Scene:
     def _label(self, record: np.void, tails: dict[int, np.ndarray], words: bool) -> None:
         """Place labels at the tails of arrows; unchanged ones are skipped, since setting them costs
         as much as a change."""
+        while len(self._labels) <= max(tails, default=-1):
+            self._add_label()
         texts = contact_labels(record) if words or any(not self._texts[k] for k in tails) else []
         for k, label in enumerate(self._labels):
             if k not in tails:
@@ -305,6 +304,15 @@ class Scene:
             if not (np.abs(tails[k] - self._tails[k]) < STAYS).all():  # True for NaN
                 self._tails[k] = tails[k]
                 label.position = tails[k] + LIFT * self._up
+
+    def _add_label(self) -> None:
+        """A label for one more contact than there has been at once."""
+        name = f"/contacts/{len(self._labels)}"
+        self._labels.append(
+            self._scene.add_label(name, BLANK, visible=False, anchor="bottom-center")
+        )
+        self._texts.append("")
+        self._tails.append(np.full(3, np.nan, np.float32))
 
     def _move(self, pose: Pose) -> None:
         self._pose = pose

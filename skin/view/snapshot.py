@@ -27,13 +27,14 @@ WORKS = 256
 """Cycles between two snapshots whose working time is recorded: up to 7.6 kHz."""
 
 
-def snapshot_dtype(topology: Topology) -> np.dtype[Any]:
-    """The record of a skin, with raw counts, working times in microseconds, `moved`, which counts
-    the changes of the poses, and `q`, the joints that they are of, NaN where these are unknown.
-    `whole` is 0 where `State.whole` is False."""
+def snapshot_dtype(topology: Topology, contacts: int) -> np.dtype[Any]:
+    """The record of a skin with so many contacts at most, with raw counts, working times in
+    microseconds, `moved`, which counts the changes of the poses, and `q`, the joints that they are
+    of, NaN where these are unknown. `whole` is 0 where `State.whole` is False."""
     joints = 0 if topology.robot is None else len(topology.robot.joint_names)
     return record_dtype(
         topology,
+        contacts,
         (
             ("works", "i8", ()), ("work_us", "f4", (WORKS,)), ("cycles", "i8", ()),
             ("unsent", "i8", ()), ("moved", "i8", ()),

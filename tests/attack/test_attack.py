@@ -100,11 +100,11 @@ OPTIONS = {
     "skin.open": (
         opened,
         "want estimator dtype sweeps ambient skip slip false_contacts_per_day sync wait pace "
-        "deadline_s seed",
+        "deadline_s seed capacity",
     ),
     "Options": (
         skin.Options,
-        "want estimator dtype sweeps ambient skip slip false_contacts_per_day",
+        "want estimator dtype sweeps ambient skip slip false_contacts_per_day capacity",
     ),
     "Decoder": (
         lambda **options: skin.Decoder(STRIP, **options),

@@ -34,6 +34,10 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
         assert 0.0 < row["plain"]["us_p50"] <= row["plain"]["us_p99"]
         assert row["numpy_ratio"] > 1.0
         assert row["live_numpy_ratio"] > 1.0
+    assert [row["contacts"] for row in figures["many"]] == [1, 4, 4, 4], "four tiles of a palm"
+    for row in figures["many"]:
+        assert row["identities"] == row["contacts"]
+        assert 0.0 < row["found_us_p50"] < row["full_us_p50"]
     for row in figures["centre_of_pressure"]:
         if row["load_n"] == "above 5":
             assert row["rms_mm"] < 0.2

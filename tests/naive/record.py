@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from skin.io.messages.record import CONTACTS
 from skin.state import if_wanted
 from skin.view.snapshot import snapshot_dtype
 
@@ -23,7 +22,8 @@ def fill(record, state):
     record["wrench"] = np.nan if if_wanted(state, "wrench") is None else state.wrench
     record["whole"] = bool(if_wanted(state, "whole"))
     record["counters"] = list(vars(state.counters).values())
-    contacts = (if_wanted(state, "contacts") or ())[:CONTACTS]
+    record["untracked"] = if_wanted(state, "untracked") or 0
+    contacts = if_wanted(state, "contacts") or ()
     record["contact_count"] = len(contacts)
     kept = record["contacts"][0]
     for at, contact in enumerate(contacts):
@@ -32,4 +32,4 @@ def fill(record, state):
 
 def snapshots(count, n):
     """Empty snapshots of a view of n units on no bus."""
-    return np.zeros(count, snapshot_dtype(SimpleNamespace(n=n, buses=(), robot=None)))
+    return np.zeros(count, snapshot_dtype(SimpleNamespace(n=n, buses=(), robot=None), 16))

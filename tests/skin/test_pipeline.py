@@ -9,10 +9,11 @@ import pytest
 
 import skin
 import topology
+from benchmarks import contact
 from bus.assemble import Assembler
 from bus.cycle import ClosedBy, RawCycle
 from bus.frame import FrameBatch
-from skin.errors import CountsError
+from skin.errors import CountsError, OptionError
 from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
@@ -136,3 +137,18 @@ def test_how_often_noise_may_start_a_contact_reaches_the_gate():
         for rate in (1.0, 100.0)
     ]
     assert gates[0].start_sigma > gates[1].start_sigma > gates[1].keep_sigma
+
+
+def test_contacts_beyond_the_capacity_are_counted():
+    plate = contact.plate(64)
+    counts = contact.counts_of(plate, 3)[:8]
+    for capacity, untracked in ((1, 2), (None, 0)):
+        options = Options(want={"contacts", "wrench"}, capacity=capacity, sweeps=0, ambient=False)
+        one = contact.Pass(plate, options)
+        for raw in counts:
+            state = one.pipeline.state(one.load(raw))
+        assert (len(state.contacts), state.untracked) == (3 - untracked, untracked)
+        assert ("2 more without identity" in repr(state)) == (untracked == 2)
+        assert state.copy().untracked == untracked
+    with pytest.raises(OptionError, match=r"capacity: must be an integer from 1 to 4096; got 0"):
+        Options(capacity=0)

@@ -96,8 +96,8 @@ def _test_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: S
 
 
 @jitable(inline=True)
-def _detect_contact(record, dt_s, now_ns, model, data, any_silent, slip: SlipArrays):
-    """Detect slip of one contact and its units."""
+def _detect_contact(record, dt_s, now_ns, model, data, silent, slip: SlipArrays):
+    """Detect slip of one contact and its units; `silent` lists touched units that are silent."""
     reading, units = data.reading, data.units
     first, last = record["begin"], record["end"]
     if record["event"] & (BORN | RESUMED):
@@ -118,7 +118,7 @@ def _detect_contact(record, dt_s, now_ns, model, data, any_silent, slip: SlipArr
         record["flags"] |= FEW_UNITS
         if np.isfinite(record["margin"]):
             record["stick_ratio"] = stick_ratio_by_cone(record)
-    misses = any_silent and misses_units(record, units, slip.history)
+    misses = misses_units(record, silent, slip.history)
     slides = record["slip"] == SlipState.GROSS and tested >= LEAST_UNITS
     if slides and still_slides(record, ratio, misses, now_ns, dt_s):
         record["stick_ratio"] = 0.0
@@ -189,16 +189,17 @@ def detect_slip(count, dt_s, now_ns, model, data):
     """
     units, slip = data.units, slip_arrays(data.slip)
     begin_cycle(slip.scratch.noise, dt_s)
-    any_silent = False  # that was touched
+    silent = 0  # that were touched, listed in `queue`
     for i in range(units.kind.size):
         if units.slip[i] == UnitSlip.NO_CONTACT:
             continue
         if units.kind[i] == BRIDGE or units.kind[i] == SILENT:
-            any_silent = True
+            units.queue[silent] = i
+            silent += 1
         elif units.label[i] < 0:
             units.slip[i] = UnitSlip.NO_CONTACT
             slip.kept.anchor_depth[i] = 0.0
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:
-            _detect_contact(record, dt_s, now_ns, model, data, any_silent, slip)
+            _detect_contact(record, dt_s, now_ns, model, data, units.queue[:silent], slip)

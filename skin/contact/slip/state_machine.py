@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.record import BORN, BRIDGE, SILENT, SlipState, UnitSlip
+from skin.contact.record import BORN, SlipState, UnitSlip
 from skin.contact.slip.data import SlipArrays, UnitFilter, UnitHistory, UnitRows
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, SlipModel
 
@@ -120,13 +120,12 @@ def _is_recent(record, now_ns):
 
 
 @jitable(inline=True)
-def misses_units(record, units, history: UnitHistory):
-    """Whether units are silent that were in this contact when last heard."""
+def misses_units(record, silent, history: UnitHistory):
+    """Whether units are silent that were in this contact when last heard; `silent` lists all that
+    were touched."""
     misses = False
-    for i in range(units.kind.size):
-        silent = units.kind[i] == BRIDGE or units.kind[i] == SILENT
-        touched = units.slip[i] != UnitSlip.NO_CONTACT
-        misses |= silent and touched and history.body[i] == record["id"]
+    for i in silent:
+        misses |= history.body[i] == record["id"]
     return misses
 
 

@@ -14,6 +14,7 @@ from skin.io.record.attached import decoded_attachments
 from skin.io.record.container import Container, require
 from skin.io.record.process import SlotsToMessages, attach
 from skin.io.record.slot import slot_dtype
+from skin.options import MOST_CONTACTS
 from topology.files import named, whole_path
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class MessagePartitions:
         self._job, self._part = job, part
         self._described = described(job.topology)
         self._attached = decoded_attachments(job.topology, job.provenance(part))
-        self._slots = np.zeros(1, slot_dtype(job.topology))
+        self._slots = np.zeros(1, slot_dtype(job.topology, MOST_CONTACTS))  # of any options
         for name in (*OF_UNITS[1:], "wrench"):
             self._slots[name] = np.nan  # quantities that are not wanted
         self._slots["contact"] = self._slots["bus_states"] = -1
@@ -96,7 +97,7 @@ class MessagePartitions:
             if values is not None:
                 slots[name] = values[t]
         if block.whole is not None:
-            slots["whole"] = block.whole[t]
+            slots["whole"], slots["untracked"] = block.whole[t], block.untracked[t]
         if block.wrench is not None:
             slots["wrench"] = block.wrench[t]
         if block.label is not None:

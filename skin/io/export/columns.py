@@ -87,6 +87,8 @@ CYCLES = (
              _array("coverage"), decimals=4),
     Quantity("whole", "Whether no unit that may be in contact is silent.", "", (), "bool",
              _array("whole")),
+    Quantity("untracked", "Contacts beyond the capacity, which have no identity.", "", (), "int64",
+             _array("untracked")),
 )  # fmt: skip
 """Of the skin in a cycle, shape (t,), or (t, m) of m columns."""
 
@@ -211,7 +213,7 @@ def block_of(topology: Topology, states: Sequence[State]) -> Block:
         records = [records_of(state) for state in states]
         listed["contacts"] = np.concatenate(records)
         listed["contact_start"] = np.cumsum([0, *map(len, records)])
-    names = ("wrench", "wrench_sigma", "centroid", "label", "whole")
+    names = ("wrench", "wrench_sigma", "centroid", "label", "whole", "untracked")
     return Block(
         topology=topology, units=Reading(**units),
         closed_by=np.array([CLOSED_BY.index(state.closed_by) for state in states], np.uint8),

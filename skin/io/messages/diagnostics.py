@@ -54,7 +54,7 @@ class Diagnostics:
     def message(self, record: np.ndarray) -> bytes:
         """Diagnostics at the record of a cycle."""
         entries = [self._units(record["status"]), self._frames(record), *self._buses(record),
-                   self._left_out(record)]  # fmt: skip
+                   _contacts(record), self._left_out(record)]  # fmt: skip
         return self._message(int(record["stamp_ns"]), entries)
 
     def silence(self, stamp_ns: int, seconds: float) -> bytes:
@@ -118,3 +118,11 @@ class Diagnostics:
         if not cycles + frames:
             return OK, self._into, "nothing left out", values
         return WARN, self._into, f"{cycles} cycles and {frames} frames left out", values
+
+
+def _contacts(record: np.ndarray) -> Entry:
+    """Contacts of the record's cycle, and those beyond the capacity."""
+    beyond, values = int(record["untracked"]), {"contacts": str(int(record["contact_count"]))}
+    if not beyond:
+        return OK, "contacts", "all have an identity", values
+    return WARN, "contacts", f"{beyond} beyond the capacity have no identity", values

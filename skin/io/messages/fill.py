@@ -20,9 +20,10 @@ class Numbers(NamedTuple):
     """Scalars of a state."""
 
     given: np.ndarray
-    """Time stamp, number of the cycle, whether it is whole, contacts, int64, shape (4,)."""
-    fields: tuple[np.ndarray, np.ndarray, np.ndarray]
-    """Fields of the record for the first three, int64, shape (1,)."""
+    """Time stamp, number of the cycle, whether it is whole, contacts beyond the capacity,
+    contacts, int64, shape (5,)."""
+    fields: tuple[np.ndarray, ...]
+    """Fields of the record for the first four, int64, shape (1,)."""
 
 
 class Contacts(NamedTuple):

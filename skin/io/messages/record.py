@@ -20,7 +20,6 @@ from topology import Topology
 
 __all__ = [
     "BUS_STATES",
-    "CONTACTS",
     "COUNTERS",
     "contacts_of",
     "described",
@@ -28,8 +27,6 @@ __all__ = [
     "record_dtype",
 ]
 
-CONTACTS = 16
-"""Contacts that a record can hold: as many as a skin distinguishes."""
 COUNTERS = tuple(field.name for field in fields(FrameCounters))
 """Order of the counters of frames."""
 BUS_STATES = tuple(BusState)
@@ -38,12 +35,16 @@ BUS_COUNTERS = ("queue_drops", "ring_overflows", "controller_overflows")
 Fields = Sequence[tuple[str, str, tuple[int, ...]]]
 
 
-def record_dtype(topology: Topology, first: Fields = (), variable: Fields = ()) -> np.dtype[Any]:
+def record_dtype(
+    topology: Topology, contacts: int, first: Fields = (), variable: Fields = ()
+) -> np.dtype[Any]:
     """The record of a skin, with further fields.
 
     Parameters
     ----------
     topology : Topology
+    contacts : int
+        Contacts that it can hold; see `skin.pipeline.Pipeline.contact_capacity`.
     first : sequence of tuple
         Name, kind and shape of the first fields.
     variable : sequence of tuple
@@ -58,6 +59,7 @@ def record_dtype(topology: Topology, first: Fields = (), variable: Fields = ()) 
             ("stamp_ns", "i8"),
             ("cycle", "i8"),
             ("whole", "i8"),  # 1 as of `State.whole`, else 0
+            ("untracked", "i8"),  # contacts beyond the capacity
             ("counters", "i8", (len(COUNTERS),)),
             ("wrench", "f8", (6,)),
             ("overruns", "i8"),  # this and the next two: about once a second
@@ -71,7 +73,7 @@ def record_dtype(topology: Topology, first: Fields = (), variable: Fields = ()) 
             ("contact_count", "i4"),
             ("status", "u2", (n,)),
             *variable,
-            ("contacts", "u1", (CONTACTS, CONTACT.itemsize)),  # CONTACT records
+            ("contacts", "u1", (contacts, CONTACT.itemsize)),  # CONTACT records
             ("pose", "f8", (12, n)),  # position, rotation
         ]
     )

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.contact.record import CONTACT
-from skin.io.messages.record import CONTACTS
 from skin.state import State, if_wanted
 
 if TYPE_CHECKING:
@@ -53,8 +52,9 @@ class RecordWriter:
             records = every.view(np.uint8).reshape(every.size, CONTACT.itemsize)
         self._totals = totals
         self._contacts = Contacts(present, records, fields["contact_count"], fields["contacts"][0])
-        head = np.zeros(4, np.int64)
-        self._numbers = Numbers(head, (fields["stamp_ns"], fields["cycle"], fields["whole"]))
+        head = np.zeros(5, np.int64)
+        names = ("stamp_ns", "cycle", "whole", "untracked")
+        self._numbers = Numbers(head, tuple(fields[name] for name in names))
         self._head = head.data  # a memoryview is set in half the time of an array
         self._kernel: Any = fill
         self._rest: tuple[Any, ...] = ()
@@ -67,11 +67,10 @@ class RecordWriter:
         self._kernel, self._rest, self._fill = kernel, rest, None
 
     def write(self, state: State) -> None:
-        """Write a state; quantities that are not wanted stay NaN, or -1. Contacts beyond the room
-        of the record are left out."""
+        """Write a state; quantities that are not wanted stay NaN, or -1."""
         head, contacts = self._head, if_wanted(state, "contacts")
         head[0], head[1], head[2] = state.stamp_ns, state.cycle, bool(if_wanted(state, "whole"))
-        head[3] = min(len(contacts), CONTACTS) if contacts else 0
+        head[3], head[4] = if_wanted(state, "untracked") or 0, len(contacts) if contacts else 0
         fill = self._fill
         if (
             fill is None

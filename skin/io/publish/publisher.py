@@ -133,7 +133,8 @@ class Publisher(WorkerSink):
         self._transports, poses = skin.transports, pipeline.poses
         # the layout has those of the topology
         self._poses = poses if poses[0] is topology.position else None
-        self._record = np.zeros(1, record_dtype(topology, (("has_moved", "i8", ()),)))
+        dtype = record_dtype(topology, pipeline.contact_capacity, (("has_moved", "i8", ()),))
+        self._record = np.zeros(1, dtype)
         self._writer = RecordWriter(self._record, pipeline.contacts, pipeline.assembler.totals)
         self._period_ns = 0 if rate_hz is None else round(1e9 / rate_hz)
         rate = min(rate_hz or np.inf, topology.cycle_rate_hz)

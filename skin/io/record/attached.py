@@ -132,6 +132,7 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
         try:
             if "tare" in given:  # name in earlier recordings
                 given["auto_tare"] = given.pop("tare")
+            given.setdefault("capacity", 16)  # of earlier recordings
             if "slip" in given and given["slip"] is not None:
                 given["slip"] = _slip(given["slip"])
             if STENCIL in attached:

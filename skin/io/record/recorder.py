@@ -81,7 +81,7 @@ class Recorder(WorkerSink):
             raise SkinError(
                 f"{self.file}: must be attached before the first frame; got frames before it"
             )
-        dtype = slot_dtype(topology)
+        dtype = slot_dtype(topology, pipeline.contact_capacity)
         most = min(RING_S * topology.cycle_rate_hz, RING_BYTES / dtype.itemsize)
         self._ring = ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
         staged = np.zeros(1, dtype)

@@ -280,7 +280,7 @@ class Replay(Attachable):
                 self.pipeline.take_zeros(place)
         self.work_ns = self.count = self.same = 0
         self._recorded, self._pace, self._compares = recorded, Pace(speed), compares
-        self._slot = np.zeros(1, slot_dtype(self.topology))
+        self._slot = np.zeros(1, slot_dtype(self.topology, self.pipeline.contact_capacity))
         self._writer = RecordWriter(
             self._slot, self.pipeline.contacts, self.pipeline.assembler.totals
         )

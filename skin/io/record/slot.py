@@ -34,8 +34,8 @@ class Event(IntEnum):
     """As FED, and the batch continues with the next event."""
 
 
-def slot_dtype(topology: Topology) -> np.dtype[Any]:
-    """The dtype of a slot, for a skin.
+def slot_dtype(topology: Topology, contacts: int) -> np.dtype[Any]:
+    """The dtype of a slot, for a skin with so many contacts at most.
 
     Events are in order, their frames one after the other. Fields that may be partly filled, or
     empty, are last: frames, contacts, poses.
@@ -44,6 +44,7 @@ def slot_dtype(topology: Topology) -> np.dtype[Any]:
     frames = expected + expected // 2 + SPARE_FRAMES
     return record_dtype(
         topology,
+        contacts,
         (
             ("event_values", "i8", (EVENTS,)),
             ("event_count", "i8", ()),

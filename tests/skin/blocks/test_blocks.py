@@ -50,6 +50,8 @@ def compare(log, **options):
             assert state.closed_by == CLOSED_BY[block.closed_by[t]]
             assert state.overruns == block.overruns[t]
             assert state.coverage == block.coverage[t]
+            untracked = if_wanted(state, "untracked")
+            assert (None if block.untracked is None else block.untracked[t]) == untracked
             same(block.totals[t], np.array(list(vars(state.counters).values())))
             for name in Reading.__slots__:
                 same(getattr(block.units, name), if_wanted(state.units, name), t)

@@ -73,7 +73,7 @@ def test_machine_code_and_python_join_alike(scene):
         reading = no_readings(n, float)
         reading.force[2], reading.force_sigma[:], reading.valid[:] = load, SIGMA, valid
         geometry = posed_units(np.zeros((3, n)), np.zeros((3, 3, n)), 1.0)
-        data = contact_data(reading, 1)
+        data = contact_data(reading, 1, 2 * n)
         data.units.touching[:] = touching
         gate, wants = Gate(5.0, 5.0, 5.0, 3.0, 0.0, 0.0, False), Wants(False, False, False)
         model = ContactModel(checked_graph(n, *graph), gate, geometry, wants)

@@ -1,5 +1,7 @@
 """Identities against slow and obvious ones, and the rules that need a scene of their own."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,9 @@ from hypothesis import strategies as st
 
 import tests.naive.contact as naive
 from skin.contact.graph import neighbour_graph
-from skin.contact.record import Event, TrackState
+from skin.contact.identity import _assign
+from skin.contact.model import PAIR
+from skin.contact.record import CONTACT, Event, TrackState
 from skin.contact.stream import ContactStream
 from tests.naive.tracking import NaiveTracker
 
@@ -44,7 +48,7 @@ class Units:
         return records[at]
 
 
-@pytest.mark.parametrize("capacity", [1, 2, 3])
+@pytest.mark.parametrize("capacity", [1, 2, 3, 8])
 @pytest.mark.parametrize("shape", [(1, 16), (3, 5)])
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=8)
@@ -191,3 +195,74 @@ def test_a_contact_outlives_being_absorbed_once_it_has_settled(cycles, settled):
     assert units.record(2)["event"] == Event.MERGED
     assert list(units.see(9, 0, 20)) == ([1, 2] if settled else [2, 3])
     assert bool(units.record(2)["event"] & Event.SPLIT) != settled
+
+
+def dense(pairs, worth, slots, parts):
+    """Assignment by a matrix of common loads: the largest first, of equal ones the first record,
+    then the first cluster."""
+    shared = np.zeros((slots, parts))
+    for pair in pairs:
+        shared[pair["slot"], pair["part"]] = worth[pair["slot"]] * pair["load"]
+    slot_of = np.full(parts, -1)
+    while shared.max(initial=0.0) > 0.0:
+        slot, part = np.unravel_index(int(shared.argmax()), shared.shape)
+        slot_of[part] = slot
+        shared[slot], shared[:, part] = 0.0, 0.0
+    return slot_of
+
+
+@given(
+    shared=st.dictionaries(st.tuples(st.integers(0, 5), st.integers(0, 7)), st.integers(1, 6)),
+    track=st.lists(st.sampled_from([*TrackState]), min_size=8, max_size=8),
+)
+def test_pairs_are_assigned_as_by_a_matrix_with_equal_loads_too(shared, track):
+    contacts, order = np.zeros(8, CONTACT), np.zeros(48, np.int32)
+    contacts["track"] = track
+    pairs = np.zeros(len(shared), PAIR)
+    for at, ((part, slot), load) in enumerate(sorted(shared.items())):
+        pairs[at]["part"], pairs[at]["slot"], pairs[at]["load"] = part, slot, load
+    slots = SimpleNamespace(slot_of=np.full(6, -1), part_of=np.full(8, -1))
+    worth = {TrackState.PRESENT: 1.0, TrackState.ABSORBED: 0.25}
+    _assign(pairs, contacts, TrackState.PRESENT, TrackState.ABSORBED, 0.25, slots, order)
+    expected = dense(pairs, [worth.get(one, 0.0) for one in track], 8, 6)
+    assert slots.slot_of.tolist() == expected.tolist()
+    for part, slot in enumerate(expected):
+        assert slot < 0 or slots.part_of[slot] == part
+
+
+TILES = 191
+"""Of the 256 tiles of four by four units of 64 by 64."""
+
+
+def tiles(shift, seed=0):
+    """Loads in sigmas of three by three units in each tile, that far along the rows."""
+    rng, level = np.random.default_rng(seed), np.zeros((64, 64))
+    for tile in rng.permutation(256)[:TILES]:
+        row, column = 4 * (tile // 16), 4 * (tile % 16) + shift
+        level[row : row + 3, column : column + 3] = rng.uniform(10.0, 100.0)
+    return level.reshape(-1)
+
+
+def test_on_4096_units_191_contacts_have_an_identity_and_keep_it_as_they_move():
+    units = Units(64, 64)
+    assert units.stream.capacity == 256
+    first = units.see(*tiles(0))
+    assert list(first) == list(range(1, TILES + 1))
+    for shift in (1, 2, 1, 0):
+        moved = units.see(*tiles(shift))
+        assert list(moved) == list(first)
+        assert units.tracker.untracked == 0
+    assert moved == first
+    assert units.see(*np.zeros(4096)) == {}
+    assert units.see(*tiles(0)) == first
+
+
+def test_of_more_contacts_than_the_capacity_the_lightest_is_counted():
+    units = Units(64, 64, capacity=TILES - 1)
+    found = units.see(*tiles(0), cycles=3)
+    assert len(found) == TILES - 1
+    assert units.tracker.untracked == 1
+    load = tiles(0)
+    label = units.tracker.label
+    assert load[(label < 0) & (load > 0)].max() <= load[label >= 0].min()
+    assert units.tracker.touching_units == np.count_nonzero(load)

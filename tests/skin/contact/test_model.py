@@ -29,18 +29,19 @@ def arrays_of(value):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_a_new_stream_has_room_as_documented_and_knows_of_nothing(dtype):
-    n, capacity = 5, 3
+    n, capacity, edges = 5, 3, 8
     slots = 2 * capacity
     reading = no_readings(n, dtype)
-    data = dict(arrays_of(contact_data(reading, capacity)))
+    data = dict(arrays_of(contact_data(reading, capacity, edges)))
     shapes = {
         "reading.force": (3, n), "reading.force_sigma": (3, n), "reading.displacement": (3, n),
         "reading.displacement_sigma": (3, n), "reading.temperature": (n,), "reading.valid": (n,),
         "reading.given": (1,), "units.begin": (n + 1,), "units.members": (n,),
         "units.loaded": (n,), "units.queue": (n,), "units.owner": (n,), "slots.present": (slots,),
         "slots.ended": (slots,), "slots.before": (capacity,), "slots.parent": (capacity,),
-        "counters": (1,), "clock": (1,), "shared": (capacity, slots), "nearby": (capacity, slots),
-        "contacts": (slots + 1,), "paths": (slots, WAYPOINTS, 3), "sums.rows": (capacity + 2,),
+        "slots.mark": (slots,), "counters": (1,), "clock": (1,), "shared": (n,),
+        "nearby": (n + edges,), "order": (n + edges,), "most": (slots,), "contacts": (slots + 1,),
+        "paths": (slots, WAYPOINTS, 3), "sums.rows": (capacity + 2,),
         "scratch.covariance": (6, 6), "scratch.first": (3, 3), "scratch.vectors": (3, 3),
         "evidence.level": (n,), "evidence.cycle": (n,),
     }  # fmt: skip

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skin.contact.record import SlipState
-from skin.io.messages.record import CONTACTS
 from skin.state import Status
 from skin.view.colour import colours
 from skin.view.drawing import (
@@ -235,11 +234,6 @@ def test_contacts_have_arrow_normal_colour_and_label(skin):
         "contact 8   2.00 N   gross slip   margin 50 %",
         "contact 9   1.00 N",
     ]
-
-
-def test_of_too_many_contacts_the_oldest_are_shown(skin):
-    contacts = [skin.contact(number=k) for k in range(CONTACTS + 5)]
-    assert len(contact_labels(snapshot_of(skin, contacts=contacts))) == CONTACTS
 
 
 def test_quaternions_turn_as_the_rotations_do(skin):

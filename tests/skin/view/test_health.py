@@ -111,7 +111,7 @@ def test_a_bus_that_is_off_is_red_and_one_with_errors_amber(health):
 
     from skin.view.snapshot import snapshot_dtype
 
-    dtype = snapshot_dtype(SimpleNamespace(n=N, buses=("a", "b"), robot=None))
+    dtype = snapshot_dtype(SimpleNamespace(n=N, buses=("a", "b"), robot=None), 16)
     record = np.zeros(1, dtype)[0]
     record["whole"] = 1
     for state, level in (

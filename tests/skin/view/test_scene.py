@@ -225,7 +225,7 @@ def test_the_history_keeps_joints_with_their_poses(tmp_path):
     from skin.view.snapshot import snapshot_dtype
 
     robot = SimpleNamespace(joint_names=("a", "b"))
-    dtype = snapshot_dtype(SimpleNamespace(n=4, buses=(), robot=robot))
+    dtype = snapshot_dtype(SimpleNamespace(n=4, buses=(), robot=robot), 16)
     history, record = History(dtype, 10), np.zeros(1, dtype)
     for moved, q in ((1, 0.1), (1, 0.2), (2, 0.3)):
         record["moved"], record["q"] = moved, q

@@ -35,7 +35,7 @@ def clock(monkeypatch):
 
 
 def watched(shown, slots=8):
-    ring = RingBuffer(snapshot_dtype(shown.topology), slots)
+    ring = RingBuffer(snapshot_dtype(shown.topology, 16), slots)
     taken = Snapshots(ring, shown.pipeline, shown.timing)
     shown.attach(SimpleNamespace(state=taken.look))
     return ring, taken
@@ -50,7 +50,7 @@ def drained(ring):
 @pytest.mark.parametrize("want", [None, {"temperature"}, {"force", "sigma"}])
 def test_a_snapshot_says_what_the_state_says(want, clock):
     with skin.open("palm", simulate="press", pace=False, want=want) as palm:
-        ring = RingBuffer(snapshot_dtype(palm.topology), 8)
+        ring = RingBuffer(snapshot_dtype(palm.topology, 16), 8)
         taken = Snapshots(ring, palm.pipeline, palm.timing, palm.transports)
         for count, _ in enumerate(palm):
             state = palm.pipeline.now
@@ -153,7 +153,7 @@ def test_joints_come_with_the_poses_that_they_are_of(tmp_path, clock):
     """NaN where poses were set without joints, as a replay does."""
     gripper = load(write_gripper(tmp_path))
     pipeline = Pipeline(gripper, Options(want={"temperature"}))
-    ring = RingBuffer(snapshot_dtype(gripper), 8)
+    ring = RingBuffer(snapshot_dtype(gripper, 16), 8)
     taken = Snapshots(ring, pipeline, None)
     assert drained(ring)["q"].tolist() == [[0.0]]
     expected = []

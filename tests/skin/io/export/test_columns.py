@@ -45,6 +45,7 @@ OF_SKIN = {
     **{name: lambda one, i=i: one.centroid[i] for i, name in enumerate("xyz")},
     "coverage": lambda one: one.coverage,
     "whole": lambda one: one.whole,
+    "untracked": lambda one: one.untracked,
 }
 OF_UNITS = {
     **{name: lambda one, i=i: one.units.force[i] for i, name in enumerate(LOADS[:3])},

@@ -22,7 +22,6 @@ from skin.io.messages.definitions import FIELDS, STATE_VERSION
 from skin.io.messages.of_skin import SkinMessages
 from skin.io.messages.record import (
     BUS_STATES,
-    CONTACTS,
     COUNTERS,
     contacts_of,
     described,
@@ -224,12 +223,12 @@ def state():
 
 @pytest.fixture
 def record(palm):
-    return np.zeros(1, record_dtype(palm))
+    return np.zeros(1, record_dtype(palm, 16))
 
 
 def test_a_contact_keeps_its_slot_ends_at_zero_and_leaves_its_place_free(palm, store):
     messages = SkinMessages(described(palm), "recording")
-    made = np.zeros(1, record_dtype(palm))
+    made = np.zeros(1, record_dtype(palm, 16))
 
     def told(*identities):
         found = np.zeros(len(identities), CONTACT)
@@ -269,11 +268,15 @@ def test_what_was_not_wanted_reads_nan(state, record, store):
     assert [topic for topic, _ in others] == ["/diagnostics"]  # no wrench
 
 
-def test_more_contacts_than_have_room_are_left_out(state, record):
-    fill(record, replace(state, contacts=state.contacts * (CONTACTS + 3)))
-    found = contacts_of(record[0])
-    assert found.size == CONTACTS
-    assert {one.tobytes() for one in found} == {state.contacts[0].record.tobytes()}
+def test_contacts_beyond_the_capacity_are_a_warning(record, palm, store):
+    diagnostics = SkinMessages(described(palm), "recording").diagnostics
+    for untracked, level, text in (
+        (0, 0, "all have an identity"), (3, 1, "3 beyond the capacity have no identity")
+    ):  # fmt: skip
+        record["untracked"] = untracked
+        found = status_of(diagnostics.message(record[0]), store)
+        (entry,) = (one for one in found if one.name == "skin: contacts")
+        assert (entry.level, entry.message) == (level, text)
 
 
 def status_of(data, store):
@@ -285,7 +288,7 @@ def test_diagnostics_tell_what_was_lost_since_the_last_ones(palm, record, store)
     record["counters"][0, COUNTERS.index("lost")] = 4
     record["overruns"], record["lost_cycles"], record["bus_lost"] = 2, 3, 7
     record["bus_states"] = BUS_STATES.index(BusState.WARNING)
-    units, frames, bus, left_out = status_of(told.message(record[0]), store)
+    units, frames, bus, _, left_out = status_of(told.message(record[0]), store)
     assert (units.level, units.message) == (0, "0 of 64 units not valid")
     assert (frames.level, frames.message) == (1, "4 lost, 2 overruns since the last message")
     assert (bus.level, bus.message) == (1, "error-warning, 7 frames lost on this host")
@@ -293,7 +296,7 @@ def test_diagnostics_tell_what_was_lost_since_the_last_ones(palm, record, store)
     assert left_out.message == "3 cycles and 0 frames left out"
     record["bus_states"] = BUS_STATES.index(BusState.BUS_OFF)
     record["lost_cycles"] = 0
-    _, frames, bus, left_out = status_of(told.message(record[0]), store)
+    _, frames, bus, _, left_out = status_of(told.message(record[0]), store)
     assert (frames.level, frames.message) == (0, "all frames taken")
     assert (bus.name, bus.level, bus.message) == ("left: bus main", 2, "bus-off")
     assert (left_out.level, left_out.message) == (0, "nothing left out")

@@ -205,9 +205,10 @@ def test_diagnostics_name_units_that_are_not_to_be_trusted(palm, states):
             listener.until(lambda: listener.heard["rt/diagnostics"])
             told = listener.heard["rt/diagnostics"][0]["status"]
     assert [one["name"] for one in told] == [
-        "left_skin: units", "left_skin: frames", "left_skin: bus main", "left_skin: publishing",
+        "left_skin: units", "left_skin: frames", "left_skin: bus main", "left_skin: contacts",
+        "left_skin: publishing",
     ]  # fmt: skip
-    units, _, bus, _ = told
+    units, _, bus, *_ = told
     assert (units["level"], bus["level"], bus["message"]) == (1, 0, "error-active")
     assert units["message"] == "1 of 64 units not valid"
     assert units["values"] == [{"key": palm.topology.unit_names[3], "value": "stale"}]

@@ -31,7 +31,7 @@ def test_a_state_stands_in_its_slot_as_numpy_would_copy_it(options):
     live, state = pressed(**options)
     with live:
         pipeline = live.pipeline
-        slot = np.zeros(1, slot_dtype(live.topology))
+        slot = np.zeros(1, slot_dtype(live.topology, 16))
         RecordWriter(slot, pipeline.contacts, pipeline.assembler.totals).write(state)
         units = state.units
         assert (slot["stamp_ns"][0], slot["cycle"][0]) == (state.stamp_ns, state.cycle)
@@ -59,7 +59,7 @@ def test_states_of_other_arrays_are_written_as_well():
     live, state = pressed()
     with live:
         pipeline = live.pipeline
-        slot = np.zeros(1, slot_dtype(live.topology))
+        slot = np.zeros(1, slot_dtype(live.topology, 16))
         writer = RecordWriter(slot, pipeline.contacts, pipeline.assembler.totals)
         writer.write(state)
         kept = state.copy()
@@ -78,7 +78,7 @@ def test_states_of_other_arrays_are_written_as_well():
 @pytest.fixture
 def slot():
     """A slot of a strip, and what stages frames in it."""
-    made = np.zeros(1, slot_dtype(load("strip")))
+    made = np.zeros(1, slot_dtype(load("strip"), 16))
     frames = made["frames"][0].view(FRAME_DTYPE).reshape(-1)
     into = (
         frames, made["events"][0], made["event_values"][0], made["event_count"],
