@@ -19,7 +19,7 @@ from skin.decode.span import lanes_of
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import force
 
-__all__ = ["FIELD_MIN", "GAIN_MIN", "Field", "Reach", "anomaly_stage", "field_law", "inversion"]
+__all__ = ["FIELD_MIN", "GAIN_MIN", "Field", "Inverted", "anomaly_stage", "field_law", "inversion"]
 
 GAIN_MIN = 0.1
 """Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
@@ -48,7 +48,7 @@ class Field(NamedTuple):
     strength: float
 
 
-class Reach(NamedTuple):
+class Inverted(NamedTuple):
     """R, mm, with its one-sigma; 1 / S and the variance of the field, 1/µT and µT²."""
 
     radius: float
@@ -242,7 +242,7 @@ def inversion(parts: Parts) -> Callable:
 
     @jitable(inline=True)
     def invert(field, normal, variance, unit, j):
-        """A `Reach`, flags, and the gain of chip and film; with `sine` 1 / M0 over it."""
+        """An `Inverted`, flags, and the gain of chip and film; with `sine` 1 / M0 over it."""
         depth, gain = normal.depth, field.gain
         solid = max(field.strength, type(depth)(FIELD_MIN))
         if with_angle:
@@ -254,7 +254,7 @@ def inversion(parts: Parts) -> Callable:
             radius, along, found, each, gain, variance = by_strength(
                 solid, variance, depth, normal.depth_sigma, gain, weakest, unit, j
             )
-        return Reach(radius, along, each, variance), found, gain
+        return Inverted(radius, along, each, variance), found, gain
 
     return invert
 

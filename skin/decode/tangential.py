@@ -13,7 +13,7 @@ from skin.decode.field import (
     FIELD_MIN,
     GAIN_MIN,
     Field,
-    Reach,
+    Inverted,
     anomaly_stage,
     field_law,
     inversion,
@@ -98,11 +98,11 @@ def shear_of(parts: Parts) -> Callable:
     push_of = force if parts.cubes else lines
 
     @jitable(inline=True)
-    def shear(field, reach, depth, unit, out, at):
+    def shear(field, inverted, depth, unit, out, at):
         j, i = at.lane, at.shown
         real = type(depth)
         zero, one = real(0.0), real(1.0)
-        x, y, outer = field.x * reach.each, field.y * reach.each, reach.radius
+        x, y, outer = field.x * inverted.each, field.y * inverted.each, inverted.radius
         if with_correction:
             x, y = correct(x, y, unit, j)
         radius, share = outer, one if field.strength > zero else zero
@@ -140,16 +140,16 @@ def sigma_of(parts: Parts) -> Callable:
     shear_variance = shear_variance_of(parts)
 
     @jitable(inline=True)
-    def sigma(shear, reach, depth_sigma, unit, out, at):
+    def sigma(shear, inverted, depth_sigma, unit, out, at):
         j, i = at.lane, at.shown
         real = type(depth_sigma)
         limit = unit["displacement_max"][j]
-        over = max(reach.radius - reach.along - limit, real(0.0))
-        along = reach.along + real(EXTRAPOLATION) * over
+        over = max(inverted.radius - inverted.along - limit, real(0.0))
+        along = inverted.along + real(EXTRAPOLATION) * over
         along2 = along * along
         # across the direction, R sigma / S, which has a limit at R = 0
-        aside = reach.each * reach.radius
-        across2 = min(reach.variance * (aside * aside), limit * limit)
+        aside = inverted.each * inverted.radius
+        across2 = min(inverted.variance * (aside * aside), limit * limit)
         rate = real(1.0) / max(shear.radius, real(1e-12))
         turned2 = across2 * (rate * rate)
         if with_theta:
@@ -201,18 +201,18 @@ def keep_of(parts: Parts) -> tuple[Callable, Callable]:
     with_sigma = parts.sigma
 
     @jitable(inline=True)
-    def keep(tile, j, field, reach, normal, gain):
+    def keep(tile, j, field, inverted, normal, gain):
         tile["strength"][j] = field.strength
         tile["z"][j] = field.z
-        tile["radius"][j] = reach.radius
+        tile["radius"][j] = inverted.radius
         tile["gain"][j] = gain
         tile["depth"][j] = normal.depth
         if with_sigma:
             tile["x"][j] = field.x
             tile["y"][j] = field.y
-            tile["along"][j] = reach.along
-            tile["each"][j] = reach.each
-            tile["variance"][j] = reach.variance
+            tile["along"][j] = inverted.along
+            tile["each"][j] = inverted.each
+            tile["variance"][j] = inverted.variance
             tile["push"][j] = normal.push
             tile["depth_sigma"][j] = normal.depth_sigma
             tile["push_sigma"][j] = normal.push_sigma
@@ -221,11 +221,13 @@ def keep_of(parts: Parts) -> tuple[Callable, Callable]:
     def kept(tile, j):
         strength = tile["strength"][j]
         field = Field(tile["x"][j], tile["y"][j], tile["z"][j], strength, strength)
-        reach = Reach(tile["radius"][j], tile["along"][j], tile["each"][j], tile["variance"][j])
+        inverted = Inverted(
+            tile["radius"][j], tile["along"][j], tile["each"][j], tile["variance"][j]
+        )
         normal = Normal(
             tile["depth"][j], tile["push"][j], tile["depth_sigma"][j], tile["push_sigma"][j]
         )
-        return field, reach, normal
+        return field, inverted, normal
 
     return keep, kept
 
@@ -239,12 +241,12 @@ def show_of(parts: Parts, loaded: bool) -> Callable:
     shear_from, sigma_from = shear_of(parts), sigma_of(parts)
 
     @jitable(inline=True)
-    def show(field, reach, normal, unit, out, at):
+    def show(field, inverted, normal, unit, out, at):
         i = at.shown
         if loaded:
-            shear = shear_from(field, reach, normal.depth, unit, out, at)
+            shear = shear_from(field, inverted, normal.depth, unit, out, at)
             if with_sigma:
-                sigma_from(shear, reach, normal.depth_sigma, unit, out, at)
+                sigma_from(shear, inverted, normal.depth_sigma, unit, out, at)
         if with_force:
             out[push_row][i] = normal.push
             if with_sigma:
@@ -267,7 +269,7 @@ def units_stage(parts: Parts, loaded: bool) -> Callable:
     (keep, kept), show, check = keep_of(parts), show_of(parts, loaded), anomaly_stage(parts)
 
     @jitable(inline=True)
-    def reach_units(unit, counts, background, span, above, tile, flag, out):
+    def invert_units(unit, counts, background, span, above, tile, flag, out):
         assume_noalias()
         span = lanes_of(span)
         for lane in range(span.size):
@@ -281,13 +283,13 @@ def units_stage(parts: Parts, loaded: bool) -> Callable:
                     variance = unit["field_variance"][j]
                     if background is not None:
                         variance += background[at.cycle, 4, at.unit]
-                    reach, found, gain = invert(field, normal, variance, unit, j)
-                    found |= EXTRAPOLATED if reach.radius > unit["displacement_max"][j] else 0
+                    inverted, found, gain = invert(field, normal, variance, unit, j)
+                    found |= EXTRAPOLATED if inverted.radius > unit["displacement_max"][j] else 0
                     flag[j] = flags if flags & SILENT else flags | found
                     if with_check:
-                        keep(tile, j, field, reach, normal, gain)
+                        keep(tile, j, field, inverted, normal, gain)
                     if not shows_later:
-                        show(field, reach, normal, unit, out, at)
+                        show(field, inverted, normal, unit, out, at)
                 else:
                     show(None, None, normal, unit, out, at)
             if not loaded:
@@ -298,13 +300,13 @@ def units_stage(parts: Parts, loaded: bool) -> Callable:
         assume_noalias()
         span = lanes_of(span)
         for lane in range(span.size):
-            field, reach, normal = kept(tile, span.start + lane)
-            show(field, reach, normal, unit, out, place(span, lane))
+            field, inverted, normal = kept(tile, span.start + lane)
+            show(field, inverted, normal, unit, out, place(span, lane))
 
     @jitable(inline=True)
     def units(unit, data, span, above, state, advance):
         tile, flag, out = data.tile[0], data.flag, data.out
-        reach_units(unit, data.counts, data.background, span, above, tile, flag, out)
+        invert_units(unit, data.counts, data.background, span, above, tile, flag, out)
         if with_check:
             check(unit, span, tile, flag, state, out, advance)
             if shows_later:
