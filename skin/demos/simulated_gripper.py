@@ -14,7 +14,8 @@ SERVO_N_PER_M = 1000.0
 """Gain from the fingers' target to the grip [the gripper's actuators]."""
 
 GAIN_PER_S = 15.0
-"""Time constant of the loop from force error to target: slower than the servo [assumed]."""
+"""Gain of the loop from force error to target: slower than the servo [assumed]. A late gripper has
+1 / (e x its whole delay) at most, with which an integrator neither overshoots nor creeps."""
 
 ANSWER_S = 0.012
 """Response time of the measured grip to the target [derived: 0.15 kg on its pad, and a cycle]."""
@@ -29,7 +30,7 @@ class SimulatedGripper:
     """An adapter (`skin.behaviours.gripper.Gripper`) of fingers of a `World`.
 
     A change of the wanted force moves the target at once, by the servo's stiffness; the remaining
-    error after the servo's response is integrated.
+    error, to what the servo should have answered by now, is integrated.
 
     Parameters
     ----------
@@ -55,7 +56,9 @@ class SimulatedGripper:
         self._most_m = min(upper for _, upper in limits)
         self._period_s = 1.0 / world.skin.topology.cycle_rate_hz
         self._wanted_n = self._expected_n = math.nan
-        self._late_m = deque([0.0] * round(delay_s / self._period_s))
+        cycles = round(delay_s / self._period_s)
+        self._late_m, self._late_n = deque([0.0] * cycles), deque([math.nan] * cycles)
+        self._gain_per_s = min(GAIN_PER_S, 1.0 / (math.e * (delay_s + ANSWER_S)))
 
     def squeeze(self, wanted_n: float, felt_n: float) -> None:
         """See `Gripper`."""
@@ -63,6 +66,8 @@ class SimulatedGripper:
             self._wanted_n, self._expected_n = wanted_n, 0.0
         step_n = wanted_n - self._wanted_n
         self._wanted_n = wanted_n
+        self._late_n.append(wanted_n)
+        due_n = self._late_n.popleft()
         if math.isnan(felt_n):
             self._move(step_n / SERVO_N_PER_M)
             return
@@ -71,10 +76,11 @@ class SimulatedGripper:
             self._move(math.copysign(CLOSING_M_PER_S * self._period_s, wanted_n - felt_n))
             return
         share = -math.expm1(-self._period_s / ANSWER_S)
-        self._expected_n += share * (wanted_n - self._expected_n)
+        if not math.isnan(due_n):  # else no command has arrived yet
+            self._expected_n += share * (due_n - self._expected_n)
         lacking_n = self._expected_n - felt_n
         most_m = CLOSING_M_PER_S * self._period_s
-        slow_m = GAIN_PER_S * self._period_s * lacking_n / SERVO_N_PER_M
+        slow_m = self._gain_per_s * self._period_s * lacking_n / SERVO_N_PER_M
         self._move(step_n / SERVO_N_PER_M + min(max(slow_m, -most_m), most_m))
 
     def release(self) -> None:
