@@ -75,7 +75,7 @@ class Bench:
         n = self.n
         self.units = SimpleNamespace(
             slip=np.zeros(n, np.int32), label=np.full(n, -1), kind=np.zeros(n, np.int32),
-            members=np.zeros(n, np.int64),
+            members=np.zeros(n, np.int64), queue=np.zeros(n, np.int32),
         )  # fmt: skip
         self.reading = SimpleNamespace(
             force=np.zeros((3, n)), force_sigma=np.zeros((3, n)), displacement=np.zeros((3, n)),
