@@ -303,10 +303,15 @@ FIGURES = (
     Figure("skip", "idle_ratio", "time of a cycle with skip=True over that of the default cycle, from counts to contacts; 1024 untouched units", "", "<= 0.35"),
     Figure("skip", "idle_ratio_64", "time of a cycle with skip=True over that of the default cycle, from counts to contacts; 64 untouched units", "", "<= 0.6"),
     Figure("skip", "sizes/1024/shares/25/ratio", "time of a cycle with skip=True over that of the default cycle, from counts to contacts; 1024 units, a quarter of them touched"),
-    Figure("scale", "lost_frames", "frames whose values no state showed, of live skins of 64, 256 and 1260 units at 250 Hz, over sockets and in process, with contacts and slip; frames of omitted cycles count as lost", "", "= 0", kind="count"),
-    Figure("scale", "late_share", "share of cycle periods without a state, or whose state came after the next period had begun; 64 to 1260 units at 250 Hz", "", "", kind="share"),
-    Figure("scale", "held_up_share", "share of frames that the figures of `scale` leave out, because the machine had delayed the simulated sender; 64 to 1260 units at 250 Hz", "", "", kind="share"),
-    Figure("scale", "cpu_share_1260", "CPU time of a cycle over its period; 1260 units on 14 buses at 250 Hz, over sockets", "of a core", "<= 0.5"),
+    *(Figure("scale", f"cases/{units}/ways/sockets/{key}/{q}", f"{words}; {units} units at 250 Hz over sockets, with contacts and slip, host and simulated sender on a processor each; {said} of the cycles", "ms")
+      for units in (64, 256, 1260, 1600)
+      for key, words in (("latency_ms", "time from SYNC until the state with its contacts is in the user's hands"), ("after_last_ms", "time from the last frame of a cycle until the state with its contacts is in the user's hands"))
+      for q, said in (("p50", "median"), ("p99", "99 %"), ("p999", "99.9 %"))),
+    *(Figure("scale", f"cases/{units}/ways/sockets/late/rate", f"share of periods left out, closed without all units, or whose state came after the next SYNC was due; {units} units at 250 Hz over sockets; periods alone in which the simulated sender was in time", kind="share")
+      for units in (64, 256, 1260, 1600)),
+    Figure("scale", "lost_frames", "frames whose values no state showed, of live skins of 64 to 1600 units at 250 Hz over sockets; frames of omitted cycles count as lost, those of cycles that the simulated sender sent late do not", "", "= 0", kind="count"),
+    Figure("scale", "not_judged_share", "share of periods that the figures of `scale` leave out, because the simulated sender was late; 64 to 1600 units at 250 Hz", "", "", kind="share"),
+    Figure("scale", "cases/1260/ways/sockets/cpu_share", "CPU time of a cycle over its period; 1260 units on 14 buses at 250 Hz, over sockets", "of a core", "<= 0.5"),
     Figure("record", "record_us_p50", "time that recording as MCAP adds to a cycle of 64 units; difference of the medians of alternating cycles", "µs", "<= 15"),
     Figure("record", "lost_frames", "frames missing in a recording of 64 units at 1 kHz", "", "= 0", kind="count"),
     Figure("record", "lossless_hz", "highest tested cycle rate at which a recording of 64 units lost nothing", "Hz", kind="count"),
@@ -493,8 +498,8 @@ class Sentence(NamedTuple):
 SENTENCES = (
     Sentence("One cycle, from counts to contacts with slip, takes {:.0f} µs for 64 units and {:.0f} µs for 1024 units (medians).",
              ("contact: live_us_p50_64", "contact: live_us_p50_1024")),
-    Sentence("1260 units on 14 buses at 250 Hz need {:.2f} of a core; over 64 to 1260 units, {:.1%} of the cycles are late or left out.",
-             ("scale: cpu_share_1260", "scale: late_share")),
+    Sentence("1600 units on 18 buses at 250 Hz: contacts are in the user's hands {:.1f} ms after SYNC in the median and {:.1f} ms in 99.9 % of the cycles; {:.2%} of the periods are late or left out. 1260 units need {:.2f} of a core.",
+             ("scale: cases/1600/ways/sockets/latency_ms/p50", "scale: cases/1600/ways/sockets/latency_ms/p999", "scale: cases/1600/ways/sockets/late/rate", "scale: cases/1260/ways/sockets/cpu_share")),
     Sentence("Recording adds {:.0f} µs to a cycle of 64 units; at 1 kHz, {:.0f} frames are missing in the recording.",
              ("record: record_us_p50", "record: lost_frames")),
     Sentence("`skin decode` turns a candump log into Parquet {:.0f} times as fast as a script with python-can, cantools and pyarrow; an hour of 64 units at 250 Hz takes {:.0f} s.",

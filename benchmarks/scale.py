@@ -1,123 +1,220 @@
-"""Live skins from 64 to 1260 units: frames lost, late cycles, share of a core.
+"""Live skins from 64 to 1600 units: SYNC to contacts, late periods, and what made the tail.
 
 The product's own live loop, `skin.open` with what it does if not told otherwise (contacts, slip,
 ambient field, one sweep of cross-talk), on as many buses as the check of a topology asks for, while
-three contacts press and drag. `sockets`: a process of its own plays the units, each frame when the
-wire would bring it, over datagram sockets of the loopback interface, read by the same system calls
-as those of CAN. `process`: the frames of a cycle are there as soon as SYNC is sent; playing them is
-not counted. `deadline` is `sockets` with one wake-up a cycle (`wait="deadline"`).
+three contacts press and drag. A process of its own plays the units, each frame when the wire would
+bring it, over datagram sockets of the loopback interface, read by the same system calls as those of
+CAN. Host and units have a processor each, where this process may use two; `pinned` says whether.
+`sockets` wakes as frames come, `deadline` once a cycle (`wait="deadline"`).
 
-A frame is lost if the state of its cycle does not show the temperatures that stand in it: neither
-the receiver's counters nor its flags are asked. Units send only when asked: the frames of a period
-that the host left out, since it was not ready for it, are lost as well. A cycle is late if it was
-left out, or closed without all its units; `late_share` is that over all periods. `held up` are the
-frames of cycles which the units' process itself, held up by the machine, has not ended by 0.85 of
-their period, and of those right after them, which do not wait for units that were late for long:
-they are neither lost nor late, nor are periods that were left out between such cycles. `cpu` is
-user and system time of the receiving process for a cycle, over the period: cycles left out make it
-no smaller, and waiting makes it no larger.
+**Judged.** The units' process stamps each system call by which frames leave. A cycle is judged if
+all of its frames had left within a frame's time on the wire after they were due (a frame of another
+board delays them as much), and those of the cycle asked for before it as well, since a host treats
+units that were late otherwise. A period whose SYNC the host left out is judged as the cycle after
+it. So no figure has anything in it that the units' process failed to send; `not_judged_share` is
+the rest, in which the host may be late or not.
+
+**Figures** of judged periods. `latency_ms`: from the first SYNC, as the kernel stamped its arrival
+at the units, until `next(states)` had returned the state with its contacts. `after_last_ms`: the
+same from the moment at which the last frames left. `late`: share of periods left out, closed
+without all units, or whose state came after the next SYNC was due; the interval takes periods as
+independent, but late ones come in spells, and so it is too narrow where `spells` are fewer. `lost`:
+frames whose temperatures no state shows (neither counters nor flags of the receiver are asked);
+those of a period that was left out are lost as well. `cpu_share`: user and system time of the
+receiving process for a cycle, over the period: cycles left out make it no smaller.
+
+**Tail.** Of the cycles beyond p99 and p99.9 and of all others, how many had in them, from one state
+to the next: a run of the garbage collector, a page fault, a log record, a switch to another process
+in the midst of work (all of the loop's thread, as the kernel counts them); and how many waited for
+their processor, or worked, for half or more of what they took longer than the median. `none` had
+none of these: the host slept longer than it had asked for, or the hypervisor held the machine.
 
 Beside it what is published of another skin of 1260 cells; that machine and work are not these.
 """
 
 from __future__ import annotations
 
+import gc
+import logging
 import multiprocessing
+import os
+import resource
 import socket
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import skin as product
-from benchmarks.scale_units import LAP, Units, most_rows, on_fewest_buses, play, simulate
+from benchmarks.scale_units import (
+    LAP,
+    Units,
+    frame_ns,
+    most_rows,
+    on_fewest_buses,
+    play,
+    simulate,
+)
+from benchmarks.slip_intervals import rate
 from bus.cycle import ClosedBy
 from bus.datagram import DatagramTransport
-from bus.memory import MemoryTransport
 from bus.transport import Transport
 from skin.decode.decoder import Decoder
-from skin.live import Wait
 from topology import Topology
 
-SKINS = {"64": (8, 8), "256": (32, 8), "1260": (126, 10)}
+SKINS = {"64": (8, 8), "256": (32, 8), "1260": (126, 10), "1600": (160, 10)}
 """Rows and columns."""
 RATE_HZ = 250.0
 FAST = "4 buses, 1 kHz"
 FAST_RATE_HZ, FAST_BUSES, FAST_COLUMNS = 1000.0, 4, 5
-WARM_S = 1.0
+CYCLES = {False: (256, 3000), True: (64, 150)}
+"""Cycles before those that are measured, and these; by `quick`."""
 SAME_C = 1e-3
 """°C within which a temperature is the one that was sent; the noise is 0.05 °C."""
 TARGET_SHARE = 0.5
-WAYS = ("process", "sockets", "deadline")
+WAYS = ("sockets", "deadline")
+CAUSES = ("collector", "page fault", "log", "switch", "wait", "work")
 PUBLISHED = (
     "TUM H1, 1260 cells at 250 Hz (315 000 packets/s): 2.7 cores and a quarter of the packets "
     "lost, clock-driven; 40 000 packets/s and 1.0 core, event-driven "
     "(Bergner, Dean-Leon, Guadarrama-Olvera, Cheng: Evaluation of a large scale event driven "
     "robot skin, IEEE Robotics and Automation Letters 4 (2019))"
 )
+SEEN = np.dtype(
+    [
+        ("cycle", np.int64),
+        ("at_ns", np.int64),  # when the user had the state, by the system's clock
+        ("work_ns", np.int64),  # time of the host's own work on the frames that closed the cycle
+        ("shown", np.int64),  # frames whose values the state shows
+        ("contacts", np.int64),
+        ("complete", np.int64),
+        # running totals of the loop's thread
+        ("collector", np.int64),
+        ("page fault", np.int64),
+        ("log", np.int64),
+        ("switch", np.int64),
+        ("wait", np.int64),  # nanoseconds in which it was ready to run and had no processor
+    ]
+)
+"""What was seen of a cycle."""
 
 
-def run(quick: bool) -> dict:
+class Judged(NamedTuple):
+    """Periods from the first state to the last.
+
+    Attributes
+    ----------
+    judged, late : ndarray, shape (p,), bool
+    lost : ndarray, shape (p,), int
+        Frames that no state shows.
+    latency_ns, after_last_ns : ndarray, shape (k,), int
+        Of the k states.
+    states : ndarray, shape (k,), bool
+        Whether their cycles are judged.
+    """
+
+    judged: np.ndarray
+    late: np.ndarray
+    lost: np.ndarray
+    latency_ns: np.ndarray
+    after_last_ns: np.ndarray
+    states: np.ndarray
+
+
+def run(quick: bool) -> dict[str, Any]:
     """Measure; see the head of this file for what the figures are."""
-    seconds = 2.0 if quick else 20.0
-    cases = {}
+    cases: dict[str, Any] = {}
     skins = {name: on_fewest_buses(*shape, RATE_HZ) for name, shape in SKINS.items()}
-    skins[FAST] = most_rows(FAST_COLUMNS, FAST_BUSES, FAST_RATE_HZ)
-    for name, units_of in skins.items():
-        units = simulate(units_of)
-        rows = {way: measure(units_of, units, way, seconds) for way in WAYS}
-        cases[name] = {
-            "units": units_of.n,
-            "buses": len(units_of.buses),
-            "rate_hz": units_of.cycle_rate_hz,
-            "frames_per_s": len(units_of.frames) * units_of.cycle_rate_hz,
-            "ways": rows,
-        }
-    slow = [row for name in SKINS for row in cases[name]["ways"].values()]
+    if not quick:
+        skins[FAST] = most_rows(FAST_COLUMNS, FAST_BUSES, FAST_RATE_HZ)
+    with _apart() as processors:
+        for name, units_of in skins.items():
+            units = simulate(units_of)
+            cases[name] = {
+                "units": units_of.n,
+                "buses": len(units_of.buses),
+                "rate_hz": units_of.cycle_rate_hz,
+                "frames_per_s": len(units_of.frames) * units_of.cycle_rate_hz,
+                "ways": {
+                    way: measure(units_of, units, way, *CYCLES[quick], processors)
+                    for way in WAYS[: 1 if quick else None]
+                },
+            }
+    rows = [row for name in SKINS for row in cases[name]["ways"].values()]
+    periods, judged = (sum(row[key] for row in rows) for key in ("periods", "judged"))
     return {
-        "lost_frames": sum(row["lost"] for row in slow),
-        "late_share": sum(row["late"] for row in slow) / sum(row["periods"] for row in slow),
-        "held_up_share": sum(row["held_up"] for row in slow) / sum(row["sent"] for row in slow),
-        "cpu_share_1260": cases["1260"]["ways"]["sockets"]["cpu_share"],
+        "pinned": processors is not None,
+        "lost_frames": sum(row["lost"] for row in rows),
+        "not_judged_share": 1.0 - judged / periods,
+        "late": rate(sum(row["late_periods"] for row in rows), judged),
         "target_cpu_share": TARGET_SHARE,
         "published": PUBLISHED,
         "cases": cases,
     }
 
 
-def table(figures: dict) -> str:
+def table(figures: dict[str, Any]) -> str:
     """The figures for a person."""
     lines = [
-        f"{'units':>6}{'buses':>7}{'Hz':>6}{'frames/s':>10}  {'way':<9}{'sent':>10}{'lost':>6}"
-        f"{'held up':>9}{'periods':>9}{'left out':>9}{'late':>6}{'cpu %':>7}"
-        f"{'cycle ms p50':>14}{'p99':>7}{'max':>7}{'work us p50':>13}{'p99':>7}"
+        "host and units have a processor each"
+        if figures["pinned"]
+        else "host and units share processors, so that they delay each other: these figures do not "
+        "tell what the host does alone",
+        f"{'units':>6}{'buses':>6}{'Hz':>6}{'frames/s':>9} {'way':<9}{'judged':>7}{'of':>7}"
+        f"{'lost':>6}{'late':>6}{'95 % interval':>18}{'cpu %':>6}"
+        f"{'SYNC to contact ms p50':>23}{'p99':>7}{'p99.9':>7}{'max':>7}"
+        f"{'after last frame ms p50':>24}{'p99':>7}{'p99.9':>7}{'max':>7}{'work us p50':>12}",
+    ]
+    tails = [
+        f"{'units':>6} {'way':<9}{'cycles':<16}" + "".join(f"{c:>12}" for c in (*CAUSES, "none"))
     ]
     for case in figures["cases"].values():
         for way, row in case["ways"].items():
-            cycle, work = row["cycle_ms"], row["work_us"]
+            late = row["late"]
+            ends = f"{late['lower']:.2%} to {late['upper']:.2%}" if late else ""
             lines.append(
-                f"{case['units']:>6}{case['buses']:>7}{case['rate_hz']:>6.0f}"
-                f"{case['frames_per_s']:>10.0f}  {way:<9}{row['sent']:>10}{row['lost']:>6}"
-                f"{row['held_up']:>9}{row['periods']:>9}{row['left_out']:>9}{row['late']:>6}"
-                f"{100 * row['cpu_share']:>7.1f}"
-                f"{cycle['p50']:>14.2f}{cycle['p99']:>7.2f}{cycle['max']:>7.1f}"
-                f"{work['p50']:>13.0f}{work['p99']:>7.0f}"
+                f"{case['units']:>6}{case['buses']:>6}{case['rate_hz']:>6.0f}"
+                f"{case['frames_per_s']:>9.0f} {way:<9}{row['judged']:>7}{row['periods']:>7}"
+                f"{row['lost']:>6}{row['late_periods']:>6}{ends:>18}{100 * row['cpu_share']:>6.1f}"
+                + _spread_text(row["latency_ms"], 23)
+                + _spread_text(row["after_last_ms"], 24)
+                + f"{row['work_us']['p50']:>12.0f}"
             )
-    lines += [
-        f"lost at {RATE_HZ:g} Hz: {figures['lost_frames']} (target 0), late or left out: "
-        f"{figures['late_share']:.1%} of periods, not judged as held up: "
-        f"{figures['held_up_share']:.1%} of frames; 1260 units over sockets: "
-        f"{100 * figures['cpu_share_1260']:.0f} % of a core "
-        f"(target {100 * figures['target_cpu_share']:.0f} %)",
+            tails += [
+                f"{case['units']:>6} {way:<9}{name:<9}{tail['cycles']:>6} "
+                + "".join(f"{tail[cause]:>12}" for cause in (*CAUSES, "none"))
+                for name, tail in row["tail"].items()
+            ]
+    late = figures["late"] or {"rate": np.nan, "lower": np.nan, "upper": np.nan}
+    share = figures["cases"]["1260"]["ways"]["sockets"]["cpu_share"]
+    return "\n".join([
+        *lines,
+        "what was in the cycles beyond p99, beyond p99.9, and in all others:",
+        *tails,
+        f"at {RATE_HZ:g} Hz: {figures['lost_frames']} frames lost (target 0); late: "
+        f"{late['rate']:.2%} ({late['lower']:.2%} to {late['upper']:.2%}) of the periods that are "
+        f"judged; not judged, as units sent late: {figures['not_judged_share']:.1%}; 1260 units: "
+        f"{share:.0%} of a core (target {figures['target_cpu_share']:.0%})",
         f"published: {figures['published']}",
-    ]
-    return "\n".join(lines)
+    ])  # fmt: skip
 
 
-def measure(skin: Topology, units: Units, way: str, seconds: float) -> dict:
-    """Run the live loop for some seconds.
+def _spread_text(spread: dict[str, float] | None, width: int) -> str:
+    if spread is None:
+        return f"{'-':>{width}}" + 3 * f"{'-':>7}"
+    return f"{spread['p50']:>{width}.2f}" + "".join(
+        f"{spread[key]:>7.2f}" for key in ("p99", "p999", "max")
+    )
+
+
+def measure(
+    skin: Topology, units: Units, way: str, warm: int, cycles: int,
+    processors: tuple[int, int] | None,
+) -> dict[str, Any]:  # fmt: skip
+    """Run the live loop.
 
     Parameters
     ----------
@@ -125,187 +222,218 @@ def measure(skin: Topology, units: Units, way: str, seconds: float) -> dict:
     units : Units
     way : str
         Of `WAYS`.
-    seconds : float
-        Time that is measured, after `WARM_S`.
+    warm, cycles : int
+        States before those that are measured, and these.
+    processors : (int, int) or None
+        Of the host and of the units.
     """
-    warm, cycles = (round(s * skin.cycle_rate_hz) for s in (WARM_S, seconds))
-    wait: Wait = "deadline" if way == "deadline" else "event"
-    source = _in_process if way == "process" else _over_sockets
-    with source(skin, units) as played:
-        with product.open(skin, transports=played.ends, wait=wait) as live:
-            seen = _watch(live, played, warm, cycles)
-            sent, on_time = played.tell()
-    return {**seen.figures, **judge(skin, units, seen, sent, on_time)}
+    with _over_sockets(skin, units, processors) as (ends, told):
+        wait: Any = "deadline" if way == "deadline" else "event"
+        with product.open(skin, transports=ends, wait=wait) as live:
+            if not told.poll(60.0):
+                raise RuntimeError("the units' process must be ready within 60 s; it was not")
+            told.recv()
+            seen, cpu_ns = watch(live, units, warm, cycles)
+            told.send(None)
+            played = told.recv()
+    period_ns = 1e9 / skin.cycle_rate_hz
+    found = judge(seen, played, len(skin.frames), period_ns, frame_ns(skin))
+    work_us = 1e-3 * seen["work_ns"][found.states]
+    spells = np.diff(found.late.astype(int), prepend=0) > 0
+    return {
+        "cycles": cycles,
+        "periods": found.judged.size,
+        "judged": int(found.judged.sum()),
+        "not_judged_share": 1.0 - float(found.judged.mean()),
+        "late_periods": int(found.late.sum()),
+        "late": rate(int(found.late.sum()), int(found.judged.sum())),
+        "spells": int(spells.sum()),
+        "left_out": found.judged.size - cycles,
+        "lost": int(found.lost.sum()),
+        "contacts": int(np.median(seen["contacts"])),
+        "cpu_share": cpu_ns / (cycles * period_ns),
+        "latency_ms": _spread(1e-6 * found.latency_ns[found.states]),
+        "after_last_ms": _spread(1e-6 * found.after_last_ns[found.states]),
+        "work_us": _spread(work_us),
+        "tail": tail(seen, found),
+    }
 
 
-def judge(skin: Topology, units: Units, seen: _Seen, sent: np.ndarray, on_time: np.ndarray) -> dict:
-    """Frames that were sent, and those that no state shows: of them, and of periods left out.
+def judge(
+    seen: np.ndarray, played: np.ndarray, frames: int, period_ns: float, tolerance_ns: int
+) -> Judged:
+    """Which periods are judged, and what became of them; see the head of this file.
 
     Parameters
     ----------
-    seen : _Seen
-    sent, on_time : ndarray, shape (cycles,), int
-        Frames by cycle, as the units' process has counted them.
+    seen : ndarray, shape (k,), SEEN
+    played : ndarray, shape (m,), PLAYED
+        By cycle, from the first SYNC on.
+    frames : int
+        Of a cycle.
+    period_ns : float
+    tolerance_ns : int
+        Time after it is due in which a frame may leave.
     """
-    expected = Decoder(skin, {"temperature"})(units.counts).temperature
-    same = np.abs(seen.temperature - expected[seen.number % LAP]) < SAME_C
-    same &= ~np.isnan(seen.temperature)
-    # what is not there counts as shown
-    padded = np.concatenate([same, np.ones((same.shape[0], 1), bool)], axis=1)
-    shown = padded[:, skin.frames.units].all(axis=-1).sum(axis=-1)
-    count, frames = int(seen.number[-1]) + 1, len(skin.frames)
-    sent, on_time = (_filled(counts, count) for counts in (sent, on_time))
-    asked = np.flatnonzero(sent)
-    punctual = on_time[asked] == frames
-    held_up = np.ones(count, bool)
-    held_up[asked[1:]] = ~(punctual[1:] & punctual[:-1])
-    was_shown = np.zeros(count, np.int64)
-    was_shown[seen.number] = shown
-    window = slice(int(seen.number[0]), count)
-    lost = np.where(held_up, 0, sent - was_shown)[window]
-    judged = ~held_up[seen.number]
-    own_fault = int(seen.left_out[judged].sum())
+    number = seen["cycle"]
+    asked = np.flatnonzero(played["sync_ns"])
+    punctual = played["late_ns"][asked] <= tolerance_ns
+    punctual[1:] &= punctual[:-1].copy()
+    periods = np.arange(number[0], number[-1] + 1)
+    judged = punctual[np.searchsorted(asked, periods)]
+    of_state = number - number[0]
+    shown, in_time = np.zeros(periods.size, np.int64), np.zeros(periods.size, bool)
+    latency_ns = seen["at_ns"] - played["sync_ns"][number]
+    shown[of_state] = seen["shown"]
+    in_time[of_state] = (seen["complete"] > 0) & (latency_ns <= period_ns)
+    return Judged(
+        judged,
+        judged & ~in_time,
+        np.where(judged, frames - shown, 0),
+        latency_ns,
+        seen["at_ns"] - played["left_ns"][number],
+        judged[of_state],
+    )
+
+
+def tail(seen: np.ndarray, found: Judged) -> dict[str, dict[str, int]]:
+    """How many of the cycles beyond p99, beyond p99.9 and of all others had what in them."""
+    judged = np.flatnonzero(found.states[1:]) + 1  # the first has no totals before it
+    took = found.latency_ns[judged]
+    if not took.size:
+        return {}
+    longer = took - np.median(took)
+    had = {cause: np.diff(seen[cause])[judged - 1] for cause in CAUSES[:-1]}
+    work_ns = seen["work_ns"][judged]
+    had["work"] = work_ns - np.median(work_ns)
+    met = {
+        cause: 2 * value >= np.maximum(longer, 1) if cause in ("wait", "work") else value > 0
+        for cause, value in had.items()
+    }
+    met["none"] = ~np.any(list(met.values()), axis=0)
+    p99, p999 = (np.percentile(took, share) for share in (99.0, 99.9))
+    groups = {"p99": took > p99, "p99.9": took > p999, "others": took <= p99}
     return {
-        "periods": seen.number.size + int(seen.left_out.sum()),
-        "left_out": int(seen.left_out.sum()),
-        "late": int((~seen.complete & judged).sum()) + own_fault,
-        "sent": int(sent[window].sum()),
-        "held_up": int(sent[window][held_up[window]].sum()),
-        "lost": int(lost.sum()) + frames * own_fault,
+        name: {"cycles": int(group.sum()), **{c: int(v[group].sum()) for c, v in met.items()}}
+        for name, group in groups.items()
     }
 
 
-class _Seen:
-    """What was seen of some cycles."""
+def watch(live: product.Skin, units: Units, warm: int, cycles: int) -> tuple[np.ndarray, int]:
+    """Go through the cycles of a live skin.
 
-    def __init__(self, cycles: int, n: int) -> None:
-        self.number = np.zeros(cycles, np.int64)
-        self.temperature = np.full((cycles, n), np.nan, np.float32)
-        self.at_ns = np.zeros(cycles, np.int64)
-        self.work_ns = np.zeros(cycles, np.int64)
-        self.complete = np.zeros(cycles, bool)
-        self.left_out = np.zeros(cycles, np.int64)  # periods before each
-        self.figures: dict[str, object] = {}
-
-
-def _watch(live: product.Skin, played: _Played, warm: int, cycles: int) -> _Seen:
-    """Go through the cycles of a live skin."""
-    seen = _Seen(cycles, live.topology.n)
-    states = iter(live)
+    Returns
+    -------
+    ndarray, shape (cycles,), SEEN
+    int
+        Processor time of this process for them, ns.
+    """
+    skin, states = live.topology, iter(live)
     for _ in range(warm):
         next(states)
-    overruns, own_ns = live.timing.overruns, played.own_ns
-    cpu = time.process_time_ns()
-    for i in range(cycles):
-        state = next(states)
-        seen.at_ns[i] = time.perf_counter_ns()
-        seen.number[i] = state.cycle
-        seen.temperature[i] = state.units.temperature
-        seen.work_ns[i] = live.timing.work_ns
-        seen.complete[i] = state.closed_by is ClosedBy.COMPLETE
-        seen.left_out[i] = live.timing.overruns - overruns
-        overruns += seen.left_out[i]
-    cpu = time.process_time_ns() - cpu - (played.own_ns - own_ns)
-    apart_ms = 1e-6 * np.diff(seen.at_ns)
-    seen.figures = {
-        "cycles": cycles,
-        "cpu_share": 1e-9 * cpu * live.topology.cycle_rate_hz / cycles,
-        "cycle_ms": _spread(apart_ms),
-        "work_us": _spread(1e-3 * seen.work_ns),
-    }
-    return seen
+    seen = np.full(cycles, 0, SEEN)
+    temperature = np.full((cycles, skin.n), np.nan, np.float32)  # written now: no page faults later
+    with _Totals() as totals:
+        cpu_ns = time.process_time_ns()
+        for i in range(cycles):
+            state = next(states)
+            at_ns = time.time_ns()
+            seen[i] = (
+                state.cycle, at_ns, live.timing.work_ns, 0, len(state.contacts),
+                state.closed_by is ClosedBy.COMPLETE, *totals(),
+            )  # fmt: skip
+            temperature[i] = state.units.temperature
+        cpu_ns = time.process_time_ns() - cpu_ns
+    seen["shown"] = shown(skin, units, seen["cycle"], temperature)
+    return seen, cpu_ns
 
 
-def _spread(values: np.ndarray) -> dict[str, float]:
-    return {
-        "p50": float(np.median(values)),
-        "p99": float(np.percentile(values, 99.0)),
-        "max": float(values.max()),
-    }
+def shown(skin: Topology, units: Units, cycle: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+    """Frames whose values stand in temperatures of shape (k, n); shape (k,)."""
+    expected = Decoder(skin, {"temperature"})(units.counts).temperature
+    same = np.abs(temperature - expected[cycle % LAP]) < SAME_C  # not where NaN
+    # a frame's places without a unit, -1, count as shown
+    padded = np.concatenate([same, np.ones((same.shape[0], 1), bool)], axis=1)
+    return padded[:, skin.frames.units].all(axis=-1).sum(axis=-1)
 
 
-class _Played(ABC):
-    """The host's ends of buses whose units are played.
+class _Totals(logging.Handler):
+    """Running totals of what may hold up this thread, as in `SEEN`."""
 
-    Attributes
-    ----------
-    ends : list of Transport
-    own_ns : int
-        Time of this process that went into playing.
-    """
+    def __init__(self) -> None:
+        super().__init__()
+        self._collected = self._logged = 0
+        self._waits = os.open("/proc/thread-self/schedstat", os.O_RDONLY)
 
-    def __init__(self, ends: list[Transport]) -> None:
-        self.ends = ends
-        self.own_ns = 0
+    def __call__(self) -> tuple[int, int, int, int, int]:
+        """Collections, page faults, log records, switches, and nanoseconds of waiting."""
+        used = resource.getrusage(resource.RUSAGE_THREAD)
+        waited_ns = int(os.pread(self._waits, 64, 0).split()[1])
+        faults = used.ru_minflt + used.ru_majflt
+        return self._collected, faults, self._logged, used.ru_nivcsw, waited_ns
 
-    @abstractmethod
-    def tell(self) -> tuple[np.ndarray, np.ndarray]:
-        """Frames sent by cycle, and those of them that were sent on time."""
+    def emit(self, record: logging.LogRecord) -> None:
+        """Count a log record that a user would see."""
+        self._logged += 1
 
+    def _collects(self, phase: str, _: dict[str, int]) -> None:
+        self._collected += phase == "start"
 
-class _InProcess(_Played):
-    """Units that answer SYNC at once, in the thread of the host."""
+    def __enter__(self) -> _Totals:
+        gc.callbacks.append(self._collects)
+        logging.getLogger().addHandler(self)
+        return self
 
-    def __init__(self, units: Units) -> None:
-        pairs = [MemoryTransport.pair(index=i) for i in range(len(units.frames))]
-        super().__init__([near for near, _ in pairs])
-        self._sent: list[int] = []
-        for bus, (_, far) in enumerate(pairs):
-            far.listener = lambda records, bus=bus, far=far: self._answer(records, bus, far)
-        self._frames = units.frames
-
-    def _answer(self, records: np.ndarray, bus: int, far: MemoryTransport) -> None:
-        started = time.thread_time_ns()
-        sync = int(records["data"][0, 0])
-        self._sent += [0] * ((sync - len(self._sent)) % LAP if bus == 0 else 0)
-        if bus == 0:
-            self._sent.append(0)
-        self._sent[-1] += far.send(self._frames[bus][sync])
-        self.own_ns += time.thread_time_ns() - started
-
-    def tell(self) -> tuple[np.ndarray, np.ndarray]:
-        """As of `_Played`."""
-        return np.array(self._sent), np.array(self._sent)
+    def __exit__(self, *exc: object) -> None:
+        logging.getLogger().removeHandler(self)
+        gc.callbacks.remove(self._collects)
+        os.close(self._waits)
 
 
-class _OverSockets(_Played):
-    """Units in a process of their own."""
-
-    def __init__(self, ends: list[Transport], told) -> None:
-        super().__init__(ends)
-        self._told = told
-
-    def tell(self) -> tuple[np.ndarray, np.ndarray]:
-        """As of `_Played`; the units stop."""
-        self._told.send(None)
-        sent, on_time = self._told.recv()
-        return np.array(sent), np.array(on_time)
-
-
-def _filled(counts: np.ndarray, size: int) -> np.ndarray:
-    """The first `size` of some counts, with zeros for what is not there."""
-    return np.pad(counts, (0, max(0, size - counts.size)))[:size]
+def _spread(values: np.ndarray) -> dict[str, float] | None:
+    if not values.size:
+        return None
+    p50, p99, p999 = (float(np.percentile(values, share)) for share in (50.0, 99.0, 99.9))
+    return {"p50": p50, "p99": p99, "p999": p999, "max": float(values.max())}
 
 
 @contextmanager
-def _in_process(skin: Topology, units: Units) -> Iterator[_Played]:
-    yield _InProcess(units)
+def _apart() -> Iterator[tuple[int, int] | None]:
+    """A processor for this thread and one for the units, not of one core where there are others;
+    None where this process may use only one. Interrupts go to the first by default."""
+    may = os.sched_getaffinity(0)
+    host = max(may)
+    sides = Path(f"/sys/devices/system/cpu/cpu{host}/topology/thread_siblings_list")
+    beside = sides.read_text("ascii").strip() if sides.exists() else ""
+    same = {int(end) for part in beside.split(",") for end in part.split("-") if end}
+    others = (may - same) or (may - {host})
+    if not others:
+        yield None
+        return
+    os.sched_setaffinity(0, {host})
+    try:
+        yield host, max(others)
+    finally:
+        os.sched_setaffinity(0, may)
 
 
 @contextmanager
-def _over_sockets(skin: Topology, units: Units) -> Iterator[_Played]:
-    socks = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in units.frames]
-    others = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in units.frames]
-    for sock in (*socks, *others):
+def _over_sockets(
+    skin: Topology, units: Units, processors: tuple[int, int] | None
+) -> Iterator[tuple[list[Transport], Any]]:
+    """The host's ends of the buses, and the pipe to the units' process."""
+    far, *socks = (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(1 + len(units.frames))
+    )
+    for sock in (far, *socks):
         sock.bind(("127.0.0.1", 0))
-    ports = [(far.getsockname()[1], near.getsockname()[1])
-             for near, far in zip(socks, others, strict=True)]  # fmt: skip
-    for near, far in zip(socks, others, strict=True):
-        near.connect(far.getsockname())
-        far.close()
+    for sock in socks:
+        sock.connect(far.getsockname())
     context = multiprocessing.get_context("spawn")
     told, teller = context.Pipe()
-    player = context.Process(target=play, args=(skin, units.frames, ports, teller), daemon=True)
+    ports = [sock.getsockname()[1] for sock in socks]
+    given = skin, units.frames, ports, far, processors and processors[1], teller
+    player = context.Process(target=play, args=given, daemon=True)
     with ExitStack() as stack:
         ends: list[Transport] = [
             stack.enter_context(DatagramTransport(sock, f"bus{i}", i))
@@ -313,8 +441,7 @@ def _over_sockets(skin: Topology, units: Units) -> Iterator[_Played]:
         ]
         player.start()
         teller.close()
+        far.close()
         stack.callback(player.join, 10.0)
         stack.callback(player.terminate)
-        if not told.poll(60.0) or told.recv() is not True:
-            raise RuntimeError("the units' process must be ready within 60 s; it was not")
-        yield _OverSockets(ends, told)
+        yield ends, told

@@ -1,14 +1,15 @@
 """The skins of `benchmarks.scale`, and a process that plays their units at the pace of the wire.
 
 What units would answer to 256 SYNCs is simulated beforehand, and played over and over: three round
-contacts that press and drag, noise and all. Over sockets a frame goes when the last bit of its
-worst case would have left the wire; the buses run beside each other, as the wires do. Beyond four
-buses it goes with those that follow it within a millisecond, as USB adapters hand them over: one
-processor cannot make more system calls.
+contacts that press and drag, noise and all. A frame goes when the last bit of its worst case would
+have left the wire; the buses run beside each other, as the wires do. One system call sends the
+frames that end at the same time, one on each bus: buses begin together, once all have had SYNC.
 """
 
 from __future__ import annotations
 
+import gc
+import os
 import socket
 import tempfile
 import time
@@ -19,10 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 import topology
+from bus import mmsg
 from bus.codec import Packer
+from bus.compiled.bound import direct
 from bus.datagram import DatagramTransport
-from bus.frame import FRAME_DTYPE, FrameBatch
-from bus.transport import Transport
+from bus.frame import FRAME_DTYPE, FrameBatch, as_words
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.truth import Truth
@@ -36,12 +38,11 @@ PITCH_M = 0.012
 TOUCHES, TOUCH_M = 3, 0.03
 """Contacts at a time, and their radius."""
 DEPTH_MM, SHEAR_MM = 1.0, 0.4
-ON_TIME = 0.85
-"""Periods after its SYNC by which a frame must have been sent; the host waits for 0.9."""
+SPIN_NS = 100_000
+"""Time before a frame is due from which its sender watches the clock without sleeping: a sleep ends
+some 60 µs late [measured]."""
 AT_ONCE = 32
 """Cycles that are simulated together."""
-FEW_BUSES, BURST = 4, 6
-"""Buses up to which frames go one by one; frames of a bus that go together beyond."""
 
 
 class Units(NamedTuple):
@@ -140,85 +141,118 @@ def _packed(skin: Topology, counts: np.ndarray) -> list[np.ndarray]:
     return frames
 
 
+PLAYED = np.dtype(
+    [
+        ("sync_ns", np.int64),  # stamp of the first SYNC by the kernel; 0: none came
+        ("wire_ns", np.int64),  # when the last frame was due
+        ("left_ns", np.int64),  # just before it was handed to the kernel
+        ("late_ns", np.int64),  # longest time by which a frame left after it was due
+    ]
+)
+"""What the units did in a cycle; by the system's clock."""
+NEVER_NS = 1 << 62
+
+
 class Player:
-    """Answers SYNC with the frames of its counter, by a wire's pace, and counts what it has sent.
+    """Answers the SYNCs of all buses with the frames of their counter, at the pace of a wire.
 
     Parameters
     ----------
     skin : Topology
+        The more frames a bus has, the earlier it stands.
     frames : list of ndarray
         As of `Units`.
+    ports : list of int
+        Of the host's end of each bus, on this machine.
+    spin_ns : int
+        As of `SPIN_NS`; 0 where the host needs the same processor.
 
     Attributes
     ----------
-    sent, on_time : list of int
-        Frames of each cycle, from the first SYNC on; those sent before `ON_TIME`.
+    played : list of tuple
+        As of `PLAYED`, by cycle, from the first SYNC on.
     """
 
-    def __init__(self, skin: Topology, frames: list[np.ndarray]) -> None:
-        self._frames = frames
-        bus = skin.buses[0]
-        layout = skin.layouts[int(skin.frames.layout[0])]
-        self._first_ns = round(1e9 * frame_seconds(SYNC_SIZE, False, bus))
-        self._each_ns = round(1e9 * frame_seconds(layout.size, layout.fd, bus))
-        self._on_time_ns = round(ON_TIME * 1e9 / bus.cycle_rate_hz)
-        self._most = max(laps.shape[1] for laps in frames)
-        self._burst = 1 if len(frames) <= FEW_BUSES else BURST
-        self.sent: list[int] = []
-        self.on_time: list[int] = []
+    def __init__(
+        self, skin: Topology, frames: list[np.ndarray], ports: list[int], spin_ns: int
+    ) -> None:
+        self._first_ns = round(1e9 * frame_seconds(SYNC_SIZE, False, skin.buses[0]))
+        self._each_ns = frame_ns(skin)
+        most = frames[0].shape[1]
+        self._ends = np.cumsum([sum(laps.shape[1] > k for laps in frames) for k in range(most)])
+        turns = [laps[:, k] for k in range(most) for laps in frames if laps.shape[1] > k]
+        self._laps = np.stack(turns, axis=1)
+        self._buffers, self._names = _addressed(ports)
+        self._send = direct(mmsg.send)
+        self._spin_ns = spin_ns
+        self.played: list[tuple[int, int, int, int]] = []
 
-    def answer(self, sync: int, stamp_ns: int, ends: list[Transport]) -> None:
-        """Send the frames of a cycle, whose SYNC came at `stamp_ns`, the system's time."""
-        self.skip(sync)
-        sent = on_time = 0
-        for first in range(0, self._most, self._burst):
-            last = min(first + self._burst, self._most)
-            due_ns = stamp_ns + self._first_ns + last * self._each_ns
-            time.sleep(max(due_ns - time.time_ns(), 0) * 1e-9)
-            some = sum(
-                end.send(laps[sync, first:last])
-                for end, laps in zip(ends, self._frames, strict=True)
-            )
-            sent += some
-            on_time += some if time.time_ns() - stamp_ns < self._on_time_ns else 0
-        self.sent.append(sent)
-        self.on_time.append(on_time)
+    def answer(self, counter: int, first_ns: int, last_ns: int, fd: int) -> None:
+        """Send the frames of a cycle, whose SYNC came between these times, by a socket."""
+        self.played += [(0, 0, 0, 0)] * ((counter - len(self.played)) % LAP)
+        words, begin = as_words(self._laps[counter]), 0
+        due_ns, worst_ns, left_ns = last_ns + self._first_ns, 0, 0
+        for end in self._ends.tolist():
+            due_ns += self._each_ns
+            while (left_ns := time.time_ns()) < due_ns:
+                time.sleep(1e-9 * max(due_ns - left_ns - self._spin_ns, 0))
+            taken = self._send(fd, begin, end - begin, words, self._buffers)
+            late_ns = time.time_ns() - due_ns if taken == end - begin else NEVER_NS
+            worst_ns, begin = max(worst_ns, late_ns), end
+        self.played.append((first_ns, due_ns, left_ns, worst_ns))
 
-    def skip(self, sync: int) -> None:
-        """Note that SYNCs before this one were left out."""
-        missing = (sync - len(self.sent)) % LAP
-        self.sent += [0] * missing
-        self.on_time += [0] * missing
+
+def frame_ns(skin: Topology) -> int:
+    """Longest time of a frame of the units on the wire."""
+    layout = skin.layouts[int(skin.frames.layout[0])]
+    return round(1e9 * frame_seconds(layout.size, layout.fd, skin.buses[0]))
+
+
+def _addressed(ports: list[int]) -> tuple[mmsg.Buffers, np.ndarray]:
+    """Buffers whose messages go to these ports of this machine, one each, and the addresses, which
+    must live as long."""
+    kind = [("family", "<u2"), ("port", ">u2"), ("address", ">u4"), ("zero", "<u8")]
+    names = np.zeros(len(ports), kind)  # struct sockaddr_in
+    names["family"], names["port"], names["address"] = socket.AF_INET, ports, 0x7F00_0001
+    buffers = mmsg.new_buffers()
+    messages = buffers.messages[: len(ports)]
+    messages["name"] = names.ctypes.data + names.itemsize * np.arange(len(ports))
+    messages["name_size"] = names.itemsize
+    return buffers, names
 
 
 def play(
-    skin: Topology, frames: list[np.ndarray], ends: list[tuple[int, int]], told: Connection
-) -> None:
-    """Answer SYNC over datagram sockets until told to stop; then tell what was sent.
+    skin: Topology, frames: list[np.ndarray], ports: list[int], sock: socket.socket,
+    processor: int | None, told: Connection,
+) -> None:  # fmt: skip
+    """Answer SYNC until told to stop; then tell what was sent.
 
     Parameters
     ----------
-    skin, frames
+    skin, frames, ports
         As of `Player`.
-    ends : list of (int, int)
-        Own port of each bus, and the host's, on this machine.
+    sock : socket
+        Of the units, to which all ends of the host are connected.
+    processor : int or None
+        The one that is for this process alone; None without one.
     told : Connection
-        Told True when all is ready; says when to stop; told the frames sent and those sent on time,
-        by cycle, in the end.
+        Told True when all is ready; says when to stop; told an array of `PLAYED` in the end.
     """
-    transports: list[Transport] = []
-    for own, other in ends:
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.bind(("127.0.0.1", own))
-        sock.connect(("127.0.0.1", other))
-        transports.append(DatagramTransport(sock, f"units at {own}"))
-    player, heard = Player(skin, frames), FrameBatch(LAP)
-    told.send(True)
-    while not told.poll():
-        heard.clear()
-        transports[0].receive(heard, 0.1)
-        for record in heard.frames:
-            player.answer(int(record["data"][0]), int(record["stamp_ns"]), transports)
-    told.send((player.sent, player.on_time))
-    for transport in transports:
-        transport.close()
+    if processor is not None:
+        os.sched_setaffinity(0, {processor})
+    player = Player(skin, frames, ports, 0 if processor is None else SPIN_NS)
+    heard, syncs, counter, first_ns = FrameBatch(LAP), 0, -1, 0
+    with DatagramTransport(sock, "the units") as end:
+        gc.disable()
+        told.send(True)
+        while not told.poll():
+            heard.clear()
+            end.receive(heard, 0.1)
+            for record in heard.frames:
+                stamp_ns = int(record["stamp_ns"])
+                if int(record["data"][0]) != counter:
+                    syncs, counter, first_ns = 0, int(record["data"][0]), stamp_ns
+                syncs += 1
+                if syncs == len(ports):
+                    player.answer(counter, first_ns, stamp_ns, end.fileno())
+    told.send(np.array(player.played, PLAYED))
