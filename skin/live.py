@@ -304,6 +304,7 @@ class Skin(Moving, Attachable):
         pipeline, lull = self.pipeline, self._lull
         asked_ns = heard_ns = time.monotonic_ns()
         until_ns = asked_ns + pipeline.assembler.deadline_ns
+        pipeline.catch_up()
         looks, sleeps = 0, self._has_lull and lull.ns > 0
         while not self._closed and pipeline.pending:
             if sleeps and looks == 1:
@@ -321,6 +322,7 @@ class Skin(Moving, Attachable):
         """Another node sends SYNC, or none does: cycles come as they close."""
         while not self._closed:
             is_over = self.nodes is not None and self._is_over(self.nodes.time_ns())
+            self.pipeline.catch_up()
             self._receive(0 if is_over else self._period_ns)
             if is_over and not self._batch.frames.size:
                 return

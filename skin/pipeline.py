@@ -465,8 +465,15 @@ class Pipeline:
         array: Any = self._array if self.contacts is None else self.contacts.layout
         return now.owned(self._units, array)
 
+    def catch_up(self) -> None:
+        """Do what the last cycle has left to do for the zeros of units. A live loop calls it while
+        frames are on their way; else the next cycle does."""
+        if self.zeros is not None:
+            self.zeros.work()
+
     def step(self, cycle: RawCycle) -> State:
         """As `state`, but returns `now`, which the next cycle overwrites."""
+        self.catch_up()
         given, now = self._next, self.now
         given[0], given[1] = cycle.number, cycle.stamp_ns
         found = self.cycle()

@@ -108,9 +108,13 @@ class Zeros:
         self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)
         self.idle = 0
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # views, written each cycle
+        self._records = self._owes = False
         rest_ut = decoder.rest_ut
         self._rest_ut = neighbours_at_rest(topology) if rest_ut is None else rest_ut
-        self._steps = self._windows() if self._pending.any() else None
+        self._near = near(topology, NEAR_M)
+        self._steps: Iterator[int] | None = None
+        if self._pending.any():
+            self._begin()
 
     @property
     def active(self) -> bool:
@@ -127,7 +131,8 @@ class Zeros:
         topology = self._decoder.topology
         self._pending = topology.enabled & ~topology.counts_only
         self.taken, self.refused = [], {}
-        self._wait, self._steps, self.idle = self._cycles, self._windows(), 0
+        self._wait, self.idle = self._cycles, 0
+        self._begin()
 
     def hear(self, frames: np.ndarray) -> None:
         """Take serial numbers from the heartbeats among frames, shape (m,), FRAME_DTYPE, where
@@ -136,35 +141,61 @@ class Zeros:
             self._boards.hear(frames, np.zeros(frames.size))
 
     def look(self, counts: np.ndarray, status: np.ndarray) -> None:
-        """Look at a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,)."""
+        """Look at a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,);
+        `work` does the rest."""
         self._last = counts, status
         if self.idle:
             self.idle -= 1
-        elif self._steps is not None:
-            wait = next(self._steps, None)
-            if wait is None:
-                self._steps = None
-            else:
-                self.idle = wait
+        elif self._records:
+            self._step()
+        else:
+            self._owes = True
+
+    def work(self) -> None:
+        """Do what the last look has left to do, before the next cycle is decoded: it takes up to
+        some milliseconds, for which a state need not wait."""
+        if self._owes:
+            self._step()
+
+    def _step(self) -> None:
+        """Go on by one step."""
+        self._owes = False
+        wait = None if self._steps is None else next(self._steps, None)
+        if wait is None:
+            self._steps = None
+        else:
+            self.idle = wait
 
     # -- window by window -------------------------------------------------------------------------
 
-    def _windows(self) -> Iterator[int]:
+    def _begin(self) -> None:
+        """Begin with the next cycle. The window's memory is written now, so that no cycle has to
+        wait for its pages."""
+        n = self._filed.n
+        self._records, self._owes = True, False
+        self._steps = self._windows(
+            np.full((self._cycles, len(CHANNELS), n), 0, np.int16),
+            np.full((self._cycles, n), 0, np.uint16),
+        )
+
+    def _windows(self, counts: np.ndarray, status: np.ndarray) -> Iterator[int]:
         """One step a cycle, until nothing is left to be taken; yields how many cycles after the
-        next one need no step."""
+        next one need no step. The window is recorded into `counts`, shape (t, c, n), and `status`,
+        shape (t, n)."""
         while self._pending.any() or self._saved is not None:
-            n = self._filed.n
-            counts = np.empty((self._cycles, len(CHANNELS), n), np.int16)
-            status = np.empty((self._cycles, n), np.uint16)
-            ambient, followed = self._decoder.ambient, np.zeros((3, n))
+            ambient, followed = self._decoder.ambient, np.zeros((3, self._filed.n))
             for t in range(self._cycles):
                 if self._last is not None:
                     counts[t], status[t] = self._last
                 if ambient is not None:
                     followed += ambient.field_at_chips_ut / self._cycles
+                self._records = t + 1 < self._cycles
                 yield 0
             if self._saved is not None:
                 self._take_up(self._saved, counts, status)
+                self._records = True
+                if self._pending.any():
+                    yield 0
                 continue
             readings = Readings(
                 self._decoder.topology, counts, status, self._rest_ut,
@@ -177,7 +208,7 @@ class Zeros:
                     yield 0
             yield from self._tare(readings, looks, followed)
             if self._pending.any():
-                del counts, status, readings
+                self._records = True
                 yield self._wait - 1
                 self._wait = min(2 * self._wait, self._longest)
 
@@ -190,7 +221,7 @@ class Zeros:
         pressed = np.zeros(topology.n, bool)
         pressed[[i for i, look in looks.items() if look.is_pressed]] = True
         if pressed.any():
-            for unit, other in _beside(topology, pressed):
+            for unit, other in self._beside(pressed):
                 if unit in looks:
                     fault = f"must have nothing pressed near it; got {names[other]}"
                     faults.setdefault(unit, fault)
@@ -216,6 +247,12 @@ class Zeros:
         self._apply(Tare(topology, taken, *zeros, self._rest_ut))
         self.taken += [names[i] for i in np.flatnonzero(taken)]
         self.refused = refused  # with those that were taken, for whoever looks between cycles
+
+    def _beside(self, pressed: np.ndarray) -> list[tuple[int, int]]:
+        """Units near pressed ones, each with one that is."""
+        one, other = self._near
+        pairs = np.concatenate([np.stack([one, other]), np.stack([other, one])], axis=1)
+        return [(int(a), int(b)) for a, b in pairs[:, pressed[pairs[1]]].T]
 
     def _apply(self, found: Tare) -> None:
         """Let the decoder have new zeros."""
@@ -314,7 +351,8 @@ class Zeros:
                     f"got {got.dtype}, {got.shape}"
                 )
         self._saved = self._before = found
-        self._steps = self._steps or self._windows()
+        if self._steps is None:
+            self._begin()
 
     def _take_up(
         self, saved: dict[str, np.ndarray], counts: np.ndarray, status: np.ndarray
@@ -384,10 +422,3 @@ class Zeros:
         gel = gel_temperature(p, share)
         chip = np.where(topology.wired[CHIP], values[CHIP], np.nan)
         return np.where(topology.wired[GEL], gel, chip)
-
-
-def _beside(topology: Topology, pressed: np.ndarray) -> list[tuple[int, int]]:
-    """Units near pressed ones, each with one that is."""
-    one, other = near(topology, NEAR_M)
-    pairs = np.concatenate([np.stack([one, other]), np.stack([other, one])], axis=1)
-    return [(int(a), int(b)) for a, b in pairs[:, pressed[pairs[1]]].T]

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numba import njit
+from numba import njit, typeof
 
 from bus.compiled import aligned
-from bus.compiled.bound import Bound
+from bus.compiled.bound import Bound, _kind
 from bus.compiled.chained import address, addresses, call
 
 
@@ -219,3 +219,27 @@ def test_a_kernel_that_is_no_longer_held_elsewhere_is_kept():
     calls = [made(factor) for factor in range(20)]
     gc.collect()
     assert [call() for call in calls] == [2.0 * factor for factor in range(20)]
+
+
+class Pair(NamedTuple):
+    one: np.ndarray
+    number: int
+
+
+RECORDS = np.zeros(4, [("x", np.float32), ("k", np.int64)])
+READ_ONLY = np.zeros((3, 4))
+READ_ONLY.flags.writeable = False
+
+
+@pytest.mark.parametrize(
+    "argument",
+    [
+        1, -(1 << 63), 1 << 63, True, 1.0, float("nan"), None, np.float32(1.0), np.int64(1),
+        np.zeros(3), np.zeros(3, np.float32), np.zeros((3, 4)), np.zeros((3, 4)).T,
+        np.zeros((3, 4))[:, ::2], READ_ONLY, RECORDS, RECORDS["k"], RECORDS[::2],
+        (1, 2.0), (np.zeros(3), (None, RECORDS)), Pair(np.zeros(3), 1), Pair(RECORDS, 1 << 63),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_a_type_that_is_kept_is_the_one_that_numba_finds(argument):
+    assert _kind(argument) == _kind(argument) == typeof(argument)
