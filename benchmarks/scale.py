@@ -143,13 +143,13 @@ def run(quick: bool) -> dict[str, Any]:
                     for way in WAYS[: 1 if quick else None]
                 },
             }
-    rows = [row for name in SKINS for row in cases[name]["ways"].values()]
+    rows = [cases[name]["ways"]["sockets"] for name in SKINS]
     periods, judged = (sum(row[key] for row in rows) for key in ("periods", "judged"))
     return {
         "pinned": processors is not None,
         "lost_frames": sum(row["lost"] for row in rows),
         "not_judged_share": 1.0 - judged / periods,
-        "late": rate(sum(row["late_periods"] for row in rows), judged),
+        "late": _rate(sum(row["late_periods"] for row in rows), judged),
         "target_cpu_share": TARGET_SHARE,
         "published": PUBLISHED,
         "cases": cases,
@@ -161,53 +161,54 @@ def table(figures: dict[str, Any]) -> str:
     lines = [
         "host and units have a processor each"
         if figures["pinned"]
-        else "host and units share processors, so that they delay each other: these figures do not "
+        else "host and units share a processor: they delay each other, and these figures do not "
         "tell what the host does alone",
         f"{'units':>6}{'buses':>6}{'Hz':>6}{'frames/s':>9} {'way':<9}{'judged':>7}{'of':>7}"
         f"{'lost':>6}{'late':>6}{'95 % interval':>18}{'cpu %':>6}"
         f"{'SYNC to contact ms p50':>23}{'p99':>7}{'p99.9':>7}{'max':>7}"
         f"{'after last frame ms p50':>24}{'p99':>7}{'p99.9':>7}{'max':>7}{'work us p50':>12}",
     ]
-    tails = [
-        f"{'units':>6} {'way':<9}{'cycles':<16}" + "".join(f"{c:>12}" for c in (*CAUSES, "none"))
-    ]
+    named = (*CAUSES, "none")
+    tails = [f"{'units':>6} {'way':<9}{'cycles':<16}" + "".join(f"{c:>11}" for c in named)]
     for case in figures["cases"].values():
         for way, row in case["ways"].items():
             late = row["late"]
-            ends = f"{late['lower']:.2%} to {late['upper']:.2%}" if late else ""
+            ends = f"{_text(late['lower'], '.2%')} to {_text(late['upper'], '.2%')}"
             lines.append(
                 f"{case['units']:>6}{case['buses']:>6}{case['rate_hz']:>6.0f}"
                 f"{case['frames_per_s']:>9.0f} {way:<9}{row['judged']:>7}{row['periods']:>7}"
                 f"{row['lost']:>6}{row['late_periods']:>6}{ends:>18}{100 * row['cpu_share']:>6.1f}"
-                + _spread_text(row["latency_ms"], 23)
-                + _spread_text(row["after_last_ms"], 24)
-                + f"{row['work_us']['p50']:>12.0f}"
+                + _texts(row["latency_ms"], 23)
+                + _texts(row["after_last_ms"], 24)
+                + f"{_text(row['work_us']['p50'], '.0f'):>12}"
             )
             tails += [
                 f"{case['units']:>6} {way:<9}{name:<9}{tail['cycles']:>6} "
-                + "".join(f"{tail[cause]:>12}" for cause in (*CAUSES, "none"))
+                + "".join(f"{tail[cause]:>11}" for cause in named)
                 for name, tail in row["tail"].items()
             ]
-    late = figures["late"] or {"rate": np.nan, "lower": np.nan, "upper": np.nan}
+    late = figures["late"]
     share = figures["cases"]["1260"]["ways"]["sockets"]["cpu_share"]
     return "\n".join([
         *lines,
         "what was in the cycles beyond p99, beyond p99.9, and in all others:",
         *tails,
-        f"at {RATE_HZ:g} Hz: {figures['lost_frames']} frames lost (target 0); late: "
-        f"{late['rate']:.2%} ({late['lower']:.2%} to {late['upper']:.2%}) of the periods that are "
-        f"judged; not judged, as units sent late: {figures['not_judged_share']:.1%}; 1260 units: "
-        f"{share:.0%} of a core (target {figures['target_cpu_share']:.0%})",
+        f"sockets at {RATE_HZ:g} Hz: {figures['lost_frames']} frames lost (target 0); late: "
+        f"{_text(late['rate'], '.2%')} ({_text(late['lower'], '.2%')} to "
+        f"{_text(late['upper'], '.2%')}) of judged periods; not judged, as units sent late: "
+        f"{figures['not_judged_share']:.1%}; 1260 units: {share:.0%} of a core (target "
+        f"{figures['target_cpu_share']:.0%})",
         f"published: {figures['published']}",
     ])  # fmt: skip
 
 
-def _spread_text(spread: dict[str, float] | None, width: int) -> str:
-    if spread is None:
-        return f"{'-':>{width}}" + 3 * f"{'-':>7}"
-    return f"{spread['p50']:>{width}.2f}" + "".join(
-        f"{spread[key]:>7.2f}" for key in ("p99", "p999", "max")
-    )
+def _texts(spread: dict[str, float | None], width: int) -> str:
+    p50, *others = (_text(spread[key], ".2f") for key in ("p50", "p99", "p999", "max"))
+    return f"{p50:>{width}}" + "".join(f"{other:>7}" for other in others)
+
+
+def _text(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
 
 
 def measure(
@@ -238,7 +239,6 @@ def measure(
             played = told.recv()
     period_ns = 1e9 / skin.cycle_rate_hz
     found = judge(seen, played, len(skin.frames), period_ns, frame_ns(skin))
-    work_us = 1e-3 * seen["work_ns"][found.states]
     spells = np.diff(found.late.astype(int), prepend=0) > 0
     return {
         "cycles": cycles,
@@ -246,7 +246,7 @@ def measure(
         "judged": int(found.judged.sum()),
         "not_judged_share": 1.0 - float(found.judged.mean()),
         "late_periods": int(found.late.sum()),
-        "late": rate(int(found.late.sum()), int(found.judged.sum())),
+        "late": _rate(int(found.late.sum()), int(found.judged.sum())),
         "spells": int(spells.sum()),
         "left_out": found.judged.size - cycles,
         "lost": int(found.lost.sum()),
@@ -254,7 +254,7 @@ def measure(
         "cpu_share": cpu_ns / (cycles * period_ns),
         "latency_ms": _spread(1e-6 * found.latency_ns[found.states]),
         "after_last_ms": _spread(1e-6 * found.after_last_ns[found.states]),
-        "work_us": _spread(work_us),
+        "work_us": _spread(1e-3 * seen["work_ns"][found.states]),
         "tail": tail(seen, found),
     }
 
@@ -390,9 +390,13 @@ class _Totals(logging.Handler):
         os.close(self._waits)
 
 
-def _spread(values: np.ndarray) -> dict[str, float] | None:
+def _rate(hits: int, trials: int) -> dict[str, Any]:
+    return rate(hits, trials) or dict.fromkeys(("rate", "lower", "upper")) | {"trials": 0}
+
+
+def _spread(values: np.ndarray) -> dict[str, float | None]:
     if not values.size:
-        return None
+        return dict.fromkeys(("p50", "p99", "p999", "max"))
     p50, p99, p999 = (float(np.percentile(values, share)) for share in (50.0, 99.0, 99.9))
     return {"p50": p50, "p99": p99, "p999": p999, "max": float(values.max())}
 
