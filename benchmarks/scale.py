@@ -21,7 +21,10 @@ without all units, or whose state came after the next SYNC was due; the interval
 independent, but late ones come in spells, and so it is too narrow where `spells` are fewer. `lost`:
 frames whose temperatures no state shows (neither counters nor flags of the receiver are asked);
 those of a period that was left out are lost as well. `cpu_share`: user and system time of the
-receiving process for a cycle, over the period: cycles left out make it no smaller.
+receiving process for a cycle, over the period: cycles left out make it no smaller. `undisturbed`
+has the times of those judged cycles in which the loop's thread neither waited for its processor nor
+was switched off it, by the kernel's count: on a busy machine these alone are the host's own, if a
+little too short, since a long cycle is more easily disturbed.
 
 **Tail.** Of the cycles beyond p99 and p99.9 and of all others, how many had in them, from one state
 to the next: a run of the garbage collector, a page fault, a log record, a switch to another process
@@ -83,6 +86,8 @@ PUBLISHED = (
     "(Bergner, Dean-Leon, Guadarrama-Olvera, Cheng: Evaluation of a large scale event driven "
     "robot skin, IEEE Robotics and Automation Letters 4 (2019))"
 )
+WAIT_NS = 50_000
+"""Time that a wake-up may take of an idle processor [derived: the kernel's timer slack]."""
 SEEN = np.dtype(
     [
         ("cycle", np.int64),
@@ -168,7 +173,7 @@ def table(figures: dict[str, Any]) -> str:
         f"{'SYNC to contact ms p50':>23}{'p99':>7}{'p99.9':>7}{'max':>7}"
         f"{'after last frame ms p50':>24}{'p99':>7}{'p99.9':>7}{'max':>7}{'work us p50':>12}",
     ]
-    named = (*CAUSES, "none")
+    named, quiet = (*CAUSES, "none"), []
     tails = [f"{'units':>6} {'way':<9}{'cycles':<16}" + "".join(f"{c:>11}" for c in named)]
     for case in figures["cases"].values():
         for way, row in case["ways"].items():
@@ -182,6 +187,12 @@ def table(figures: dict[str, Any]) -> str:
                 + _texts(row["after_last_ms"], 24)
                 + f"{_text(row['work_us']['p50'], '.0f'):>12}"
             )
+            alone = row["undisturbed"]
+            quiet.append(
+                f"{case['units']:>6} {way:<9}{alone['cycles']:>6} of {row['judged']:<6}"
+                + _texts(alone["latency_ms"], 23)
+                + _texts(alone["after_last_ms"], 24)
+            )
             tails += [
                 f"{case['units']:>6} {way:<9}{name:<9}{tail['cycles']:>6} "
                 + "".join(f"{tail[cause]:>11}" for cause in named)
@@ -191,6 +202,8 @@ def table(figures: dict[str, Any]) -> str:
     share = figures["cases"]["1260"]["ways"]["sockets"]["cpu_share"]
     return "\n".join([
         *lines,
+        "the same times of the judged cycles in which no other process had the host's processor:",
+        *quiet,
         "what was in the cycles beyond p99, beyond p99.9, and in all others:",
         *tails,
         f"sockets at {RATE_HZ:g} Hz: {figures['lost_frames']} frames lost (target 0); late: "
@@ -239,6 +252,7 @@ def measure(
             played = told.recv()
     period_ns = 1e9 / skin.cycle_rate_hz
     found = judge(seen, played, len(skin.frames), period_ns, frame_ns(skin))
+    alone = found.states & undisturbed(seen)
     spells = np.diff(found.late.astype(int), prepend=0) > 0
     return {
         "cycles": cycles,
@@ -255,6 +269,11 @@ def measure(
         "latency_ms": _spread(1e-6 * found.latency_ns[found.states]),
         "after_last_ms": _spread(1e-6 * found.after_last_ns[found.states]),
         "work_us": _spread(1e-3 * seen["work_ns"][found.states]),
+        "undisturbed": {
+            "cycles": int(alone.sum()),
+            "latency_ms": _spread(1e-6 * found.latency_ns[alone]),
+            "after_last_ms": _spread(1e-6 * found.after_last_ns[alone]),
+        },
         "tail": tail(seen, found),
     }
 
@@ -294,6 +313,12 @@ def judge(
         seen["at_ns"] - played["left_ns"][number],
         judged[of_state],
     )
+
+
+def undisturbed(seen: np.ndarray) -> np.ndarray:
+    """Cycles in which no other process had the host's processor, shape (k,), bool."""
+    waited, switched = (np.diff(seen[name]) for name in ("wait", "switch"))
+    return np.append(False, (waited < WAIT_NS) & (switched == 0))
 
 
 def tail(seen: np.ndarray, found: Judged) -> dict[str, dict[str, int]]:

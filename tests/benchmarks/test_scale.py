@@ -158,6 +158,14 @@ def test_the_tail_says_what_was_in_it(good):
     assert found["others"]["log"] == 1
 
 
+def test_cycles_that_others_disturbed_are_told_by_the_kernel(good):
+    seen, _ = good
+    seen["wait"][3:] += scale.WAIT_NS
+    seen["wait"][5:] += scale.WAIT_NS - 1
+    seen["switch"][7:] += 1
+    assert np.flatnonzero(~scale.undisturbed(seen)).tolist() == [0, 3, 7]
+
+
 def test_totals_count_collections_faults_and_log_records():
     with scale._Totals() as totals:
         before = totals()
@@ -228,6 +236,7 @@ def test_table_shows_every_row_and_what_others_publish(monkeypatch):
         "periods": 10, "judged": 8, "late_periods": 2, "late": scale.rate(2, 8), "lost": 1,
         "cpu_share": 0.25, "latency_ms": spread, "after_last_ms": dict.fromkeys(spread),
         "work_us": spread,
+        "undisturbed": {"cycles": 3, "latency_ms": spread, "after_last_ms": spread},
         "tail": {"p99": tail, "p99.9": tail, "others": tail},
     }  # fmt: skip
     monkeypatch.setattr(scale, "measure", lambda *_: row)
@@ -238,5 +247,5 @@ def test_table_shows_every_row_and_what_others_publish(monkeypatch):
     assert figures["late"]["trials"] == 32
     assert figures["not_judged_share"] == pytest.approx(0.2)
     text = scale.table(figures)
-    assert len(text.splitlines()) == 2 + 10 + 2 + 30 + 2
+    assert len(text.splitlines()) == 2 + 10 + 1 + 10 + 2 + 30 + 2
     assert "TUM" in text
