@@ -307,7 +307,9 @@ FIGURES = (
       for units in (64, 256, 1260, 1600)
       for key, words in (("latency_ms", "time from SYNC until the state with its contacts is in the user's hands"), ("after_last_ms", "time from the last frame of a cycle until the state with its contacts is in the user's hands"))
       for q, said in (("p50", "median"), ("p99", "99 %"), ("p999", "99.9 %"))),
-    *(Figure("scale", f"cases/{units}/ways/sockets/late/rate", f"share of periods left out, closed without all units, or whose state came after the next SYNC was due; {units} units at 250 Hz over sockets; periods alone in which the simulated sender was in time", kind="share")
+    *(Figure("scale", f"cases/{units}/ways/sockets/late/rate", f"share of periods left out, closed without all units, or whose state came after the next SYNC was due; {units} units at 250 Hz over sockets; periods alone in which the simulated sender was in time", trials=f"cases/{units}/ways/sockets/late/trials", kind="share")
+      for units in (64, 256, 1260, 1600)),
+    *(Figure("scale", f"cases/{units}/ways/sockets/left_out/rate", f"share of periods whose SYNC was not sent, as the state before them came a whole period late; {units} units at 250 Hz over sockets", trials=f"cases/{units}/ways/sockets/left_out/trials", kind="share")
       for units in (64, 256, 1260, 1600)),
     Figure("scale", "lost_frames", "frames whose values no state showed, of live skins of 64 to 1600 units at 250 Hz over sockets; frames of omitted cycles count as lost, those of cycles that the simulated sender sent late do not", "", "= 0", kind="count"),
     Figure("scale", "not_judged_share", "share of periods that the figures of `scale` leave out, because the simulated sender was late; 64 to 1600 units at 250 Hz", "", "", kind="share"),
@@ -498,8 +500,8 @@ class Sentence(NamedTuple):
 SENTENCES = (
     Sentence("One cycle, from counts to contacts with slip, takes {:.0f} µs for 64 units and {:.0f} µs for 1024 units (medians).",
              ("contact: live_us_p50_64", "contact: live_us_p50_1024")),
-    Sentence("1600 units on 18 buses at 250 Hz: contacts are in the user's hands {:.1f} ms after SYNC in the median and {:.1f} ms in 99.9 % of the cycles; {:.2%} of the periods are late or left out. 1260 units need {:.2f} of a core.",
-             ("scale: cases/1600/ways/sockets/latency_ms/p50", "scale: cases/1600/ways/sockets/latency_ms/p999", "scale: cases/1600/ways/sockets/late/rate", "scale: cases/1260/ways/sockets/cpu_share")),
+    Sentence("64 units at 250 Hz over sockets: contacts are in the user's hands {:.1f} ms after SYNC ({:.1f} ms in 99.9 % of the cycles). 1260 units on 14 buses: {:.1f} ms ({:.1f} ms), with {:.1%} of the periods left out and {:.2f} of a core.",
+             ("scale: cases/64/ways/sockets/latency_ms/p50", "scale: cases/64/ways/sockets/latency_ms/p999", "scale: cases/1260/ways/sockets/latency_ms/p50", "scale: cases/1260/ways/sockets/latency_ms/p999", "scale: cases/1260/ways/sockets/left_out/rate", "scale: cases/1260/ways/sockets/cpu_share")),
     Sentence("Recording adds {:.0f} µs to a cycle of 64 units; at 1 kHz, {:.0f} frames are missing in the recording.",
              ("record: record_us_p50", "record: lost_frames")),
     Sentence("`skin decode` turns a candump log into Parquet {:.0f} times as fast as a script with python-can, cantools and pyarrow; an hour of 64 units at 250 Hz takes {:.0f} s.",

@@ -268,7 +268,7 @@ def measure(
         "late_periods": int(found.late.sum()),
         "late": _rate(int(found.late.sum()), int(found.judged.sum())),
         "spells": int(spells.sum()),
-        "left_out": found.judged.size - cycles,
+        "left_out": rate(found.judged.size - cycles, found.judged.size),
         "lost": int(found.lost.sum()),
         "contacts": int(np.median(seen["contacts"])),
         "cpu_share": cpu_ns / (cycles * period_ns),
