@@ -288,6 +288,58 @@ def test_one_patch_goes_to_a_file_or_into_a_folder(tmp_path):
     assert calibration_files(skin, left) == {"left": tmp_path / "left.toml"}
 
 
+@pytest.mark.parametrize(
+    "text", ["format = 1\npatch = 'right'\n", "format = 1\npatch = 'left'\n[units.r9c9]\n"]
+)
+def test_a_file_of_other_units_is_refused_before_anything_is_measured(text, tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    (tmp_path / "other.toml").write_text(text)
+    with pytest.raises(FileExistsError, match="a calibration file of patch 'left'"):
+        calibration_files(skin, np.arange(5) < 3, tmp_path / "other.toml")
+
+
+def test_units_that_were_tared_are_named_in_the_file_next_to_those_of_before(tmp_path):
+    skin = pair(tmp_path, BEFORE.replace("bench = ", 'tared = ["r0c2"]\nbench = '))
+    left_out = ["left/r0c1", "left/r0c2"]
+    tare(skin, simulated(skin), leave_out=left_out).write(tmp_path / "out")
+    named = {file.stem: tomllib.loads(file.read_text())["tared"]
+             for file in (tmp_path / "out").iterdir()}  # fmt: skip
+    assert named == {"left": ["r0c0", "r0c2"], "right": ["r0c0", "r0c1"]}
+
+
+def test_a_tare_leaves_out_what_another_decoder_takes_off_for_neighbours():
+    skin = row_of(4)
+    found = tare(skin, simulated(skin))
+    rest_ut = np.arange(12.0).reshape(3, 4)
+    other = found.leaving_out(rest_ut)
+    np.testing.assert_array_equal(other.rest_ut, rest_ut)
+    np.testing.assert_allclose(other.offset_ut - found.offset_ut, found.rest_ut[:2] - rest_ut[:2])
+    np.testing.assert_allclose(other.axial_ut - found.axial_ut, found.rest_ut[2] - rest_ut[2])
+    back = other.leaving_out(found.rest_ut)
+    np.testing.assert_allclose(back.offset_ut, found.offset_ut)
+
+
+def test_zeros_are_applied_without_a_file_and_the_larger_sigma_of_the_field_is_kept():
+    skin = dataclasses.replace(calibrated(row_of(4)), tared=np.arange(4) == 1)
+    known_ut = np.array([30.0, 0.0, 0.0, 0.0])
+    skin = with_parameters(skin, field_sigma_ut=known_ut)
+    found = tare(skin, simulated(skin), leave_out=[skin.unit_names[1]])
+    sigma_ut = np.array([[1.0, 1.0, 2.0, 1.0], [4.0, 4.0, 1.0, 1.0]])
+    beyond_ut = np.array([[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]])
+    skin_then = dataclasses.replace(found, offset_sigma_ut=sigma_ut).applied(beyond_ut)
+    p, before = skin_then.parameters, skin.parameters
+    taken = np.array([True, False, True, True])
+    assert skin_then.tared.all(), "one was before"
+    assert p["field_sigma_ut"].tolist() == [30.0, 0.0, 2.0, 1.0]
+    new = {
+        "frequency_rest_hz": found.frequency_hz, "hall_offset_x_ut": found.offset_ut[0],
+        "hall_offset_y_ut": found.offset_ut[1], "tare_rest_x_ut": beyond_ut[0],
+        "tare_rest_y_ut": beyond_ut[1],
+    }  # fmt: skip
+    for name, value in new.items():
+        np.testing.assert_array_equal(p[name], np.where(taken, value, before[name]), name)
+
+
 def test_units_that_are_off_or_of_another_kind_keep_what_they_have():
     """Nor are they looked at: whatever they read is no fault."""
     skin = row_of(4)

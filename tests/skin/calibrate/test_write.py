@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import tomllib
 
 import numpy as np
 import pytest
 
 import topology
 from skin.calibrate.read import as_fit, read_calibration
-from skin.calibrate.write import parameter_values, write_calibration
+from skin.calibrate.write import OfUnits, parameter_values, write_calibration
 from skin.errors import CalibrationError, OptionError
 from skin.physics.least_squares import Fit
 from tests.fixtures.topology import write_topology
@@ -135,6 +136,15 @@ def test_a_file_is_as_readable_as_any_other(mask, tmp_path):
 def test_words_stand_in_the_file_as_they_are_written(tmp_path):
     write_calibration(tmp_path / "row.toml", "patch", {}, bench="Prüfstand, 25 °C")
     assert 'bench = "Prüfstand, 25 °C"\n' in (tmp_path / "row.toml").read_text(encoding="utf-8")
+
+
+def test_what_was_measured_of_units_stands_in_a_table_of_its_own(tmp_path):
+    measured = {"r0c1": {"force_rmse_n": 0.01, "cycles": 40}}
+    file = tmp_path / "row.toml"
+    write_calibration(file, "patch", {}, of_units=OfUnits({"r0c2", "r0c0"}, measured))
+    found = tomllib.loads(file.read_text())
+    assert found["measured"] == measured
+    assert found["tared"] == ["r0c0", "r0c2"]
 
 
 REFUSED = {
