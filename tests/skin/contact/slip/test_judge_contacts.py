@@ -222,3 +222,24 @@ def test_a_contact_that_slid_and_was_lifted_is_judged_anew():
     bench.read(load, bench.drag((0.0, 0.0)), sigma_mm=0.01)
     (record,) = bench.judge([{"id": 4, "members": range(5), "event": Event.RESUMED}], 0.01)
     assert record["slip"] < INCIPIENT
+
+
+def test_contacts_side_by_side_and_again_on_units_that_have_slid_know_nothing_of_each_other():
+    """By the slow algebra, cycle by cycle: the second begins where the first ends, and a new one
+    takes the place of one that slid and was lifted."""
+    rng = np.random.default_rng(61)
+    bench = Bench(flat_skin(12, rng), rng)
+    first, second = [0, 1, 4, 5], [2, 3, 6, 7, 10, 11]
+    load = rng.uniform(0.8, 1.6, 12)
+    seen = []
+    for t in range(140):
+        drag = bench.drag((0.02 * t, 0.0), units=first) + bench.drag((0.0, 0.012 * t), units=second)
+        lifted = 60 <= t < 64
+        drag[:, first] *= 0.0 if lifted else 1.0
+        bench.read(np.where(lifted & np.isin(np.arange(12), first), 0.0, load), drag, 0.35)
+        contacts = [{"id": 1 if t < 60 else 9, "members": first}, {"id": 2, "members": second}]
+        records = bench.judge(contacts[1:] if lifted else contacts, 0.01)
+        seen.append(tuple(int(record["slip"]) for record in records))
+    assert {SlipState.INCIPIENT, SlipState.GROSS} & {pair[0] for pair in seen[:60]}
+    assert {SlipState.INCIPIENT, SlipState.GROSS} & {pair[-1] for pair in seen}
+    assert seen[64][0] in (SlipState.UNKNOWN, SlipState.STICK)

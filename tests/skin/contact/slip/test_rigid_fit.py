@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 from skin.contact.model import posed_units
 from skin.contact.record import CONTACT
 from skin.contact.slip.data import SlipData, slip_arrays
-from skin.contact.slip.rigid_fit import _solve, contact_frame
+from skin.contact.slip.rigid_fit import _solve, contact_frame, design_motions
 from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
 
 
@@ -116,3 +117,21 @@ def test_units_in_a_row_and_all_at_one_place():
             (record,) = bench.judge([{"id": 4, "members": [2, 0, 3, 1]}], 0.02)
         assert np.linalg.norm(record["motion"]) > 0.5
         assert np.any(record["rotation"]) == (spread > 0.0)
+
+
+def test_distances_of_units_are_those_from_the_middle_in_sizes_of_the_contact():
+    rng = np.random.default_rng(8)
+    geometry = posed_units(*curved_skin(3, rng), 1e-4)
+    scratch = slip_arrays(SlipData.zeros(3)).scratch
+    fit, row, size = scratch.fit, scratch.row, 0.02
+    fit.centre[:], fit.axes[:] = 0.0, np.random.default_rng(9).standard_normal(fit.axes.shape)
+    fit.centre[:3] = rng.standard_normal(3)
+    for j in range(3):
+        _design(geometry.pose[j], fit, size, 6, row, j)
+        away = np.linalg.norm(geometry.pose[j]["position"] - fit.centre[:3]) / size
+        assert row.square_distance[j] == pytest.approx(away**2)
+
+
+@njit
+def _design(pose, fit, size, motions, row, j):
+    design_motions(pose, fit, size, motions, row, j)
