@@ -116,6 +116,7 @@ def test_wrong_use_is_refused(arguments, message, capsys, tmp_path, monkeypatch)
 
 
 JOB = """
+import signal
 import sys
 import time
 from pathlib import Path
@@ -124,6 +125,7 @@ from skin.io.bulk.job import Job
 from skin.io.bulk.run import run
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells let those behind ignore it
     folder, *logs = map(Path, sys.argv[1:])
     # it does not end by itself, however fast the machine is
     stay = lambda reports: time.sleep(3600.0)
