@@ -337,6 +337,7 @@ FIGURES = (
     Figure("cold", "warm_cpu_s", "CPU time to the first state of the palm with all kernels in the cache", "s"),
     Figure("bulk", "candump_ratio", "time of a script with python-can, cantools and pyarrow over that of `skin decode`; candump log of 64 units to Parquet, one core each", "", ">= 10"),
     Figure("bulk", "blf_ratio", "time of a script with python-can, cantools and pyarrow over that of `skin decode`; BLF log of 64 units to Parquet, one core each", "", ">= 20"),
+    Figure("bulk", "blf_force_ratio", "time of a script with python-can, cantools and pyarrow over that of `skin decode` for temperature and force alone; BLF log of 64 units to Parquet, one core each", "", ">= 18"),
     Figure("bulk", "mf4_ratio", "time of a script with asammdf, cantools and pyarrow over that of `skin decode`; MF4 log of 64 units to Parquet, one core each"),
     Figure("bulk", "candump_frames_per_s", "frames a second that `skin decode` reads from a candump log; one process, all cores allowed", "1/s"),
     Figure("bulk", "blf_frames_per_s", "frames a second that `skin decode` reads from a BLF log; one process, all cores allowed", "1/s"),
@@ -344,6 +345,7 @@ FIGURES = (
     Figure("bulk", "hour_s", "time to decode an hour of 64 units at 250 Hz with contacts and slip; one log, one process", "s", "<= 60"),
     Figure("bulk", "hour_cpu_s", "CPU time to decode an hour of 64 units at 250 Hz with contacts and slip, all threads together", "s"),
     Figure("bulk", "scaling", "speed of two processes over that of one; four logs"),
+    Figure("bulk", "scaling_rate", "speed of two processes over that of one, without their start; four logs", "", ">= 1.7"),
     Figure("bulk", "equal_to_live", "whether decoded tables equal the values of the live skin, each of them (1: yes)", "", ">= 1"),
     # numbers
     Figure("accuracy", "coverage_min", "share of errors within one sigma (0.683 if sigma is right), lowest cell of the stated range over all components, films as drawn and as made; the interval is that of one cell", "", ">= 0.66", "", "coverage_interval"),
