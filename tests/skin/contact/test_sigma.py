@@ -10,8 +10,10 @@ from scipy.stats import binom
 import tests.naive.contact as naive
 from skin.contact.common import LAW, Common
 from skin.contact.graph import neighbour_graph
-from skin.contact.record import Flag
+from skin.contact.model import SUMS
+from skin.contact.record import Flag, UnitKind
 from skin.contact.stream import ContactStream
+from skin.contact.wrench import add_missed
 
 PITCH, FACE = 0.012, 0.0105
 K_RAD_PER_MM, M0_UT = 0.55, 2500.0
@@ -260,3 +262,26 @@ def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span, most):
         stream.update(0.0 * force, 0.01, stamp_ns=stamp)
     assert len(hits) > 150
     assert 0.64 < np.mean(hits) < most, np.mean(hits)
+
+
+def test_light_loads_add_the_square_of_a_force_along_that_of_the_contact_at_their_place():
+    rng = np.random.default_rng(12)
+    sums = np.zeros(1, SUMS)
+    sums["light"], sums["load"] = 0.3, 2.0
+    sums["light_position"], sums["wrench"] = rng.standard_normal(3), rng.standard_normal(6)
+    sums["wrench_covariance"] = before = rng.standard_normal(21)
+    force = 0.3 / 2.0 * sums["wrench"][0, :3]
+    six = np.concatenate([force, np.cross(sums["light_position"][0], force / 0.3)])
+    add_missed(sums[0], np.zeros(6))
+    added = sums["wrench_covariance"][0] - before
+    np.testing.assert_allclose(added, np.outer(six, six)[np.triu_indices(6)], atol=1e-12)
+    assert sums["missed"][0] == pytest.approx(0.09)
+
+
+def test_units_above_the_gate_that_start_no_contact_are_out_of_contact_and_not_silent():
+    stream = stream_of(naive.grid(2, 2), naive.facing_down(4))
+    force, sigma = np.zeros((3, 4)), np.full((3, 4), 0.01)
+    force[2, 1] = 0.04  # above 3 sigma, below 5.5
+    stream.update(force, sigma, stamp_ns=1)
+    assert not stream.contacts
+    assert (stream.tracker.kind == UnitKind.OUT).all()
