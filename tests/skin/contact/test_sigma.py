@@ -285,3 +285,14 @@ def test_units_above_the_gate_that_start_no_contact_are_out_of_contact_and_not_s
     stream.update(force, sigma, stamp_ns=1)
     assert not stream.contacts
     assert (stream.tracker.kind == UnitKind.OUT).all()
+
+
+def test_each_contact_counts_the_light_loads_beside_it():
+    stream = stream_of(naive.grid(1, 9), naive.facing_down(9))
+    force, sigma = np.zeros((3, 9)), np.full((3, 9), 0.01)
+    force[2] = 0.02  # below 3 sigma
+    force[2, [1, 7]] = 1.0
+    stream.update(force, sigma, stamp_ns=1)
+    first, second = (contact.wrench_covariance[:3, :3] for contact in stream.contacts)
+    np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-15)
+    assert np.trace(first) > 3 * 0.01**2 + 0.03**2, "two light units beside each, 0.02 N each"
