@@ -91,8 +91,10 @@ class UnitRows(NamedTuple):
     residual: np.ndarray  # lag in sigmas, nuisances removed
     redundancy: np.ndarray  # fraction of its own lag that they leave
     predicted_lag: np.ndarray  # by a pattern of slip, in sigmas
-    moved_out: np.ndarray  # (2, length) of `moved`, due to motions out of the plane
+    now: np.ndarray  # (2, length) displacement predicted by the motion of the body
+    moved_out: np.ndarray  # (2, length) of `now`, due to motions out of the plane
     surprise: np.ndarray  # squared innovation of the reading
+    most: np.ndarray  # mm, bound of an innovation
     body_variance: np.ndarray  # mm², of the predicted displacement
     wander: np.ndarray  # variance of its slow noise over sigma squared
     step: np.ndarray  # squared change of `behind` since the last cycle
@@ -169,7 +171,7 @@ class SlipData(NamedTuple):
         )  # fmt: skip
 
 
-FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS, NOISES = 26, 13, 26 + 3 * NUISANCES, 14
+FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS, NOISES = 26, 13, 29 + 3 * NUISANCES, 14
 LAGS, READINGS, STEPS, SLOW, RECENT_STEPS = 0, 2, 4, 6, 8
 """Noise of all units: sums over sigma squared, each with its number of terms after it: squared
 lags, innovations, their changes from cycle to cycle (over `memory_s` and over `slow_s`), and what
@@ -203,11 +205,11 @@ def unit_filter(b):
 def slip_arrays(data: SlipData):
     """State and scratch of slip by name."""
     h, r, v = data.history, data.row, data.vectors
-    k = 26 + NUISANCES
+    k = 29 + NUISANCES
     row = UnitRows(
         r[0], r[1], r[2], r[3:5], r[5], r[6], r[7], r[8], r[9], r[10], r[11:13], r[13], r[14],
-        r[15], r[16], r[17], r[18], r[19:21], r[21], r[22], r[23], r[24], r[25],
-        (r[26:k], r[k : k + NUISANCES]), r[k + NUISANCES : k + 2 * NUISANCES],
+        r[15], r[16], r[17], r[18], r[19:21], r[21:23], r[23], r[24], r[25], r[26], r[27],
+        r[28], (r[29:k], r[k : k + NUISANCES]), r[k + NUISANCES : k + 2 * NUISANCES],
     )  # fmt: skip
     fit = BodyFit(v[0:3], v[3], v[4], data.equations, data.placement_equations, v[5], v[6])
     pattern = PatternScratch(data.prior, data.grid[0], data.grid[1])

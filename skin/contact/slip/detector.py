@@ -32,7 +32,7 @@ from skin.contact.slip.pattern_test import (
     detect_pattern,
     project_nuisances,
 )  # fmt: skip
-from skin.contact.slip.rigid_fit import contact_frame, fit_motion
+from skin.contact.slip.rigid_fit import contact_frame, fit_motion, move_units
 from skin.contact.slip.state_machine import (
     begin_contact,
     count_slipping,
@@ -69,9 +69,10 @@ def _test_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: S
     out_of_plane = 1.0
     if stuck:
         out_of_plane = fit_motion(length, motions, model, unit, row, fit)
-    share = lowpass_share(length, motions, stuck, dt_s, unit, row, fit.motion)
+    move_units(length, motions, row, fit.motion)
+    share = lowpass_share(length, motions, stuck, dt_s, unit, row)
     pace = Pace(share, dt_s, unlike_readings(scratch.noise))
-    predict(length, motions, pace, model, unit, row, fit.motion)
+    predict(length, pace, model, unit, row)
     alarm = alarm_odds(share, dt_s, model)
     tested, sticks, odds = 0, 1.0, 0.0
     if record["slip"] == SlipState.GROSS:

@@ -21,7 +21,7 @@ from skin.contact.slip.data import (
 )  # fmt: skip
 from skin.contact.slip.parameters import PARAMETERS, SETTLED
 
-__all__ = ["begin_cycle", "is_noisy", "learn_noise", "noise_ratio", "unlike_readings", "wander"]
+__all__ = ["begin_cycle", "is_noisy", "learn_noise", "unit_noise", "unlike_readings"]
 
 AT_MOST_RECENT = 0.5
 """[numeric] Largest weight of one cycle in the mean of a lag: with more, the lag would equal its
@@ -56,18 +56,19 @@ def unlike_readings(noise):
 
 
 @jitable(inline=True)
-def noise_ratio(noise, unit_sum, unit_count):
-    """Variance of the noise of a unit over sigma squared: derivations.md, equation 13."""
-    prior = PARAMETERS.unit_noise_prior
-    usual = max(1.0, (unit_sum + prior * noise[LAG_RATIO]) / (unit_count + prior))
-    return noise[GROWTH] * usual
-
-
-@jitable(inline=True)
-def wander(noise, unit_sum, unit_count):
-    """Variance of slow noise of a unit over sigma squared: derivations.md, equation 13a."""
-    prior = PARAMETERS.unit_noise_prior
-    return max(0.0, (unit_sum + prior * noise[WANDER]) / (unit_count + prior))
+def unit_noise(length, scratch: SlipScratch):
+    """Variance of the noise of each unit, and of its slow noise over sigma squared: derivations.md,
+    equations 13 and 13a."""
+    assume_noalias()
+    unit, row, noise = scratch.unit, scratch.row, scratch.noise
+    prior, growth = PARAMETERS.unit_noise_prior, noise[GROWTH]
+    lags, slow = prior * noise[LAG_RATIO], prior * noise[WANDER]
+    for j in range(length):
+        share = 1.0 / (unit.noise_count[j] + prior)
+        ratio = growth * max(1.0, (unit.noise_sum[j] + lags) * share)
+        unit.noise_ratio[j] = ratio
+        row.noise[j] = row.reported[j] * ratio
+        row.wander[j] = max(0.0, (unit.slow_sum[j] + slow) * share)
 
 
 @jitable(inline=True)

@@ -185,7 +185,10 @@ def _odds(length, nuisances, softness, load, model: SlipModel, row: UnitRows, gr
     evidence, slipping = grid.evidence, grid.slipping
     most, much, little = 0.0, 0, 0
     for k in range(PATTERNS):
-        evidence[k], slipping[k] = _explain(FRICTIONS[k], length, nuisances, softness, load, row)
+        friction = FRICTIONS[k]
+        evidence[k], slipping[k] = 0.0, 0.0
+        if k == 0 or slipping[k - 1] > 0.0:  # else nothing slips at a greater friction either
+            evidence[k], slipping[k] = _explain(friction, length, nuisances, softness, load, row)
         most = max(most, evidence[k])
         much += 1.0 - slipping[k] < model.incipient_ratio
         little += slipping[k] > 0.0 and 1.0 - slipping[k] >= model.incipient_ratio

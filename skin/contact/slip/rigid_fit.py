@@ -9,7 +9,7 @@ from bus.compiled.jit import jitable
 from skin.contact.slip.data import MOTIONS, PLANE, BodyFit, UnitFilter, UnitRows
 from skin.contact.slip.parameters import SlipModel
 
-__all__ = ["contact_frame", "design_motions", "fit_motion"]
+__all__ = ["contact_frame", "design_motions", "fit_motion", "move_units"]
 
 RANK = 1e-9
 """[numeric] Fraction of a pivot below which a motion depends on those before it."""
@@ -86,6 +86,23 @@ def fit_motion(length, motions, model: SlipModel, unit: UnitFilter, row: UnitRow
     _solve(equations, motions, fit.motion)
     _body_variance(length, motions, equations, row)
     return np.sqrt(variance)
+
+
+@jitable(inline=True)
+def move_units(length, motions, row: UnitRows, motion):
+    """Displacement of each unit by the motion of the body, and its part out of the plane."""
+    assume_noalias()
+    for c in range(2):
+        now, out, design = row.now[c], row.moved_out[c], row.design[c]
+        out[:length] = 0.0
+        for a in range(PLANE, motions):
+            for j in range(length):
+                out[j] += design[a, j] * motion[a]
+        for j in range(length):
+            now[j] = out[j]
+        for a in range(min(motions, PLANE)):
+            for j in range(length):
+                now[j] += design[a, j] * motion[a]
 
 
 @jitable(inline=True)

@@ -9,8 +9,8 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.record import UnitSlip
-from skin.contact.slip.data import LANES, PLANE, SlipArrays, SlipScratch, UnitFilter, UnitRows
-from skin.contact.slip.noise import noise_ratio, wander
+from skin.contact.slip.data import LANES, SlipArrays, SlipScratch, UnitFilter, UnitRows
+from skin.contact.slip.noise import unit_noise
 from skin.contact.slip.parameters import PARAMETERS, SETTLED, SlipModel
 from skin.contact.slip.rigid_fit import design_motions
 
@@ -58,12 +58,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         row.displacement[0, j] = displacement[0, i]
         row.displacement[1, j] = displacement[1, i]
         reported = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
-        reported = max(reported, LEAST_SIGMA_MM**2)
-        row.reported[j] = reported
-        ratio = noise_ratio(scratch.noise, unit.noise_sum[j], unit.noise_count[j])
-        unit.noise_ratio[j] = ratio
-        row.noise[j] = reported * ratio
-        row.wander[j] = wander(scratch.noise, unit.slow_sum[j], unit.noise_count[j])
+        row.reported[j] = max(reported, LEAST_SIGMA_MM**2)
         row.load[j] = reading.force[2, i]
         depth = np.float64(displacement[2, i])
         if new:
@@ -72,7 +67,9 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
             history.slid_variance[i], history.borne[i] = 0.0, 0.0
         row.deeper[j] = depth - unit.anchor_depth[j]
         design_motions(geometry.pose[i], scratch.fit, size, motions, row, j)
-    return _pad(count, scratch), stuck, known
+    length = _pad(count, scratch)
+    unit_noise(length, scratch)
+    return length, stuck, known
 
 
 @jitable(inline=True)
@@ -96,7 +93,6 @@ def _pad(count, scratch: SlipScratch):
             for j in range(count, length):
                 rows[k, j] = 0.0
     for j in range(count, length):
-        scratch.row.noise[j] = 1.0
         scratch.row.reported[j] = 1.0
         scratch.unit.gain_information[j] = 1.0
     return length
@@ -134,16 +130,13 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
 
 
 @jitable(inline=True)
-def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows, motion):
+def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows):
     """Gain of the low-pass of lags in this cycle: derivations.md, equation 5."""
     assume_noalias()
     square, total, noise = 0.0, 0.0, 0.0
-    slow_x, slow_y, design = unit.moved_slow[0], unit.moved_slow[1], row.design
     for j in range(length):
-        ahead_x, ahead_y = -slow_x[j], -slow_y[j]
-        for a in range(motions):
-            ahead_x += design[0][a, j] * motion[a]
-            ahead_y += design[1][a, j] * motion[a]
+        ahead_x = row.now[0, j] - unit.moved_slow[0, j]
+        ahead_y = row.now[1, j] - unit.moved_slow[1, j]
         heavy = row.held[j] * row.load[j]
         total += heavy
         square += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)
@@ -167,8 +160,8 @@ class Pace(NamedTuple):
 
 
 @jitable(inline=True)
-def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row: UnitRows, motion):
-    """Predicted displacement of each unit, and its lag: equations 6 to 9."""
+def predict(length, pace: Pace, model: SlipModel, unit: UnitFilter, row: UnitRows):
+    """Lag of each unit behind its predicted displacement: equations 6 to 9."""
     assume_noalias()
     share, unlike = pace.share, pace.unlike
     prior, floor = 1.0 / model.gain_error**2, model.floor_mm**2
@@ -177,18 +170,15 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
         unit.gain_information[j] += row.new[j] * (prior - unit.gain_information[j])
         row.surprise[j] = 0.0
         row.step[j] = 0.0
+        spread = max(row.noise[j], unlike * row.reported[j]) + unit.lag_variance[j] + floor
+        row.most[j] = PARAMETERS.outlier_sigmas * np.sqrt(spread)
     for c in range(2):
         moved, lag, anchor = unit.moved[c], unit.lag[c], unit.anchor[c]
-        here, followed, design = row.displacement[c], unit.followed[c], row.design[c]
+        here, followed, predicted = row.displacement[c], unit.followed[c], row.now[c]
         slow, mean, last = unit.moved_slow[c], unit.lag_mean[c], unit.behind[c]
         out, out_now = unit.followed_out[c], row.moved_out[c]
         for j in range(length):
-            now = 0.0
-            for a in range(PLANE, motions):
-                now += design[a, j] * motion[a]
-            out_now[j] = now
-            for a in range(min(motions, PLANE)):
-                now += design[a, j] * motion[a]
+            now = predicted[j]
             # From another contact that became part of this one: the same lag, another motion.
             joined, new = row.joined[j], row.new[j]
             anchor[j] += joined * (moved[j] - now)
@@ -205,8 +195,7 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
             step = behind - last[j]
             row.step[j] += step * step
             last[j] = behind
-            spread = max(row.noise[j], unlike * row.reported[j]) + unit.lag_variance[j] + floor
-            most = PARAMETERS.outlier_sigmas * np.sqrt(spread)
+            most = row.most[j]
             lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
             mean[j] *= 1.0 - new
             moved[j] = now

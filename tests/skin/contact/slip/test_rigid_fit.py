@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from skin.contact.model import posed_units
 from skin.contact.record import CONTACT
 from skin.contact.slip.data import SlipData, slip_arrays
-from skin.contact.slip.rigid_fit import _solve, contact_frame, design_motions
+from skin.contact.slip.rigid_fit import _solve, contact_frame, design_motions, move_units
 from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
 
 
@@ -130,6 +130,24 @@ def test_distances_of_units_are_those_from_the_middle_in_sizes_of_the_contact():
         _design(geometry.pose[j], fit, size, 6, row, j)
         away = np.linalg.norm(geometry.pose[j]["position"] - fit.centre[:3]) / size
         assert row.square_distance[j] == pytest.approx(away**2)
+
+
+@pytest.mark.parametrize("motions", [2, 3, 6])
+def test_units_move_by_all_motions_of_the_body_and_out_of_the_plane_by_those_after_the_third(
+    motions,
+):
+    rng = np.random.default_rng(10)
+    row = slip_arrays(SlipData.zeros(8)).scratch.row
+    motion = rng.standard_normal(6)
+    for rows in (row.now, row.moved_out, *row.design):
+        rows[:] = rng.standard_normal(rows.shape)
+    untouched = row.now[:, 8:].copy()
+    move_units(8, motions, row, motion)
+    for c in range(2):
+        moved = row.design[c][:motions, :8] * motion[:motions, np.newaxis]
+        np.testing.assert_allclose(row.now[c, :8], moved.sum(axis=0))
+        np.testing.assert_allclose(row.moved_out[c, :8], moved[3:].sum(axis=0))
+    np.testing.assert_array_equal(row.now[:, 8:], untouched)
 
 
 @njit

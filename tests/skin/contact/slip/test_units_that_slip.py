@@ -64,15 +64,14 @@ def test_lags_of_a_fast_body_follow_fast_be_it_light_or_heavy(load):
     scratch = slip_arrays(SlipData.zeros(8)).scratch
     unit, row = scratch.unit, scratch.row
     row.held[:3], row.load[:3], row.noise[:] = 1.0, load * np.array([1.0, 2.0, 3.0]), 0.01
-    row.design[0][0], row.design[1][1] = 1.0, 1.0
+    row.now[:] = [[1.0], [-0.5]]
     unit.moved_slow[:, :3] = [[0.1, 0.2, 0.3], [0.0, -0.1, 0.1]]
     ahead = np.array([[1.0], [-0.5]]) - unit.moved_slow[:, :3]
     far = np.sqrt(np.average((ahead**2).sum(axis=0), weights=[1, 2, 3]) - 0.01 * 2.0 / 3.0)
-    motion = np.array([1.0, -0.5])
-    share = lowpass_share(8, 2, 3, 0.004, unit, row, motion)
+    share = lowpass_share(8, 2, 3, 0.004, unit, row)
     assert share == pytest.approx(1.0 - 3.0 * np.sqrt(0.01) / far)
     row.held[:] = 0.0
-    assert lowpass_share(8, 2, 0, 0.004, unit, row, motion) == pytest.approx(1 - np.exp(-0.125))
+    assert lowpass_share(8, 2, 0, 0.004, unit, row) == pytest.approx(1 - np.exp(-0.125))
 
 
 @pytest.mark.parametrize("count", [7, 8, 9, 15])
