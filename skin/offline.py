@@ -134,8 +134,7 @@ class DecodedLog(Attachable):
     ) -> Iterator[Block]:
         """The same states, once, as arrays of many cycles: every number is the same to the bit.
 
-        Memory is bounded for a log of any length. Cycles go one by one where
-        "shocks" are wanted, which is the default: name the quantities that you want.
+        Memory is bounded for a log of any length.
 
         Parameters
         ----------

@@ -27,22 +27,22 @@ UNTRACKED = "contacts beyond the capacity"
 class Gather:
     """Fills blocks with the states of one pipeline.
 
-        Parameters
-        ----------
-        pipeline : Pipeline
-        most : int, optional
-            Cycles of a block at most.
-    Maximum cycles of a block.
-        Attributes
-        ----------
-        count, contact_count : int
-            Cycles and contacts in the current block.
-        most_contacts : int
-            Of one cycle.
-        sources : dict of str to ndarray
-            Arrays that are copied each cycle; they stay the same.
-        rows : dict of str to ndarray
-            Their destinations, with a leading axis of cycles.
+    Parameters
+    ----------
+    pipeline : Pipeline
+    most : int, optional
+        Maximum cycles of a block.
+
+    Attributes
+    ----------
+    count, contact_count : int
+        Cycles and contacts in the current block.
+    most_contacts : int
+        Of one cycle.
+    sources : dict of str to ndarray
+        Arrays that are copied each cycle; they stay the same.
+    rows : dict of str to ndarray
+        Their destinations, with a leading axis of cycles.
     """
 
     def __init__(self, pipeline: Pipeline, most: int | None = None) -> None:

@@ -34,16 +34,10 @@ class Stride:
         self._pipeline = pipeline
         self._progress = np.zeros(1, PROGRESS)
 
-    @staticmethod
-    def fits(pipeline: Pipeline) -> bool:
-        """Whether no cycle of this pipeline needs Python."""
-        contacts = pipeline.contacts
-        return not pipeline.watched and (contacts is None or contacts.shocks is None)
-
     def ready(self) -> int:
         """Cycles to come that do not need Python; 0: the next one does."""
         pipeline = self._pipeline
-        if not self.fits(pipeline) or pipeline.cycle.stage is None:
+        if pipeline.watched or pipeline.cycle.stage is None:
             return 0
         zeros = pipeline.zeros
         return zeros.idle if zeros is not None and zeros.active else 1 << 40

@@ -12,6 +12,7 @@ import numpy as np
 
 from skin.contact.common import Common, no_common
 from skin.contact.record import CONTACT, UNTOUCHED
+from skin.contact.shock import ShockData, shock_data
 from skin.contact.slip.data import SlipData
 from skin.contact.slip.parameters import SlipModel, SlipSettings
 from skin.errors import SkinError
@@ -152,11 +153,12 @@ class Geometry(NamedTuple):
 
 
 class Wants(NamedTuple):
-    """Wanted results beyond identities; each needs the one before."""
+    """Wanted results beyond identities; of the first three each needs the one before."""
 
     total: bool
     each: bool
     slip: bool
+    shocks: bool = False  # needs `each`
 
 
 class ContactModel(NamedTuple):
@@ -257,6 +259,7 @@ class ContactData(NamedTuple):
     untouched: np.ndarray  # (1,), CONTACT: the total where nothing touches
     common: Common
     slip: SlipData
+    shocks: ShockData
 
 
 def posed_units(position: np.ndarray, rotation: np.ndarray, area: np.ndarray | float) -> Geometry:
@@ -323,8 +326,9 @@ def no_readings(n: int, dtype: np.dtype | type) -> Readings:
 
 
 def contact_data(
-    reading: Readings, capacity: int, edges: int, *, detects_slip: bool = False
-) -> ContactData:
+    reading: Readings, capacity: int, edges: int, *, detects_slip: bool = False,
+    rate_hz: float = 250.0,
+) -> ContactData:  # fmt: skip
     """Arrays for so many contacts on a graph with so many edges, with those of slip if it
     `detects_slip`."""
     n, slots = reading.valid.size, 2 * capacity
@@ -359,4 +363,5 @@ def contact_data(
         UNTOUCHED.copy(),
         no_common(reading.force.dtype),
         SlipData.zeros(n if detects_slip else 0),
+        shock_data(slots, rate_hz),
     )

@@ -1,10 +1,11 @@
-"""One compiled call a cycle: finds and describes contacts, and detects slip."""
+"""One compiled call a cycle: finds and describes contacts, detects slip, and follows shocks."""
 
 from __future__ import annotations
 
 from bus.compiled.jit import compiled
 from skin.contact.describe import describe_python
 from skin.contact.record import OPEN
+from skin.contact.shock import follow_shocks
 from skin.contact.slip.detector import detect_slip
 from skin.contact.track import find_contacts
 from skin.contact.unseen import nothing_touches, remember
@@ -45,6 +46,8 @@ def step_python(model, data):
         describe_python(count, wants.each, silent, model, data)
         if wants.slip:
             detect_slip(count, dt_s, now_ns, model, data)
+    if wants.shocks:
+        follow_shocks(count, dt_s, slots.present, data.contacts, data.shocks)
     same = count == clock["present"]
     for k in range(count):
         same &= slots.before[k] == slots.present[k]

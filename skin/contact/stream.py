@@ -176,18 +176,19 @@ class ContactStream:
             graph,
             Gate(*starts, float(keep_sigma), 1e9 * memory_s, 1e9 * settle_s, slips),
             posed_units(position, rotation, area),
-            Wants(bool(wants), each, slips),
+            Wants(bool(wants), each, slips, "shocks" in wants),
             (slip or SlipSettings()).model(),
         )
         self.data = contact_data(
-            no_readings(n, self._dtype), capacity, graph.neighbour.size, detects_slip=slips
-        )
+            no_readings(n, self._dtype), capacity, graph.neighbour.size, detects_slip=slips,
+            rate_hz=rate_hz,
+        )  # fmt: skip
         pose = self.model.geometry.pose
         pose["feels"], pose["most"] = 1.0 if feels is None else feels, most_n
         self.tracker = Tracker(self.data)
         self.paths, self.records = self.data.paths, self.data.contacts
         self.shocks = (
-            Shocks(2 * capacity, rate_hz, false_alarms_per_hour=false_alarms_per_hour)
+            Shocks(self.data.shocks, rate_hz, false_alarms_per_hour=false_alarms_per_hour)
             if "shocks" in wants
             else None
         )
@@ -370,13 +371,6 @@ class ContactStream:
         raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")
 
     @cached_property
-    def _follow_shocks(self) -> Callable[[int, int], None]:
-        """The function that updates shocks on this stream's arrays."""
-        assert self.shocks is not None
-        wrench, sigma = self.records["wrench"][:, :3], self.records["wrench_sigma"][:, :3]
-        return self.shocks.bind(self.data.slots.present, self.records["event"], wrench, sigma)
-
-    @cached_property
     def _step(self) -> Bound:
         """The kernel on this stream's own arrays."""
         return self._bound(self.data.reading)
@@ -399,10 +393,7 @@ class ContactStream:
         """The contacts of a cycle that `bound` has processed, by its return value."""
         if count != SAME:
             self._renew(count)
-        found = self._found
-        if found and self.shocks is not None:
-            self._follow_shocks(len(found), int(self._now_ns[0]))
-        return found
+        return self._found
 
     def resume(self) -> None:
         """Update contacts after direct calls of `bound`."""
