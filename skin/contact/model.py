@@ -158,7 +158,7 @@ class Wants(NamedTuple):
     total: bool
     each: bool
     slip: bool
-    shocks: bool = False  # needs `each`
+    shocks: bool = False
 
 
 class ContactModel(NamedTuple):

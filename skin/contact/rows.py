@@ -106,10 +106,11 @@ class Layouts:
         names: Sequence[str] | None,
     ) -> None:
         wholes = [rows.records[-1:]]  # the total of all contacts
+        touched = wholes if shocks is None else [*wholes, shocks.values]
         of_units = {
             name: getattr(rows, name) for name in rows.__slots__ if name not in ("records", "paths")
         }
-        self._bare, self._touched = Layout(shown, wholes), Layout(shown | of_units, wholes)
+        self._bare, self._touched = Layout(shown, wholes), Layout(shown | of_units, touched)
         self._pieces = [_pieces(rows.records), _pieces(rows.paths)]
         self.shocks, self.names = shocks, names
 

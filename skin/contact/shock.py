@@ -25,20 +25,22 @@ class ShockData(NamedTuple):
     """State of each record, float64."""
 
     seen: np.ndarray  # (s,) samples since the contact began
-    last: np.ndarray  # (s, 3) N, force a sample ago
-    before: np.ndarray  # (s, 3) and two samples ago
-    impact: np.ndarray  # (s,) square of the second difference in variances: chi-square with three
-    # degrees of freedom
-    vibration: np.ndarray  # (s,) its mean over time
-    weight: np.ndarray  # (s,) sum of the squares of the weights that samples have in this mean
+    force: np.ndarray  # (2, s, 3) N, of the last sample and the one before
+    values: np.ndarray  # (3, s), see `IMPACT`
     elapsed_s: np.ndarray  # (1,) between the last two samples
+
+
+IMPACT, VIBRATION, WEIGHT = 0, 1, 2
+"""Rows of `ShockData.values`: the square of the second difference in variances, chi-square with
+three degrees of freedom; its mean over time; the sum of the squares of the weights that samples
+have in this mean."""
 
 
 def shock_data(records: int, rate_hz: float) -> ShockData:
     """For so many records, at so many cycles a second."""
     return ShockData(
-        np.zeros(records), *np.zeros((2, records, 3)), *np.zeros((3, records)),
-        elapsed_s=np.full(1, 1.0 / rate_hz),
+        np.zeros(records), np.zeros((2, records, 3)), np.zeros((3, records)),
+        np.full(1, 1.0 / rate_hz),
     )  # fmt: skip
 
 
@@ -63,12 +65,13 @@ def follow_shocks(count, dt_s, slots, records, data):
     data.elapsed_s[0] = elapsed_s
     gain, ratio = 1.0 - math.exp(-elapsed_s / TIME_S), elapsed_s / before_s
     variance = 1.0 + (1.0 + ratio) ** 2 + ratio**2
+    impact, vibration, weight = data.values[IMPACT], data.values[VIBRATION], data.values[WEIGHT]
     for k in range(count):
         slot = slots[k]
-        record, last, before = records[slot], data.last[slot], data.before[slot]
+        record, last, before = records[slot], data.force[0, slot], data.force[1, slot]
         if record["event"]:
             data.seen[slot] = 0.0
-            data.vibration[slot] = 3.0
+            vibration[slot] = 3.0
         square = 0.0
         for a in range(3):
             here, sigma = record["wrench"][a], record["wrench_sigma"][a]
@@ -79,12 +82,12 @@ def follow_shocks(count, dt_s, slots, records, data):
         data.seen[slot] += 1.0
         if data.seen[slot] > 2.0:
             if data.seen[slot] == 3.0:
-                data.weight[slot] = gain / (2.0 - gain)
-            data.impact[slot] = square
-            data.vibration[slot] += gain * (square - data.vibration[slot])
-            data.weight[slot] = (1.0 - gain) ** 2 * data.weight[slot] + gain**2
+                weight[slot] = gain / (2.0 - gain)
+            impact[slot] = square
+            vibration[slot] += gain * (square - vibration[slot])
+            weight[slot] = (1.0 - gain) ** 2 * weight[slot] + gain**2
         else:
-            data.impact[slot] = 0.0
+            impact[slot] = 0.0
 
 
 class Shocks:
@@ -102,8 +105,10 @@ class Shocks:
 
     Attributes
     ----------
+    values : ndarray, shape (3, records), float64
+        Impact, vibration and the weight of the vibration; see `IMPACT`.
     impact, vibration : ndarray, shape (records,), float64
-        Square of the shock in variances: one cycle's, and averaged.
+        Rows of these.
     impact_limit, vibration_limit : float
         Thresholds above noise; that of the vibration for samples at the nominal rate.
     """
@@ -123,8 +128,8 @@ class Shocks:
                 "false_alarms_per_hour, rate_hz: must leave each sample a chance between 0 and "
                 f"0.1; got {chance:g}"
             )
-        self._data = data
-        self.impact, self.vibration = data.impact, data.vibration
+        self.values = data.values
+        self.impact, self.vibration = data.values[IMPACT], data.values[VIBRATION]
         self.impact_limit = float(chdtri(3.0, chance))
         # Second differences of white noise are correlated -2/3 and 1/6 with the next two, their
         # squares by the squares of that, which adds to the variance of the mean. For longer steps
@@ -132,11 +137,6 @@ class Shocks:
         keep = math.exp(-1.0 / (rate_hz * TIME_S))
         self._tied = 1.0 + 2.0 * (keep * 4.0 / 9.0 + keep**2 / 36.0)
         self.vibration_limit = self._limit((1.0 - keep) / (1.0 + keep))
-
-    @property
-    def values(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Impact, vibration and the weight of the vibration, of all records."""
-        return self.impact, self.vibration, self._data.weight
 
     def vibrates(self, vibration: float, weight: float) -> bool:
         """Whether a vibration is above noise, for any spacing of samples."""

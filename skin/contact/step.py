@@ -46,8 +46,8 @@ def step_python(model, data):
         describe_python(count, wants.each, silent, model, data)
         if wants.slip:
             detect_slip(count, dt_s, now_ns, model, data)
-    if wants.shocks:
-        follow_shocks(count, dt_s, slots.present, data.contacts, data.shocks)
+        if wants.shocks:
+            follow_shocks(count, dt_s, slots.present, data.contacts, data.shocks)
     same = count == clock["present"]
     for k in range(count):
         same &= slots.before[k] == slots.present[k]

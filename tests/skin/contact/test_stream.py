@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact import shock, step
+from skin.contact import step
 from skin.contact import stream as module
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Event, Flag, SlipState, UnitSlip
-from skin.contact.shock import shock_python
+from skin.contact.shock import Shocks, shock_data
 from skin.contact.slip import SlipSettings
 from skin.contact.step import step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
@@ -126,7 +126,7 @@ def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
     for home, name, what in (
         (step, "describe_python", "describe"),
         (step, "detect_slip", "judge"),
-        (module.Shocks, "_take", "shock"),
+        (step, "follow_shocks", "shock"),
     ):
         kernel = getattr(home, name)
 
@@ -586,7 +586,7 @@ def test_options_reach_the_kernels_in_their_units():
     with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
         plate(keep_sigma=0.0)
     shocks = plate(want="shocks", rate_hz=500.0, false_alarms_per_hour=2.0).shocks
-    same = shock.Shocks(32, 500.0, false_alarms_per_hour=2.0)
+    same = Shocks(shock_data(32, 500.0), 500.0, false_alarms_per_hour=2.0)
     assert (shocks.impact_limit, shocks.vibration_limit) == (
         same.impact_limit, same.vibration_limit,
     )  # fmt: skip
@@ -661,7 +661,6 @@ def test_machine_code_and_python_tell_alike(monkeypatch):
 
     machine = told()
     monkeypatch.setattr(module, "step", step_python)
-    monkeypatch.setattr(shock, "shock", shock_python)
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)
 
