@@ -18,7 +18,7 @@ from skin.decode.records import (  # isort: skip
     BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, OUT_OF_RANGE, SATURATED, SILENT,
 )  # fmt: skip
 
-__all__ = ["changes", "flags_stage", "judge", "wake"]
+__all__ = ["any_of", "changes", "flags_stage", "judge", "mark"]
 
 
 @jitable(inline=True)
@@ -143,11 +143,19 @@ def changes(counts, status, background, seen, span):
 
 
 @jitable(inline=True)
-def wake(loaded, span):
-    """Whether any of some units is under load."""
+def any_of(marks, span):
+    """Whether any of some units is marked."""
     assume_noalias()
     span = lanes_of(span)
-    busy = np.int16(0)
+    found = np.int16(0)
     for lane in range(span.size):
-        busy = np.int16(busy | loaded[span.start + lane])
-    return busy != 0
+        found = np.int16(found | marks[span.start + lane])
+    return found != 0
+
+
+@jitable(inline=True)
+def mark(marks, span, value):
+    """Mark some units."""
+    span = lanes_of(span)
+    for lane in range(span.size):
+        marks[span.start + lane] = value

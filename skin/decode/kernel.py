@@ -18,7 +18,7 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias, prefetch
 from bus.compiled.jit import compiled, jitable
-from skin.decode.flags import changes, flags_stage, wake
+from skin.decode.flags import any_of, changes, flags_stage, mark
 from skin.decode.parts import Parts
 from skin.decode.plan import LOOK_CYCLES
 from skin.decode.records import FLAGS, INVALID, LANES, SKIP, UNKNOWN
@@ -174,20 +174,20 @@ def block_stage(parts: Parts) -> Callable:
         if warm:
             temperature(unit, data, span, state, above, found, anew)
         if with_skip:
-            rests = touched == 0 and not turn.look
-            shown_so = rests and turn.reuse and seen["rested"][0] != 0
-            seen["rested"][0] = rests
+            rests, shows = touched == 0 and not turn.look, seen["shows"]
             together = SKIP if touched != 0 and not turn.look else LANES
             for start in range(0, span.size, together):
                 some = Span(
                     span.cycle, span.first, span.shown, start, min(together, span.size - start)
                 )  # fmt: skip
-                if turn.look or (not rests and wake(data.loaded, some)):
+                if turn.look or (not rests and any_of(data.loaded, some)):
                     units(unit, data, some, above, state, advance)
+                    mark(shows, some, 1)
                 else:
                     rest(unit, data, some, above, state, advance)
-                    if not shown_so:
+                    if not turn.reuse or any_of(shows, some):
                         clear(some, out)
+                        mark(shows, some, 0)
         else:
             units(unit, data, span, above, state, advance)
         if found & UNKNOWN != 0:

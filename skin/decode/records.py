@@ -147,7 +147,7 @@ squared; depth and normal force."""
 SEEN = np.dtype([
     ("counts", np.int16, (6, LANES)),
     ("flags", np.int16, (LANES,)),
-    ("rested", np.int16, (LANES,)),  # one lane: whether the block showed nothing tangential
+    ("shows", np.int16, (LANES,)),  # 1 where a unit shows something tangential
 ])  # fmt: skip
 """Counts and flags of the cycle before; counts where there is no background."""
 
