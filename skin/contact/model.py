@@ -64,6 +64,7 @@ CLOCK = np.dtype(
         ("now_ns", np.int64),  # of this cycle, set by the caller
         ("last_ns", np.int64),  # of the cycle before
         ("begun", np.bool_),  # whether there was one
+        ("period_s", np.float64),  # nominal, which the first cycle counts as
         ("present", np.int64),  # contacts that it had
         ("silent", np.int64),  # units that were silent and should have been heard
     ]
@@ -332,6 +333,8 @@ def contact_data(
     """Arrays for so many contacts on a graph with so many edges, with those of slip if it
     `detects_slip`."""
     n, slots = reading.valid.size, 2 * capacity
+    clock = np.zeros(1, CLOCK)
+    clock["period_s"] = 1.0 / rate_hz
     rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
     units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
     units.label[:] = -1
@@ -349,7 +352,7 @@ def contact_data(
             mark=np.zeros(slots, np.int32),
         ),
         np.zeros(1, COUNTERS),
-        np.zeros(1, CLOCK),
+        clock,
         np.zeros(n, PAIR),
         np.zeros(n + edges, PAIR),
         np.zeros(n + edges, np.int32),
@@ -363,5 +366,5 @@ def contact_data(
         UNTOUCHED.copy(),
         no_common(reading.force.dtype),
         SlipData.zeros(n if detects_slip else 0),
-        shock_data(slots, rate_hz),
+        shock_data(slots, 1.0 / rate_hz),
     )

@@ -36,11 +36,11 @@ three degrees of freedom; its mean over time; the sum of the squares of the weig
 have in this mean."""
 
 
-def shock_data(records: int, rate_hz: float) -> ShockData:
-    """For so many records, at so many cycles a second."""
+def shock_data(records: int, period_s: float) -> ShockData:
+    """For so many records, and cycles of this period."""
     return ShockData(
         np.zeros(records), np.zeros((2, records, 3)), np.zeros((3, records)),
-        np.full(1, 1.0 / rate_hz),
+        np.full(1, period_s),
     )  # fmt: skip
 
 
@@ -53,17 +53,15 @@ def follow_shocks(count, dt_s, slots, records, data):
     count : int
         Contacts.
     dt_s : float
-        Time since the cycle before; 0 in the first one, which counts as one period.
+        Time since the cycle before.
     slots : ndarray, shape (s,), int32
         Records of the contacts.
     records : ndarray, shape (s,), CONTACT
         A contact that is new, back, merged or split starts again.
     data : ShockData
     """
-    before_s = data.elapsed_s[0]
-    elapsed_s = dt_s if dt_s > 0.0 else before_s
-    data.elapsed_s[0] = elapsed_s
-    gain, ratio = 1.0 - math.exp(-elapsed_s / TIME_S), elapsed_s / before_s
+    gain, ratio = 1.0 - math.exp(-dt_s / TIME_S), dt_s / data.elapsed_s[0]
+    data.elapsed_s[0] = dt_s
     variance = 1.0 + (1.0 + ratio) ** 2 + ratio**2
     impact, vibration, weight = data.values[IMPACT], data.values[VIBRATION], data.values[WEIGHT]
     for k in range(count):

@@ -31,7 +31,7 @@ def step_python(model, data):
         later than that, and nothing was done.
     """
     clock, slots, wants = data.clock[0], data.slots, model.wants
-    dt_s, now_ns = 0.0, clock["now_ns"]
+    dt_s, now_ns = clock["period_s"], clock["now_ns"]
     if clock["begun"]:
         if now_ns <= clock["last_ns"]:
             return EARLY

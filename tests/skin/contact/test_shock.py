@@ -19,15 +19,17 @@ class Shaken:
     """Shocks of some records, whose forces and events are set by hand."""
 
     def __init__(self, count, rate_hz, *, follow=follow_compiled, **options):
-        self._data, self._follow = shock_data(count, rate_hz), follow
+        self._period_s = 1.0 / rate_hz
+        self._data, self._follow = shock_data(count, self._period_s), follow
         self.shocks = Shocks(self._data, rate_hz, **options)
         self.records = np.zeros(count, CONTACT)
 
-    def update(self, force, sigma, *, born=False, slots=(0,), dt_s=0.0):
+    def update(self, force, sigma, *, born=False, slots=(0,), dt_s=None):
         """The next cycle of the first of `slots`, one period later if no time is given."""
         record = self.records[slots[0]]
         record["wrench"][:3], record["wrench_sigma"][:3] = force, sigma
         record["event"] = BORN if born else 0
+        dt_s = self._period_s if dt_s is None else dt_s
         self._follow(1, dt_s, np.array(slots, np.int32), self.records, self._data)
         impact, vibration, weight = (values[slots[0]] for values in self.shocks.values)
         return impact, vibration, self.shocks.vibrates(vibration, weight)
@@ -39,7 +41,7 @@ class Shaken:
 
     def stamped(self, times_s, forces, sigma):
         """Vibration at these times, and whether it is reported; forces (t, 3)."""
-        passed = np.diff(times_s, prepend=times_s[0])
+        passed = np.diff(times_s, prepend=times_s[0] - self._period_s)
         seen = [
             self.update(force, sigma, born=t == 0, dt_s=passed[t])
             for t, force in enumerate(forces)

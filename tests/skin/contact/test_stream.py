@@ -586,7 +586,7 @@ def test_options_reach_the_kernels_in_their_units():
     with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
         plate(keep_sigma=0.0)
     shocks = plate(want="shocks", rate_hz=500.0, false_alarms_per_hour=2.0).shocks
-    same = Shocks(shock_data(32, 500.0), 500.0, false_alarms_per_hour=2.0)
+    same = Shocks(shock_data(32, 0.002), 500.0, false_alarms_per_hour=2.0)
     assert (shocks.impact_limit, shocks.vibration_limit) == (
         same.impact_limit, same.vibration_limit,
     )  # fmt: skip

@@ -176,11 +176,12 @@ def compare(record, told):
     is_unknown = bool(np.isnan(told.margin))
     if is_unknown:
         of_what_holds(told, record["load"])
+    grip_n = 1e-5 * told.safety * record["load"]
     for name in TOLD:
         # a pattern is the root of its odds, a probability has rounding of their logarithm, a margin
-        # is one less a ratio near one, a grip is a ratio of two that may be off
-        least = {"pattern": 1e-4, "margin": 1e-5}.get(name, 1e-8)
-        share = {"slip_probability": 1e-4, "grip_force": 2e-6}.get(name, 1e-6)
+        # is one less a ratio near one, and a grip that ratio of the load
+        least = {"pattern": 1e-4, "margin": 1e-5, "grip_force": grip_n}.get(name, 1e-8)
+        share = {"slip_probability": 1e-4, "grip_force_sigma": 1e-5}.get(name, 1e-6)
         np.testing.assert_allclose(record[name], getattr(told, name), share, least, err_msg=name)
     np.testing.assert_allclose(record["rotation"], told.turn, 1e-6, 1e-9)
     lower = max(told.friction_lower, 0.0)
