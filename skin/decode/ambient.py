@@ -151,7 +151,7 @@ class Ambient:
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self.period_s = every / topology.cycle_rate_hz
         self._model = model_of(
-            topology, self.bodies, guard_m, self.period_s, near_votes=crosstalk
+            topology, self.bodies, guard_m, self.period_s, dtype, near_votes=crosstalk
         )  # fmt: skip
         self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
             background=self.background, residue_ut2=self.residue_ut2

@@ -11,7 +11,6 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
 from skin.decode.ambient_model import (
-    BLOCK,
     DAMPED,
     FAST_OF_SLOW,
     FOLLOW_S,
@@ -19,6 +18,7 @@ from skin.decode.ambient_model import (
     PRIOR_UT2,
     RATE_HZ,
     WALK_UT2,
+    WORD,
 )  # fmt: skip
 
 __all__ = ["compose", "update", "update_python"]
@@ -28,8 +28,8 @@ REFUSED = 0xFFFF & ~int(
 )  # fmt: skip
 """Any other flag, and a unit is not used."""
 NEAR, LOADED, VOTES, FOLLOWED, TOUCHED = 1, 2, 4, 8, 16
-"""Marks of a unit in this cycle: near a loaded one, loaded, one that measures the ambient field,
-one whose zero is followed, one that has no vote for it may be touched."""
+"""Marks of a unit in this cycle: it is loaded or near a loaded one, loaded, measures the ambient
+field, has a zero that is followed, has no vote for it may be touched."""
 
 LONG_OF_SLOW = 10.0
 """The long one over the slow one [derived: about what a film lags behind the gel]."""
@@ -98,11 +98,15 @@ def _axial(i, z, units, memory):
 
 
 @jitable(inline=True)
-def _read(units, data, first, size):
-    """Values of a block of units, and which of them may be used."""
-    field, memory, tile = data.field_ut, data.memory, data.tile
-    for j in range(size):
-        i = first + j
+def _average(model, data, long_ut):
+    """Low-passes of every unit; they restart after a unit could not be used."""
+    assume_noalias()
+    long_x, long_y, long_z = long_ut
+    units, memory, field, dt_s = model.units, data.memory, data.field_ut, data.elapsed_s[0]
+    fast = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
+    slow = dt_s / (model.slow_s + dt_s)
+    long = dt_s / (LONG_OF_SLOW * model.slow_s + dt_s)
+    for i in range(data.status.size):
         x, y = field[0, i] - units.own_ut[0, i], field[1, i] - units.own_ut[1, i]
         z = _axial(i, field[2, i], units, memory)
         drop = data.displacement_mm[2, i] * units.hz_per_mm[i]
@@ -110,84 +114,51 @@ def _read(units, data, first, size):
         told, felt = drop + t, x + y + z
         usable = (data.status[i] & REFUSED == 0) & (told - told == 0.0)  # neither NaN nor infinite
         seen = usable & (felt - felt == 0.0)  # a decoder may leave out fields without load
-        tile.drop_hz[j] = drop if usable else 0.0
-        tile.x_ut[j] = x if seen else 0.0
-        tile.y_ut[j] = y if seen else 0.0
-        tile.z_ut[j] = z if seen else 0.0
-        tile.gel_c[j] = t if usable else 0.0
-        tile.usable[j] = 1.0 if usable else 0.0
-        tile.long_field[j] = 1.0 if seen else 0.0
+        # what cannot be used has no share, and may be NaN
+        drop, t = drop if usable else 0.0, t if usable else 0.0
+        x, y, z = x if seen else 0.0, y if seen else 0.0, z if seen else 0.0
+        age = memory.age_s[i] + dt_s if usable else 0.0
+        memory.age_s[i] = age
+        share = min(dt_s / max(age, dt_s), 1.0)  # a mean at first, then a low-pass
+        share_fast = max(fast, share) if usable else 0.0
+        share_slow = max(slow, share) if usable else 0.0
+        share_long = max(long, share) if usable else 0.0
+        alone = memory.alone_s[i] + (dt_s if seen else 0.0)
+        memory.alone_s[i] = alone if usable else 0.0
+        share_field = max(long, min(dt_s / max(alone, dt_s), 1.0)) if seen else 0.0
+        # what pulls a unit that may be touched is no lie of its own
+        share_pull = share_field if data.marks[i] & TOUCHED == 0 else 0.0
+        memory.fast_hz[i] += share_fast * (drop - memory.fast_hz[i])
+        memory.slow_hz[i] += share_slow * (drop - memory.slow_hz[i])
+        long_x[i] += share_pull * (x - long_x[i])
+        long_y[i] += share_pull * (y - long_y[i])
+        long_z[i] += share_field * (z - long_z[i])
+        memory.gel_c[i] += share_slow * (t - memory.gel_c[i])
+        memory.film_c[i] += share_long * (t - memory.film_c[i])
 
 
 @jitable(inline=True)
-def _low_pass(average, value, share, first, size):
-    for j in range(size):
-        average[first + j] += share[j] * (value[j] - average[first + j])
-
-
-@jitable(inline=True)
-def _average(model, data):
-    """Low-passes of every unit; they restart after a unit could not be used.
-
-    Values and shares of `BLOCK` units go to a tile first, and from there to one array after the
-    other: a loop over many arrays at once would be no vector instructions.
-    """
-    memory, tile, dt_s, slow_s = data.memory, data.tile, data.elapsed_s[0], model.slow_s
-    marks = data.marks
-    fast = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
-    slow = dt_s / (slow_s + dt_s)
-    long = dt_s / (LONG_OF_SLOW * slow_s + dt_s)
-    for block in range((data.status.size + BLOCK - 1) // BLOCK):
-        first = (block * BLOCK) & NOT_NEGATIVE
-        size = min(BLOCK, data.status.size - first)
-        _read(model.units, data, first, size)
-        for j in range(size):
-            age = (memory.age_s[first + j] + dt_s) * tile.usable[j]
-            memory.age_s[first + j] = age
-            share = min(dt_s / max(age, dt_s), 1.0)  # a mean at first, then a low-pass
-            tile.fast[j] = max(fast, share) * tile.usable[j]
-            tile.slow[j] = max(slow, share) * tile.usable[j]
-            tile.long[j] = max(long, share) * tile.usable[j]
-        for j in range(size):
-            alone = memory.alone_s[first + j] + dt_s * tile.long_field[j]
-            memory.alone_s[first + j] = alone * tile.usable[j]
-            tile.long_field[j] *= max(long, min(dt_s / max(alone, dt_s), 1.0))
-            # what pulls a unit that may be touched is no lie of its own
-            tile.long_pull[j] = tile.long_field[j] if marks[first + j] & TOUCHED == 0 else 0.0
-        _low_pass(memory.fast_hz, tile.drop_hz, tile.fast, first, size)
-        _low_pass(memory.slow_hz, tile.drop_hz, tile.slow, first, size)
-        _low_pass(memory.long_ut[0], tile.x_ut, tile.long_pull, first, size)
-        _low_pass(memory.long_ut[1], tile.y_ut, tile.long_pull, first, size)
-        _low_pass(memory.long_ut[2], tile.z_ut, tile.long_field, first, size)
-        _low_pass(memory.gel_c, tile.gel_c, tile.slow, first, size)
-        _low_pass(memory.film_c, tile.gel_c, tile.long, first, size)
-
-
-@jitable(inline=True)
-def _mark(model, memory, marks):
+def _mark(model, memory, marks, near):
     """Which units are loaded, which are near such a one, and which of the others may vote."""
-    start, near = model.near_start, model.near
-    loaded = 0
+    assume_noalias()
+    start, word, bits = model.near
     for i in range(marks.size):
         pressed = abs(memory.fast_hz[i]) > LOADED_SIGMAS * model.units.sigma_hz[i]
-        marks[i] = LOADED | NEAR if pressed & (memory.age_s[i] > 0.0) else 0
-        loaded += 1 if marks[i] != 0 else 0
-    # looked at from the side with fewer units
-    if 2 * loaded <= marks.size:
-        for i in range(marks.size if loaded else 0):
-            if marks[i] & LOADED:
-                for k in range(start[i], start[i + 1]):
-                    marks[near[k]] |= NEAR
-    else:
-        for i in range(marks.size):
-            if marks[i] & LOADED == 0:
-                for k in range(start[i], start[i + 1]):
-                    marks[i] |= NEAR if marks[near[k]] & LOADED else 0
-    disturbed = LOADED if model.near_votes else LOADED | NEAR
+        marks[i] = LOADED if pressed & (memory.age_s[i] > 0.0) else 0
+    near[:] = 0
     for i in range(marks.size):
-        undisturbed = marks[i] & disturbed == 0
-        memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
-        marks[i] |= VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0
+        if marks[i]:
+            for k in range(start[i], start[i + 1]):
+                near[word[k]] |= bits[k]
+    disturbed = LOADED if model.near_votes else NEAR
+    for w in range(near.size):
+        first = (w * WORD) & NOT_NEGATIVE
+        for j in range(min(WORD, marks.size - first)):
+            i = first + j
+            mark = marks[i] | (NEAR if near[w] >> j & 1 else 0)
+            undisturbed = mark & disturbed == 0
+            memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
+            marks[i] = mark | (VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0)
 
 
 @jitable(inline=True)
@@ -210,6 +181,7 @@ def _pool(model, data):
     of the run; and over all that are left of a body. Together with others a unit counts as one that
     is just touched at most, so that a single one whose zero is wrong silences no run.
     """
+    assume_noalias()
     units, memory, marks, bodies = model.units, data.memory, data.marks, data.bodies
     dt_s = data.elapsed_s[0]
     share = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
@@ -255,6 +227,7 @@ def _vote(model, data, run):
     A unit counts the less the farther its own residual has long been from what the others see
     (Geman-McClure weights): a unit that lies persistently does not count.
     """
+    assume_noalias()
     units, memory, field = model.units, data.memory, data.field_ut
     count = pressed = both = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
@@ -270,7 +243,7 @@ def _vote(model, data, run):
         known = memory.rest_ut[i] == memory.rest_ut[i]
         off_z = memory.long_ut[2, i] if known else 0.0
         off = memory.long_ut[0, i] ** 2 + memory.long_ut[1, i] ** 2 + off_z**2
-        trust = 1.0 / (1.0 + off / (sigma * sigma))
+        trust = sigma * sigma / (sigma * sigma + off)
         trust = trust * trust if votes else 0.0
         lateral = trust * units.lateral_information[i]
         # a press too light to be a contact is not ambient field either
@@ -382,6 +355,7 @@ def _filter(bodies, g, dt_s, delay_s):
 @jitable(inline=True)
 def _follow(model, data):
     """Zeros of the units that are provably unloaded."""
+    assume_noalias()
     units, memory, marks, zero = model.units, data.memory, data.marks, data.zero
     dt_s, slow_s = data.elapsed_s[0], model.slow_s
     most_s = min(dt_s, 2.0 * model.period_s)  # of a gap, which nobody has seen
@@ -389,38 +363,41 @@ def _follow(model, data):
     known_hz = RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
     share_ut = dt_s / (DAMPED * LONG_OF_SLOW * slow_s)
     for i in range(marks.size):
+        age_s, sigma, load = memory.age_s[i], units.sigma_hz[i], abs(memory.slow_hz[i])
+        rest, off_z, zeroed_s = memory.rest_ut[i], memory.long_ut[2, i], memory.rest_s[i]
         axial = units.axial_information[i] > 0.0
-        known = axial and not np.isnan(memory.rest_ut[i])
+        known = axial & (rest == rest)  # noqa: PLR0124 - NaN: not known
         # where Bz shows no press it may be drift, up to what counts as a contact
-        sigmas = LOADED_SIGMAS if known else CALM_SIGMAS
-        calm = (
-            marks[i] & (LOADED | NEAR) == 0
-            and memory.age_s[i] > 0.0
-            and abs(memory.slow_hz[i]) < sigmas * units.sigma_hz[i]
-            and abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
-            and not (known and abs(memory.long_ut[2, i]) > units.witness_ut[i])
-        )
-        memory.calm_s[i] = memory.calm_s[i] + most_s if calm else 0.0
-        learning = axial and memory.rest_s[i] < DWELL_OF_SLOW * slow_s
-        watched = min(memory.calm_s[i], memory.alone_s[i])
-        if learning and watched >= LEARN_OF_SLOW * slow_s:
-            memory.rest_ut[i] = memory.long_ut[2, i] + (memory.rest_ut[i] if known else 0.0)
-            memory.rest_film_c[i] = memory.film_c[i]
-            memory.rest_s[i] = watched
-            memory.long_ut[2, i] = 0.0
+        unloaded = load < (LOADED_SIGMAS if known else CALM_SIGMAS) * sigma
+        steady = abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
+        seen = known & (abs(off_z) > units.witness_ut[i])
+        alone = (marks[i] & (LOADED | NEAR) == 0) & (age_s > 0.0)
+        calm_s = memory.calm_s[i] + most_s if alone & unloaded & steady & (not seen) else 0.0
+        memory.calm_s[i] = calm_s
+        learning = axial & (zeroed_s < DWELL_OF_SLOW * slow_s)
+        watched_s = min(calm_s, memory.alone_s[i])
+        learns = learning & (watched_s >= LEARN_OF_SLOW * slow_s)
+        rest = off_z + (rest if known else 0.0) if learns else rest
+        memory.rest_film_c[i] = memory.film_c[i] if learns else memory.rest_film_c[i]
+        memory.rest_s[i] = watched_s if learns else zeroed_s
+        memory.long_ut[2, i] = 0.0 if learns else off_z
+        follows = (not learning) & (calm_s >= DWELL_OF_SLOW * slow_s)
         bound = memory.bound_hz[i]
-        if learning or memory.calm_s[i] < DWELL_OF_SLOW * slow_s:
-            memory.bound_hz[i] = min(bound + RATE_HZ * dt_s, LOADED_SIGMAS * units.sigma_hz[i])
-            continue
-        marks[i] |= FOLLOWED
-        memory.bound_hz[i] = bound + _clamped(share_hz * (known_hz - bound), RATE_HZ * dt_s)
+        known_better = bound + _clamped(share_hz * (known_hz - bound), RATE_HZ * dt_s)
+        known_worse = min(bound + RATE_HZ * dt_s, LOADED_SIGMAS * sigma)
+        memory.bound_hz[i] = known_better if follows else known_worse
         step = _clamped(share_hz * memory.slow_hz[i], RATE_HZ * dt_s)
-        zero[0, i] = _clamped(zero[0, i] + step, SPAN_HZ)
-        for axis in range(0 if marks[i] & TOUCHED else 2):
+        zero[0, i] = _clamped(zero[0, i] + step, SPAN_HZ) if follows else zero[0, i]
+        moves = follows & axial & (load < CALM_SIGMAS * sigma)
+        step = _clamped(share_ut * off_z, RATE_REST_UT * dt_s)
+        memory.rest_ut[i] = rest + step if moves else rest
+        marks[i] |= FOLLOWED if follows else 0
+    for axis in range(2):
+        for i in range(marks.size):
             step = _clamped(share_ut * memory.long_ut[axis, i], RATE_UT * dt_s)
-            zero[1 + axis, i] = _clamped(zero[1 + axis, i] + step, SPAN_UT)
-        if axial and abs(memory.slow_hz[i]) < CALM_SIGMAS * units.sigma_hz[i]:
-            memory.rest_ut[i] += _clamped(share_ut * memory.long_ut[2, i], RATE_REST_UT * dt_s)
+            gone = _clamped(zero[1 + axis, i] + step, SPAN_UT)
+            free = marks[i] & (FOLLOWED | TOUCHED) == FOLLOWED
+            zero[1 + axis, i] = gone if free else zero[1 + axis, i]
 
 
 @jitable(inline=True)
@@ -433,6 +410,7 @@ def _compose(model, data):
     moves psi = atan2(S, Bz) by S dBz / (S² + Bz²), as a lateral field with `PRIOR_UT2` · S² / (S² +
     Bz²) does, in which the field of the last cycle stands for that of the next [derived].
     """
+    assume_noalias()
     turn, unmap, skin_chip = model.units.counts_skin, model.units.inverse_map, model.units.skin_chip
     field, axial = data.field_ut, model.units.axial_information
     zero, background, bodies = data.zero, data.background, data.bodies
@@ -476,8 +454,9 @@ def update_python(model, data):
     data : AmbientData
     """
     assume_noalias()
-    _average(model, data)
-    _mark(model, data.memory, data.marks)
+    long_ut = data.memory.long_ut
+    _average(model, data, (long_ut[0], long_ut[1], long_ut[2]))
+    _mark(model, data.memory, data.marks, data.near)
     _pool(model, data)
     data.bodies.voters[:] = 0.0
     data.bodies.pressed[:] = 0.0
