@@ -171,8 +171,10 @@ class Ambient:
     @property
     def field_at_chips_ut(self) -> np.ndarray:
         """The ambient field as each chip reads it, shape (3, n), µT in the axes of the chips."""
-        field = self._data.bodies.field_ut[self.body].T
-        return np.einsum("abn,bn->an", self._model.units.counts_skin, field)
+        units = self._model.units
+        field = np.einsum("ban,bn->an", units.skin_chip, self._data.bodies.field_ut[self.body].T)
+        field[:2] = np.einsum("abn,bn->an", units.inverse_map, field[:2])
+        return field
 
     @property
     def covariance_ut2(self) -> np.ndarray:

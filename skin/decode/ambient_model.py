@@ -51,10 +51,10 @@ class Units(NamedTuple):
     """What is known of n units; shape (n,) where nothing else is said, of the decoder's type."""
 
     skin_chip: np.ndarray  # (3, 3, n), from the unit's field to the skin frame
-    counts_skin: np.ndarray  # (3, 3, n), from the skin frame to what the counts read
     inverse_map: np.ndarray  # (2, 2, n), from the unit's lateral field to what the counts read
     hz_per_mm: np.ndarray  # fall of the frequency per depth
     sigma_hz: np.ndarray  # one sigma of a reading
+    load_information: np.ndarray  # 1/Hz², of a reading
     sigma_ut: np.ndarray
     lateral_information: np.ndarray  # 1/µT², 0 where the wire does not carry it
     axial_information: np.ndarray
@@ -230,9 +230,6 @@ def _units(topology: Topology, slow_s: float) -> Units:
     step = np.abs(topology.scale) / np.sqrt(12.0)
     frequency, bx, by, bz = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
     to_skin = topology.rotation * CHIP_AXES[:, np.newaxis]
-    unmap = np.zeros((3, 3, topology.n))
-    unmap[:2, :2] = inverse_map(topology)
-    unmap[2, 2] = 1.0
     sigma_hz = np.hypot(p["frequency_noise_hz"], step[frequency])
     lateral = p["field_noise_ut"] ** 2 + 0.5 * (step[bx] ** 2 + step[by] ** 2)
     axial = p["field_noise_ut"] ** 2 + step[bz] ** 2
@@ -240,10 +237,10 @@ def _units(topology: Topology, slow_s: float) -> Units:
     per_hz = own[2] * p["field_growth_per_mm"] / p["frequency_slope_hz_per_mm"]
     return Units(
         skin_chip=to_skin,
-        counts_skin=np.einsum("acn,bcn->abn", unmap, to_skin),
-        inverse_map=unmap[:2, :2],
+        inverse_map=inverse_map(topology),
         hz_per_mm=p["frequency_slope_hz_per_mm"],
         sigma_hz=sigma_hz,
+        load_information=1.0 / sigma_hz**2,
         sigma_ut=np.sqrt(lateral),
         lateral_information=np.where(topology.wired[bx] & topology.wired[by], 1.0 / lateral, 0.0),
         axial_information=np.where(topology.wired[bz], 1.0 / axial, 0.0),
