@@ -61,7 +61,7 @@ class LatticeData(NamedTuple):
     films: Films
     field_ut: np.ndarray  # (3, n), added to
     rows: np.ndarray  # ((k + 1) * pitch,) terms, then the weight; empty cells stay zero
-    sums: tuple[np.ndarray, np.ndarray, np.ndarray]  # x, y, z, (pitch,) scratch
+    sums: tuple[np.ndarray, ...]  # x, y, z, (pitch,) each, scratch
     active: np.ndarray  # (blocks,) bool: which have a film that has moved
     was_active: np.ndarray  # the same in the cycle before
 
@@ -224,14 +224,14 @@ def _model(
     """Where everything stands, from the offsets, shape (2, o), and `prune_terms` of their terms."""
     steps, kept, stays = steps[:, worth := stays.any(axis=1)], kept[worth], stays[worth]
     wide = int(cells.column.max()) + 1 + int(np.abs(steps[1]).max(initial=0))
-    apart = steps[0] * wide + steps[1]
-    halo = int(np.abs(apart).max(initial=0)) // BLOCK + 1
+    distance = steps[0] * wide + steps[1]
+    halo = int(np.abs(distance).max(initial=0)) // BLOCK + 1
     pitch = (2 * halo + -(-wide * (int(cells.row.max()) + 1) // BLOCK)) * BLOCK
     terms, row = terms_of(exponents[stays.any(axis=0)], AT_ONCE)
     terms.parent[FACTORS : 2 * FACTORS] = terms.parent.size  # the weight
     # by distance: what is near in memory is used together, and skipped together
-    slots = np.argwhere(stays)[np.argsort(apart[np.nonzero(stays)[0]], kind="stable")]
-    where = apart[slots[:, 0]]
+    slots = np.argwhere(stays)[np.argsort(distance[np.nonzero(stays)[0]], kind="stable")]
+    where = distance[slots[:, 0]]
     term = [row[tuple(exponents[p].tolist())] for p in slots[:, 1]]
     return LatticeModel(
         runs=_runs(cells.units, halo * BLOCK + cells.row * wide + cells.column),
