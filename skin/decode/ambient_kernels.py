@@ -200,7 +200,7 @@ def _pool(model, data):
         load = weight = near_load = near_weight = 0.0
         for i in range(first, last):
             above = memory.fast_hz[i] - memory.bound_hz[i]
-            samples = min(most_samples, max(memory.age_s[i] * per_s, 1.0))
+            samples = min(most_samples, memory.age_s[i] * per_s)
             w = samples * units.load_information[i]
             is_touched = (above > 0.0) & (above * above * w > limit)
             votes = marks[i] & VOTES != 0
