@@ -151,7 +151,7 @@ class Ambient:
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self.period_s = every / topology.cycle_rate_hz
         self._model = model_of(
-            topology, self.bodies, guard_m, self.period_s, near_votes=crosstalk
+            topology, self.bodies, guard_m, self.period_s, dtype, near_votes=crosstalk
         )  # fmt: skip
         self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
             background=self.background, residue_ut2=self.residue_ut2
@@ -171,8 +171,10 @@ class Ambient:
     @property
     def field_at_chips_ut(self) -> np.ndarray:
         """The ambient field as each chip reads it, shape (3, n), µT in the axes of the chips."""
-        field = self._data.bodies.field_ut[self.body].T
-        return np.einsum("abn,bn->an", self._model.units.counts_skin, field)
+        units = self._model.units
+        field = np.einsum("ban,bn->an", units.skin_chip, self._data.bodies.field_ut[self.body].T)
+        field[:2] = np.einsum("abn,bn->an", units.inverse_map, field[:2])
+        return field
 
     @property
     def covariance_ut2(self) -> np.ndarray:

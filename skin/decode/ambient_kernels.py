@@ -11,7 +11,6 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
 from skin.decode.ambient_model import (
-    BLOCK,
     DAMPED,
     FAST_OF_SLOW,
     FOLLOW_S,
@@ -19,6 +18,7 @@ from skin.decode.ambient_model import (
     PRIOR_UT2,
     RATE_HZ,
     WALK_UT2,
+    WORD,
 )  # fmt: skip
 
 __all__ = ["compose", "update", "update_python"]
@@ -28,8 +28,8 @@ REFUSED = 0xFFFF & ~int(
 )  # fmt: skip
 """Any other flag, and a unit is not used."""
 NEAR, LOADED, VOTES, FOLLOWED, TOUCHED = 1, 2, 4, 8, 16
-"""Marks of a unit in this cycle: near a loaded one, loaded, one that measures the ambient field,
-one whose zero is followed, one that has no vote for it may be touched."""
+"""Marks of a unit in this cycle: it is loaded or near a loaded one, loaded, measures the ambient
+field, has a zero that is followed, has no vote for it may be touched."""
 
 LONG_OF_SLOW = 10.0
 """The long one over the slow one [derived: about what a film lags behind the gel]."""
@@ -60,6 +60,8 @@ LEAST_UNITS = 4
 TURN_UT2 = 833.0
 """Squared rate of a component while the robot turns at 1 rad/s in the Earth's field, (µT/s)²
 [derived: 50² / 3]."""
+SHORTEST_S = 1e-9
+"""Cycles nearer to each other are so far apart [derived: stamps are nanoseconds]."""
 NOT_NEGATIVE = 2**31 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end."""
 
@@ -98,11 +100,16 @@ def _axial(i, z, units, memory):
 
 
 @jitable(inline=True)
-def _read(units, data, first, size):
-    """Values of a block of units, and which of them may be used."""
-    field, memory, tile = data.field_ut, data.memory, data.tile
-    for j in range(size):
-        i = first + j
+def _average(model, data, long_ut):
+    """Low-passes of every unit, which restart after it could not be used, and who is loaded."""
+    assume_noalias()
+    long_x, long_y, long_z = long_ut
+    units, memory, field, dt_s = model.units, data.memory, data.field_ut, data.elapsed_s[0]
+    marks = data.marks
+    fast = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
+    slow = dt_s / (model.slow_s + dt_s)
+    long = dt_s / (LONG_OF_SLOW * model.slow_s + dt_s)
+    for i in range(data.status.size):
         x, y = field[0, i] - units.own_ut[0, i], field[1, i] - units.own_ut[1, i]
         z = _axial(i, field[2, i], units, memory)
         drop = data.displacement_mm[2, i] * units.hz_per_mm[i]
@@ -110,84 +117,54 @@ def _read(units, data, first, size):
         told, felt = drop + t, x + y + z
         usable = (data.status[i] & REFUSED == 0) & (told - told == 0.0)  # neither NaN nor infinite
         seen = usable & (felt - felt == 0.0)  # a decoder may leave out fields without load
-        tile.drop_hz[j] = drop if usable else 0.0
-        tile.x_ut[j] = x if seen else 0.0
-        tile.y_ut[j] = y if seen else 0.0
-        tile.z_ut[j] = z if seen else 0.0
-        tile.gel_c[j] = t if usable else 0.0
-        tile.usable[j] = 1.0 if usable else 0.0
-        tile.long_field[j] = 1.0 if seen else 0.0
+        # what cannot be used has no share, and may be NaN
+        drop, t = drop if usable else 0.0, t if usable else 0.0
+        x, y, z = x if seen else 0.0, y if seen else 0.0, z if seen else 0.0
+        age = memory.age_s[i] + dt_s if usable else 0.0
+        memory.age_s[i] = age
+        alone = memory.alone_s[i] + (dt_s if seen else 0.0)
+        memory.alone_s[i] = alone if usable else 0.0
+        # a mean at first, then a low-pass; one division for both
+        since, since_field = max(age, dt_s), max(alone, dt_s)
+        share = dt_s / (since * since_field)
+        share, share_field = min(share * since_field, 1.0), min(share * since, 1.0)
+        share_fast = max(fast, share) if usable else 0.0
+        share_slow = max(slow, share) if usable else 0.0
+        share_long = max(long, share) if usable else 0.0
+        share_field = max(long, share_field) if seen else 0.0
+        # what pulls a unit that may be touched is no lie of its own
+        share_pull = share_field if marks[i] & TOUCHED == 0 else 0.0
+        load = memory.fast_hz[i]
+        load += share_fast * (drop - load)
+        memory.fast_hz[i] = load
+        memory.slow_hz[i] += share_slow * (drop - memory.slow_hz[i])
+        long_x[i] += share_pull * (x - long_x[i])
+        long_y[i] += share_pull * (y - long_y[i])
+        long_z[i] += share_field * (z - long_z[i])
+        memory.gel_c[i] += share_slow * (t - memory.gel_c[i])
+        memory.film_c[i] += share_long * (t - memory.film_c[i])
+        marks[i] = LOADED if (abs(load) > LOADED_SIGMAS * units.sigma_hz[i]) & (age > 0.0) else 0
 
 
 @jitable(inline=True)
-def _low_pass(average, value, share, first, size):
-    for j in range(size):
-        average[first + j] += share[j] * (value[j] - average[first + j])
-
-
-@jitable(inline=True)
-def _average(model, data):
-    """Low-passes of every unit; they restart after a unit could not be used.
-
-    Values and shares of `BLOCK` units go to a tile first, and from there to one array after the
-    other: a loop over many arrays at once would be no vector instructions.
-    """
-    memory, tile, dt_s, slow_s = data.memory, data.tile, data.elapsed_s[0], model.slow_s
-    marks = data.marks
-    fast = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
-    slow = dt_s / (slow_s + dt_s)
-    long = dt_s / (LONG_OF_SLOW * slow_s + dt_s)
-    for block in range((data.status.size + BLOCK - 1) // BLOCK):
-        first = (block * BLOCK) & NOT_NEGATIVE
-        size = min(BLOCK, data.status.size - first)
-        _read(model.units, data, first, size)
-        for j in range(size):
-            age = (memory.age_s[first + j] + dt_s) * tile.usable[j]
-            memory.age_s[first + j] = age
-            share = min(dt_s / max(age, dt_s), 1.0)  # a mean at first, then a low-pass
-            tile.fast[j] = max(fast, share) * tile.usable[j]
-            tile.slow[j] = max(slow, share) * tile.usable[j]
-            tile.long[j] = max(long, share) * tile.usable[j]
-        for j in range(size):
-            alone = memory.alone_s[first + j] + dt_s * tile.long_field[j]
-            memory.alone_s[first + j] = alone * tile.usable[j]
-            tile.long_field[j] *= max(long, min(dt_s / max(alone, dt_s), 1.0))
-            # what pulls a unit that may be touched is no lie of its own
-            tile.long_pull[j] = tile.long_field[j] if marks[first + j] & TOUCHED == 0 else 0.0
-        _low_pass(memory.fast_hz, tile.drop_hz, tile.fast, first, size)
-        _low_pass(memory.slow_hz, tile.drop_hz, tile.slow, first, size)
-        _low_pass(memory.long_ut[0], tile.x_ut, tile.long_pull, first, size)
-        _low_pass(memory.long_ut[1], tile.y_ut, tile.long_pull, first, size)
-        _low_pass(memory.long_ut[2], tile.z_ut, tile.long_field, first, size)
-        _low_pass(memory.gel_c, tile.gel_c, tile.slow, first, size)
-        _low_pass(memory.film_c, tile.gel_c, tile.long, first, size)
-
-
-@jitable(inline=True)
-def _mark(model, memory, marks):
-    """Which units are loaded, which are near such a one, and which of the others may vote."""
-    start, near = model.near_start, model.near
-    loaded = 0
+def _mark(model, memory, marks, near):
+    """Which units are near a loaded one, and which others may vote."""
+    assume_noalias()
+    start, word, bits = model.near
+    near[:] = 0
     for i in range(marks.size):
-        pressed = abs(memory.fast_hz[i]) > LOADED_SIGMAS * model.units.sigma_hz[i]
-        marks[i] = LOADED | NEAR if pressed & (memory.age_s[i] > 0.0) else 0
-        loaded += 1 if marks[i] != 0 else 0
-    # looked at from the side with fewer units
-    if 2 * loaded <= marks.size:
-        for i in range(marks.size if loaded else 0):
-            if marks[i] & LOADED:
-                for k in range(start[i], start[i + 1]):
-                    marks[near[k]] |= NEAR
-    else:
-        for i in range(marks.size):
-            if marks[i] & LOADED == 0:
-                for k in range(start[i], start[i + 1]):
-                    marks[i] |= NEAR if marks[near[k]] & LOADED else 0
-    disturbed = LOADED if model.near_votes else LOADED | NEAR
-    for i in range(marks.size):
-        undisturbed = marks[i] & disturbed == 0
-        memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
-        marks[i] |= VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0
+        if marks[i]:
+            for k in range(start[i], start[i + 1]):
+                near[word[k]] |= bits[k]
+    disturbed = LOADED if model.near_votes else NEAR
+    for w in range(near.size):
+        first = (w * WORD) & NOT_NEGATIVE
+        for j in range(min(WORD, marks.size - first)):
+            i = first + j
+            mark = marks[i] | (NEAR if near[w] >> j & 1 else 0)
+            undisturbed = mark & disturbed == 0
+            memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
+            marks[i] = mark | (VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0)
 
 
 @jitable(inline=True)
@@ -202,18 +179,19 @@ def _refuse(marks, units, which):
 def _pool(model, data):
     """Take the vote of units that may be touched, each alone, then together.
 
-    A load l_i is averaged over the fast low-pass, with the variance v_i = sigma² · max(dt / age,
-    share / (2 - share)), and its zero is known within a bound b_i. Units are touched where
+    A load l_i is averaged over the fast low-pass, with the variance v_i = sigma² / min(age / dt,
+    (2 - share) / share), and its zero is known within a bound b_i. Units are touched where
     sum((l_i - b_i) / v_i) > `TOUCHED_SIGMAS` · sqrt(sum(1 / v_i)): the uniformly most powerful test
     of one load on all of them, the bound being taken as common to all, as a drift may be. The sum
     goes over each unit alone; over the units of a run that are near a loaded one; over the others
     of the run; and over all that are left of a body. Together with others a unit counts as one that
     is just touched at most, so that a single one whose zero is wrong silences no run.
     """
+    assume_noalias()
     units, memory, marks, bodies = model.units, data.memory, data.marks, data.bodies
-    dt_s = data.elapsed_s[0]
+    dt_s = max(data.elapsed_s[0], SHORTEST_S)
     share = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
-    steady = share / (2.0 - share)
+    per_s, most_samples = 1.0 / dt_s, (2.0 - share) / share
     limit = TOUCHED_SIGMAS * TOUCHED_SIGMAS
     bodies.load[:] = 0.0
     bodies.weight[:] = 0.0
@@ -222,17 +200,18 @@ def _pool(model, data):
         load = weight = near_load = near_weight = 0.0
         for i in range(first, last):
             above = memory.fast_hz[i] - memory.bound_hz[i]
-            variance = units.sigma_hz[i] ** 2 * max(steady, dt_s / max(memory.age_s[i], dt_s))
-            most = TOUCHED_SIGMAS * np.sqrt(variance)
+            samples = min(most_samples, memory.age_s[i] * per_s)
+            w = samples * units.load_information[i]
+            is_touched = (above > 0.0) & (above * above * w > limit)
             votes = marks[i] & VOTES != 0
-            marks[i] = TOUCHED | marks[i] ^ VOTES if votes & (above > most) else marks[i]
-            above = min(above, most)
-            w = 1.0 / variance if votes else 0.0
-            near = w if marks[i] & NEAR else 0.0
-            load += (w - near) * above
-            weight += w - near
-            near_load += near * above
-            near_weight += near
+            marks[i] = TOUCHED | marks[i] ^ VOTES if votes & is_touched else marks[i]
+            told = TOUCHED_SIGMAS * np.sqrt(w) if is_touched else above * w
+            w, told = w if votes else 0.0, told if votes else 0.0
+            is_near = marks[i] & NEAR != 0
+            load += 0.0 if is_near else told
+            weight += 0.0 if is_near else w
+            near_load += told if is_near else 0.0
+            near_weight += w if is_near else 0.0
         if near_load > 0.0 and near_load * near_load > limit * near_weight:
             _refuse(marks, range(first, last), NEAR)
             near_load = near_weight = 0.0
@@ -255,6 +234,7 @@ def _vote(model, data, run):
     A unit counts the less the farther its own residual has long been from what the others see
     (Geman-McClure weights): a unit that lies persistently does not count.
     """
+    assume_noalias()
     units, memory, field = model.units, data.memory, data.field_ut
     count = pressed = both = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
@@ -270,7 +250,7 @@ def _vote(model, data, run):
         known = memory.rest_ut[i] == memory.rest_ut[i]
         off_z = memory.long_ut[2, i] if known else 0.0
         off = memory.long_ut[0, i] ** 2 + memory.long_ut[1, i] ** 2 + off_z**2
-        trust = 1.0 / (1.0 + off / (sigma * sigma))
+        trust = sigma * sigma / (sigma * sigma + off)
         trust = trust * trust if votes else 0.0
         lateral = trust * units.lateral_information[i]
         # a press too light to be a contact is not ambient field either
@@ -380,47 +360,51 @@ def _filter(bodies, g, dt_s, delay_s):
 
 
 @jitable(inline=True)
-def _follow(model, data):
+def _follow(model, data, long_ut, zero):
     """Zeros of the units that are provably unloaded."""
-    units, memory, marks, zero = model.units, data.memory, data.marks, data.zero
+    assume_noalias()
+    (long_x, long_y, long_z), (zero_hz, zero_x, zero_y) = long_ut, zero
+    units, memory, marks = model.units, data.memory, data.marks
     dt_s, slow_s = data.elapsed_s[0], model.slow_s
     most_s = min(dt_s, 2.0 * model.period_s)  # of a gap, which nobody has seen
     share_hz = dt_s / max(FOLLOW_S, DAMPED * slow_s)
     known_hz = RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
     share_ut = dt_s / (DAMPED * LONG_OF_SLOW * slow_s)
     for i in range(marks.size):
+        age_s, sigma, load = memory.age_s[i], units.sigma_hz[i], abs(memory.slow_hz[i])
+        rest, off_z, zeroed_s = memory.rest_ut[i], long_z[i], memory.rest_s[i]
         axial = units.axial_information[i] > 0.0
-        known = axial and not np.isnan(memory.rest_ut[i])
+        known = axial & (rest == rest)  # noqa: PLR0124 - NaN: not known
         # where Bz shows no press it may be drift, up to what counts as a contact
-        sigmas = LOADED_SIGMAS if known else CALM_SIGMAS
-        calm = (
-            marks[i] & (LOADED | NEAR) == 0
-            and memory.age_s[i] > 0.0
-            and abs(memory.slow_hz[i]) < sigmas * units.sigma_hz[i]
-            and abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
-            and not (known and abs(memory.long_ut[2, i]) > units.witness_ut[i])
-        )
-        memory.calm_s[i] = memory.calm_s[i] + most_s if calm else 0.0
-        learning = axial and memory.rest_s[i] < DWELL_OF_SLOW * slow_s
-        watched = min(memory.calm_s[i], memory.alone_s[i])
-        if learning and watched >= LEARN_OF_SLOW * slow_s:
-            memory.rest_ut[i] = memory.long_ut[2, i] + (memory.rest_ut[i] if known else 0.0)
-            memory.rest_film_c[i] = memory.film_c[i]
-            memory.rest_s[i] = watched
-            memory.long_ut[2, i] = 0.0
+        unloaded = load < (LOADED_SIGMAS if known else CALM_SIGMAS) * sigma
+        steady = abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
+        seen = known & (abs(off_z) > units.witness_ut[i])
+        alone = (marks[i] & (LOADED | NEAR) == 0) & (age_s > 0.0)
+        calm_s = memory.calm_s[i] + most_s if alone & unloaded & steady & (not seen) else 0.0
+        memory.calm_s[i] = calm_s
+        learning = axial & (zeroed_s < DWELL_OF_SLOW * slow_s)
+        watched_s = min(calm_s, memory.alone_s[i])
+        learns = learning & (watched_s >= LEARN_OF_SLOW * slow_s)
+        rest = off_z + (rest if known else 0.0) if learns else rest
+        memory.rest_film_c[i] = memory.film_c[i] if learns else memory.rest_film_c[i]
+        memory.rest_s[i] = watched_s if learns else zeroed_s
+        long_z[i] = 0.0 if learns else off_z
+        follows = (not learning) & (calm_s >= DWELL_OF_SLOW * slow_s)
         bound = memory.bound_hz[i]
-        if learning or memory.calm_s[i] < DWELL_OF_SLOW * slow_s:
-            memory.bound_hz[i] = min(bound + RATE_HZ * dt_s, LOADED_SIGMAS * units.sigma_hz[i])
-            continue
-        marks[i] |= FOLLOWED
-        memory.bound_hz[i] = bound + _clamped(share_hz * (known_hz - bound), RATE_HZ * dt_s)
+        known_better = bound + _clamped(share_hz * (known_hz - bound), RATE_HZ * dt_s)
+        known_worse = min(bound + RATE_HZ * dt_s, LOADED_SIGMAS * sigma)
+        memory.bound_hz[i] = known_better if follows else known_worse
         step = _clamped(share_hz * memory.slow_hz[i], RATE_HZ * dt_s)
-        zero[0, i] = _clamped(zero[0, i] + step, SPAN_HZ)
-        for axis in range(0 if marks[i] & TOUCHED else 2):
-            step = _clamped(share_ut * memory.long_ut[axis, i], RATE_UT * dt_s)
-            zero[1 + axis, i] = _clamped(zero[1 + axis, i] + step, SPAN_UT)
-        if axial and abs(memory.slow_hz[i]) < CALM_SIGMAS * units.sigma_hz[i]:
-            memory.rest_ut[i] += _clamped(share_ut * memory.long_ut[2, i], RATE_REST_UT * dt_s)
+        zero_hz[i] = _clamped(zero_hz[i] + step, SPAN_HZ) if follows else zero_hz[i]
+        free = follows & (marks[i] & TOUCHED == 0)
+        step = _clamped(share_ut * long_x[i], RATE_UT * dt_s)
+        zero_x[i] = _clamped(zero_x[i] + step, SPAN_UT) if free else zero_x[i]
+        step = _clamped(share_ut * long_y[i], RATE_UT * dt_s)
+        zero_y[i] = _clamped(zero_y[i] + step, SPAN_UT) if free else zero_y[i]
+        moves = follows & axial & (load < CALM_SIGMAS * sigma)
+        step = _clamped(share_ut * off_z, RATE_REST_UT * dt_s)
+        memory.rest_ut[i] = rest + step if moves else rest
+        marks[i] |= FOLLOWED if follows else 0
 
 
 @jitable(inline=True)
@@ -433,38 +417,39 @@ def _compose(model, data):
     moves psi = atan2(S, Bz) by S dBz / (S² + Bz²), as a lateral field with `PRIOR_UT2` · S² / (S² +
     Bz²) does, in which the field of the last cycle stands for that of the next [derived].
     """
-    turn, unmap, skin_chip = model.units.counts_skin, model.units.inverse_map, model.units.skin_chip
-    field, axial = data.field_ut, model.units.axial_information
-    zero, background, bodies = data.zero, data.background, data.bodies
+    assume_noalias()
+    bodies, out = data.bodies, data.background
     for run in range(model.runs.body.size):
-        g = model.runs.body[run]
-        bx, by, bz = bodies.field_ut[g, 0], bodies.field_ut[g, 1], bodies.field_ut[g, 2]
-        covariance = bodies.covariance_ut2[g]
-        spread = covariance[0, 0] + covariance[1, 1] + covariance[2, 2]
-        # a loop for each row: one over all rows has too many arrays that might overlap
-        units = range(model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE)
-        for i in units:
-            background[0, i] = zero[0, i]
-        for i in units:
-            x = turn[0, 0, i] * bx + turn[0, 1, i] * by + turn[0, 2, i] * bz
-            background[1, i] = x + unmap[0, 0, i] * zero[1, i] + unmap[0, 1, i] * zero[2, i]
-        for i in units:
-            y = turn[1, 0, i] * bx + turn[1, 1, i] * by + turn[1, 2, i] * bz
-            background[2, i] = y + unmap[1, 0, i] * zero[1, i] + unmap[1, 1, i] * zero[2, i]
-        for i in units:
-            z = turn[2, 0, i] * bx + turn[2, 1, i] * by + turn[2, 2, i] * bz
-            background[3, i] = z
-        xx, yy, zz = covariance[0, 0], covariance[1, 1], covariance[2, 2]
-        xy, xz, yz = covariance[0, 1], covariance[0, 2], covariance[1, 2]
-        for i in units:
-            nx, ny, nz = skin_chip[0, 2, i], skin_chip[1, 2, i], skin_chip[2, 2, i]
-            along = nx * (xx * nx + 2.0 * (xy * ny + xz * nz)) + ny * (yy * ny + 2.0 * yz * nz)
-            data.residue_ut2[i] = 0.5 * (spread - along - zz * nz * nz)
-        for i in units:
-            across = field[0, i] * field[0, i] + field[1, i] * field[1, i]
-            share = across / max(across + field[2, i] * field[2, i], 1.0)
-            is_seen = (share - share == 0.0) & (axial[i] > 0.0)
-            data.residue_ut2[i] += PRIOR_UT2 * share if is_seen else 0.0
+        g, first, last = model.runs.body[run], model.runs.first[run], model.runs.last[run]
+        rows, ambient = (out[0], out[1], out[2], out[3]), bodies.field_ut[g]
+        _take_off(model.units, data, rows, ambient, bodies.covariance_ut2[g], first, last)
+
+
+@jitable(inline=True)
+def _take_off(units, data, rows, ambient, covariance, first, last):
+    """`_compose` for the units of a run."""
+    assume_noalias()
+    frequency, out_x, out_y, out_z = rows
+    turn, unmap, field, zero = units.skin_chip, units.inverse_map, data.field_ut, data.zero
+    real = frequency.dtype.type
+    prior, least, nothing = real(PRIOR_UT2), real(1.0), real(0.0)
+    bx, by, bz = real(ambient[0]), real(ambient[1]), real(ambient[2])
+    xx, yy, zz = covariance[0, 0], covariance[1, 1], covariance[2, 2]
+    xy, xz, yz = covariance[0, 1], covariance[0, 2], covariance[1, 2]
+    for i in range(first & NOT_NEGATIVE, last & NOT_NEGATIVE):
+        nx, ny, nz = turn[0, 2, i], turn[1, 2, i], turn[2, 2, i]
+        x = real(zero[1, i]) + turn[0, 0, i] * bx + turn[1, 0, i] * by + turn[2, 0, i] * bz
+        y = real(zero[2, i]) + turn[0, 1, i] * bx + turn[1, 1, i] * by + turn[2, 1, i] * bz
+        frequency[i] = zero[0, i]
+        out_x[i] = unmap[0, 0, i] * x + unmap[0, 1, i] * y
+        out_y[i] = unmap[1, 0, i] * x + unmap[1, 1, i] * y
+        out_z[i] = nx * bx + ny * by + nz * bz
+        along = nx * (xx * nx + 2.0 * (xy * ny + xz * nz)) + ny * (yy * ny + 2.0 * yz * nz)
+        residue = 0.5 * (xx + yy + zz - along - zz * nz * nz)
+        across = field[0, i] * field[0, i] + field[1, i] * field[1, i]
+        share = across / max(across + field[2, i] * field[2, i], least)
+        is_seen = (share - share == nothing) & (units.axial_information[i] > nothing)
+        data.residue_ut2[i] = residue + (prior * share if is_seen else nothing)
 
 
 def update_python(model, data):
@@ -476,8 +461,11 @@ def update_python(model, data):
     data : AmbientData
     """
     assume_noalias()
-    _average(model, data)
-    _mark(model, data.memory, data.marks)
+    long_ut, zero = data.memory.long_ut, data.zero
+    # rows as arrays of their own: the compiler need not ask whether they overlap
+    long_rows, zero_rows = (long_ut[0], long_ut[1], long_ut[2]), (zero[0], zero[1], zero[2])
+    _average(model, data, long_rows)
+    _mark(model, data.memory, data.marks, data.near)
     _pool(model, data)
     data.bodies.voters[:] = 0.0
     data.bodies.pressed[:] = 0.0
@@ -487,7 +475,7 @@ def update_python(model, data):
         _vote(model, data, run)
     for g in range(data.bodies.voters.size):
         _filter(data.bodies, g, data.elapsed_s[0], FAST_OF_SLOW * model.slow_s)
-    _follow(model, data)
+    _follow(model, data, long_rows, zero_rows)
     _compose(model, data)
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from skin.physics.halbach import CHIP_AXES
 from skin.physics.rest import film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology
-from topology.neighbours import compressed_rows, neighbour_pairs
+from topology.neighbours import neighbour_pairs
 
-__all__ = ["AmbientData", "AmbientModel", "Bodies", "Memory", "Runs", "Tile", "Units", "body_of",
+__all__ = ["AmbientData", "AmbientModel", "Bodies", "Memory", "Near", "Runs", "Units", "body_of",
            "data_of", "frames_of", "lag_hz", "model_of"]  # fmt: skip
 
-BLOCK = 128
-"""Units that are looked at together."""
+WORD = 64
+"""Units that have their bits in one word."""
 SLOW_S = 1.0
 SLOW_CYCLES = 100
 """The slow low-passes: this long, and over this many cycles at least [assumed]."""
@@ -48,13 +48,13 @@ WALK_UT2 = 400.0
 
 
 class Units(NamedTuple):
-    """What is known of n units; shape (n,) where nothing else is said, float64."""
+    """What is known of n units; shape (n,) where nothing else is said, of the decoder's type."""
 
     skin_chip: np.ndarray  # (3, 3, n), from the unit's field to the skin frame
-    counts_skin: np.ndarray  # (3, 3, n), from the skin frame to what the counts read
     inverse_map: np.ndarray  # (2, 2, n), from the unit's lateral field to what the counts read
     hz_per_mm: np.ndarray  # fall of the frequency per depth
     sigma_hz: np.ndarray  # one sigma of a reading
+    load_information: np.ndarray  # 1/Hz², of a reading
     sigma_ut: np.ndarray
     lateral_information: np.ndarray  # 1/µT², 0 where the wire does not carry it
     axial_information: np.ndarray
@@ -73,12 +73,19 @@ class Runs(NamedTuple):
     body: np.ndarray
 
 
+class Near(NamedTuple):
+    """The units near each unit, itself included, as bits of words; compressed rows."""
+
+    start: np.ndarray  # (n + 1,) int32
+    word: np.ndarray  # (m,) int32, which one
+    bits: np.ndarray  # (m,) int64
+
+
 class AmbientModel(NamedTuple):
     """What does not change between cycles."""
 
     units: Units
-    near_start: np.ndarray  # compressed rows of the units near each other, int32
-    near: np.ndarray
+    near: Near
     runs: Runs
     near_votes: bool  # whether units near a loaded one vote
     slow_s: float  # time constant of the slow low-passes
@@ -120,23 +127,6 @@ class Bodies(NamedTuple):
     attitude_known: np.ndarray  # (g,), 1 where turns are reported, 0 where it may turn unseen
 
 
-class Tile(NamedTuple):
-    """Values of a block of units on their way into the low-passes, shape (BLOCK,) each, and the
-    shares that they enter with; 0 where they are not known."""
-
-    drop_hz: np.ndarray
-    x_ut: np.ndarray
-    y_ut: np.ndarray
-    z_ut: np.ndarray
-    gel_c: np.ndarray
-    usable: np.ndarray
-    fast: np.ndarray
-    slow: np.ndarray
-    long: np.ndarray
-    long_field: np.ndarray
-    long_pull: np.ndarray
-
-
 class AmbientData(NamedTuple):
     """One cycle: what is read, what is kept, what is written."""
 
@@ -148,15 +138,16 @@ class AmbientData(NamedTuple):
     memory: Memory
     zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
     marks: np.ndarray  # (n,) uint8
+    near: np.ndarray  # (words,) int64 scratch, bits of the units near a loaded one
     bodies: Bodies
-    tile: Tile
     background: np.ndarray  # (4, n), written: Hz, then µT in the axes of the chips
     residue_ut2: np.ndarray  # (n,), written: variance of an axis by the ambient field
 
 
 def model_of(
-    topology: Topology, bodies: Sequence[str], guard_m: float, period_s: float, *, near_votes: bool
-) -> AmbientModel:
+    topology: Topology, bodies: Sequence[str], guard_m: float, period_s: float, dtype: str,
+    *, near_votes: bool,
+) -> AmbientModel:  # fmt: skip
     """What the kernels must know of a topology.
 
     Parameters
@@ -168,17 +159,20 @@ def model_of(
         What is near.
     period_s : float
         From one look to the next.
+    dtype : "float32" or "float64"
+        Of what is known of the units, as of the decoder.
     near_votes : bool
         Whether units near a loaded one vote.
     """
     n = topology.n
-    near = neighbour_pairs(topology.position, np.full(n, guard_m), np.zeros(n, int))
+    near = _near(n, *neighbour_pairs(topology.position, np.full(n, guard_m), np.zeros(n, int)))
     body = body_of(topology, bodies)
     edges = np.flatnonzero(np.diff(topology.patch, prepend=-1, append=-1))
     runs = Runs(*np.stack([edges[:-1], edges[1:], body[edges[:-1]]]).astype(np.int32))
     slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
     return AmbientModel(
-        _units(topology, slow_s), *compressed_rows(n, *near), runs, near_votes, slow_s, period_s,
+        Units(*(np.ascontiguousarray(row, dtype) for row in _units(topology, slow_s))),
+        near, runs, near_votes, slow_s, period_s,
     )  # fmt: skip
 
 
@@ -193,13 +187,13 @@ def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
         memory=Memory(*(np.empty((3, n) if name == "long_ut" else n) for name in Memory._fields)),
         zero=np.empty((3, n)),
         marks=np.empty(n, np.uint8),
+        near=np.empty(-(-n // WORD), np.int64),
         bodies=Bodies(
             np.empty(bodies), np.empty(bodies), np.empty((bodies, 3)), np.empty((bodies, 3, 3)),
             np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty(bodies), np.empty(bodies),
             np.empty(bodies), np.empty(bodies), np.empty((2, bodies, 3)),
             np.empty((2, bodies, 3, 3)), np.empty(bodies),
         ),
-        tile=Tile(*(np.empty(BLOCK) for _ in Tile._fields)),
         background=np.empty((4, n), dtype),
         residue_ut2=np.empty(n, dtype),
     )  # fmt: skip
@@ -220,14 +214,22 @@ def body_of(topology: Topology, bodies: Sequence[str]) -> np.ndarray:
     return np.array([bodies.index(frame) for frame in frames_of(topology)])[topology.patch]
 
 
+def _near(n: int, i: np.ndarray, j: np.ndarray) -> Near:
+    """Units near each other, from pairs of them."""
+    all_units, words = np.arange(n), -(-n // WORD)
+    unit, other = np.concatenate([i, j, all_units]), np.concatenate([j, i, all_units])
+    place, which = np.unique(unit * words + other // WORD, return_inverse=True)
+    bits = np.zeros(place.size, np.int64)
+    np.bitwise_or.at(bits, which, np.int64(1) << other % WORD)
+    start = np.searchsorted(place, words * np.arange(n + 1))
+    return Near(start.astype(np.int32), (place % words).astype(np.int32), bits)
+
+
 def _units(topology: Topology, slow_s: float) -> Units:
     p = topology.parameters
     step = np.abs(topology.scale) / np.sqrt(12.0)
     frequency, bx, by, bz = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
-    to_skin = np.ascontiguousarray(topology.rotation * CHIP_AXES[:, np.newaxis])
-    unmap = np.zeros((3, 3, topology.n))
-    unmap[:2, :2] = inverse_map(topology)
-    unmap[2, 2] = 1.0
+    to_skin = topology.rotation * CHIP_AXES[:, np.newaxis]
     sigma_hz = np.hypot(p["frequency_noise_hz"], step[frequency])
     lateral = p["field_noise_ut"] ** 2 + 0.5 * (step[bx] ** 2 + step[by] ** 2)
     axial = p["field_noise_ut"] ** 2 + step[bz] ** 2
@@ -235,16 +237,16 @@ def _units(topology: Topology, slow_s: float) -> Units:
     per_hz = own[2] * p["field_growth_per_mm"] / p["frequency_slope_hz_per_mm"]
     return Units(
         skin_chip=to_skin,
-        counts_skin=np.ascontiguousarray(np.einsum("acn,bcn->abn", unmap, to_skin)),
-        inverse_map=np.ascontiguousarray(unmap[:2, :2]),
+        inverse_map=inverse_map(topology),
         hz_per_mm=p["frequency_slope_hz_per_mm"],
         sigma_hz=sigma_hz,
+        load_information=1.0 / sigma_hz**2,
         sigma_ut=np.sqrt(lateral),
         lateral_information=np.where(topology.wired[bx] & topology.wired[by], 1.0 / lateral, 0.0),
         axial_information=np.where(topology.wired[bz], 1.0 / axial, 0.0),
         witness_ut=WITNESS_SIGMAS * per_hz * sigma_hz,
         film_drift_per_k=p["film_drift_per_k"],
-        own_ut=np.ascontiguousarray(own[:2]),
+        own_ut=own[:2],
         bound_hz=np.clip(
             BOUND_SIGMAS * p["frequency_sigma_hz"], lag_hz(slow_s), LOADED_SIGMAS * sigma_hz
         ),

@@ -2,10 +2,8 @@
 
 The films stand in padded rows of cells, so that a neighbour is a constant number of cells away and
 the cell beyond the edge is empty. A term of all neighbours of one offset is then one shifted,
-contiguous load and one coefficient: `GROUP` of them, of any offsets, are added up in
-registers for three axes at once.
-
-Sums have a constant pitch: it is what shows the compiler that loads and stores do not overlap.
+contiguous load and one coefficient. The sums of a block of cells stay in registers while the terms
+are added up; those that come from blocks where no film has moved are left out.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bus.compiled.aligned import LINE, zeros
+from bus.compiled.aligned import zeros
 from bus.compiled.bound import Bound
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
@@ -26,21 +24,21 @@ from skin.physics.stray import powers
 
 __all__ = ["Lattice", "LatticeData", "LatticeModel", "lattice", "lattice_python", "prune_terms"]
 
-BLOCK = 192
-"""Cells that are added up, or skipped, together: a constant, not a count, is what the compiler
-makes the most of."""
-GROUP = 8
-"""Terms that are added up in registers."""
+BLOCK = 48
+"""Cells that are added up, or skipped, together: a constant, so that their sums for three axes stay
+in registers [tuned on `benchmarks contact`]."""
+AT_ONCE = 2
+"""Terms of films that are multiplied together."""
 ALIKE_SHARE = 1e-6
 """Largest difference of coefficients, as a share of the largest, of pairs that share them
 [assumed: above rounding, below what two units differ by]."""
 
 
 class Runs(NamedTuple):
-    """Units that follow each other in consecutive cells of one block; shape (r,), int64."""
+    """Units that follow each other in consecutive cells; shape (r,), int64."""
 
     unit: np.ndarray  # the first one
-    cell: np.ndarray  # its cell
+    cell: np.ndarray  # its cell in a row
     length: np.ndarray
 
 
@@ -48,13 +46,13 @@ class LatticeModel(NamedTuple):
     """A flat lattice."""
 
     runs: Runs
-    first_run: np.ndarray  # (blocks + 1,) int64, of each block of cells, and their number
-    cells: int  # a multiple of BLOCK
-    halo: int  # largest offset in cells; rows begin and end with that many empty ones
+    halo: int  # blocks at both ends of a row that stay empty
     pitch: int  # cells from row to row
     terms: Terms
-    place: np.ndarray  # (g * GROUP,) int64: where each term of the first cell's neighbours stands
-    coefficients: np.ndarray  # (g * 3 * GROUP,), axis by axis within a group
+    first_term: np.ndarray  # (2 * halo + 1,) int64: those from here on come from a block and the
+    # next one, the first of them `halo` blocks back
+    place: np.ndarray  # (t,) int64: where each term of the neighbours of cell 0 stands
+    coefficients: np.ndarray  # (t, 3)
 
 
 class LatticeData(NamedTuple):
@@ -62,89 +60,79 @@ class LatticeData(NamedTuple):
 
     films: Films
     field_ut: np.ndarray  # (3, n), added to
-    rows: np.ndarray  # (k * pitch,) terms; cells without a unit are zero and stay so
-    sums: np.ndarray  # (3 * BLOCK,) scratch
+    rows: np.ndarray  # ((k + 1) * pitch,) terms, then the weight; empty cells stay zero
+    sums: tuple[np.ndarray, ...]  # x, y, z, (pitch,) each, scratch
     active: np.ndarray  # (blocks,) bool: which have a film that has moved
     was_active: np.ndarray  # the same in the cycle before
 
 
 @jitable(inline=True)
-def _take_over(model, data, block):
-    """Copy the films of a block into its cells; whether one of them has moved."""
-    runs, films, rows = model.runs, data.films, data.rows
+def _take_over(model, films, rows):
+    """Copy the films into their cells."""
+    runs, pitch = model.runs, model.pitch
+    for r in range(runs.unit.size):
+        unit, length = runs.unit[r] & NOT_NEGATIVE, runs.length[r]
+        cell = runs.cell[r] & NOT_NEGATIVE
+        for i in range(length):
+            rows[cell + i] = films.dx_mm[unit + i]
+        cell = (cell + pitch) & NOT_NEGATIVE
+        for i in range(length):
+            rows[cell + i] = films.dy_mm[unit + i]
+        cell = (cell + pitch) & NOT_NEGATIVE
+        for i in range(length):
+            rows[cell + i] = films.depth_mm[unit + i]
+        cell = (cell + (model.terms.parent.size - 2) * pitch) & NOT_NEGATIVE
+        for i in range(length):
+            rows[cell + i] = films.weight[unit + i]
+
+
+@jitable(inline=True)
+def _has_moved(rows, weight):
+    """Whether a film of a block has moved, whose weights stand from `weight` on."""
     nothing = rows.dtype.type(0.0)
     moved = 0
-    for r in range(model.first_run[block], model.first_run[block + 1]):
-        unit = runs.unit[r] & NOT_NEGATIVE
-        cell = (model.halo + runs.cell[r]) & NOT_NEGATIVE
-        count = runs.length[r]
-        for i in range(count):
-            rows[cell + i] = films.dx_mm[unit + i]
-        cell = (cell + model.pitch) & NOT_NEGATIVE
-        for i in range(count):
-            rows[cell + i] = films.dy_mm[unit + i]
-        cell = (cell + model.pitch) & NOT_NEGATIVE
-        for i in range(count):
-            rows[cell + i] = films.depth_mm[unit + i]
-        cell = (cell + model.pitch) & NOT_NEGATIVE
-        for i in range(count):
-            rows[cell + i] = films.weight[unit + i]
-        for i in range(count):
-            moved |= films.weight[unit + i] != nothing
+    for i in range(BLOCK):
+        moved |= rows[weight + i] != nothing
     return moved != 0
 
 
 @jitable(inline=True)
-def _multiply(model, rows, block):
+def _multiply(terms, rows, pitch, start):
     """All terms of the films of a block."""
-    start, pitch = model.halo + block * BLOCK, model.pitch
-    # the weight stands where dx times weight will: H, dy and dx, in this order
-    weight = (FACTORS * pitch + start) & NOT_NEGATIVE
-    for k in range(FACTORS - 1, -1, -1):
-        of = (k * pitch + start) & NOT_NEGATIVE
-        to = ((FACTORS + k) * pitch + start) & NOT_NEGATIVE
-        for i in range(BLOCK):
-            rows[to + i] = rows[of + i] * rows[weight + i]
-    for k in range(2 * FACTORS, model.terms.parent.size):
-        of = (model.terms.parent[k] * pitch + start) & NOT_NEGATIVE
-        by = (model.terms.factor[k] * pitch + start) & NOT_NEGATIVE
+    parent, factor = terms
+    for k in range(FACTORS, parent.size, AT_ONCE):
         to = (k * pitch + start) & NOT_NEGATIVE
-        for i in range(BLOCK):
-            rows[to + i] = rows[of + i] * rows[by + i]
+        of = (parent[k] * pitch + start) & NOT_NEGATIVE
+        by = (factor[k] * pitch + start) & NOT_NEGATIVE
+        to_1 = (to + pitch) & NOT_NEGATIVE
+        of_1 = (parent[k + 1] * pitch + start) & NOT_NEGATIVE
+        by_1 = (factor[k + 1] * pitch + start) & NOT_NEGATIVE
+        _products((rows, rows, rows), (to, of, by), (to_1, of_1, by_1))
 
 
 @jitable(inline=True)
-def _sum_terms(place, c, rows, sums, start):
-    """Sums over the terms of all neighbours of the cells from `start` on, a block of them."""
-    nothing = sums.dtype.type(0.0)
-    for i in range(3 * BLOCK):
-        sums[i] = nothing
-    for g in range(place.size // GROUP):
-        k = (g * GROUP) & NOT_NEGATIVE
-        r0, r1 = (place[k] + start) & NOT_NEGATIVE, (place[k + 1] + start) & NOT_NEGATIVE
-        r2, r3 = (place[k + 2] + start) & NOT_NEGATIVE, (place[k + 3] + start) & NOT_NEGATIVE
-        r4, r5 = (place[k + 4] + start) & NOT_NEGATIVE, (place[k + 5] + start) & NOT_NEGATIVE
-        r6, r7 = (place[k + 6] + start) & NOT_NEGATIVE, (place[k + 7] + start) & NOT_NEGATIVE
-        k *= 3
-        x0, x1, x2, x3 = c[k], c[k + 1], c[k + 2], c[k + 3]
-        x4, x5, x6, x7 = c[k + 4], c[k + 5], c[k + 6], c[k + 7]
-        k += GROUP
-        y0, y1, y2, y3 = c[k], c[k + 1], c[k + 2], c[k + 3]
-        y4, y5, y6, y7 = c[k + 4], c[k + 5], c[k + 6], c[k + 7]
-        k += GROUP
-        z0, z1, z2, z3 = c[k], c[k + 1], c[k + 2], c[k + 3]
-        z4, z5, z6, z7 = c[k + 4], c[k + 5], c[k + 6], c[k + 7]
+def _products(rows, one, other):
+    """Two products, so that the compiler makes vectors of the loop before it unrolls it."""
+    assume_noalias()  # two rows that are written, and those that are read
+    (out, out_1, of), (to, left, right), (to_1, left_1, right_1) = rows, one, other
+    for i in range(BLOCK):
+        out[to + i] = of[left + i] * of[right + i]
+        out_1[to_1 + i] = of[left_1 + i] * of[right_1 + i]
+
+
+@jitable(inline=True)
+def _add_terms(model, rows, sums, first, last, start):
+    """Add terms of neighbours to the sums of the cells from `start` on, a block of them."""
+    assume_noalias()
+    place, coefficients, (x_ut, y_ut, z_ut) = model.place, model.coefficients, sums
+    for t in range(first, last):
+        at = (place[t] + start) & NOT_NEGATIVE
+        x, y, z = coefficients[t, 0], coefficients[t, 1], coefficients[t, 2]
         for i in range(BLOCK):
-            m0, m1, m2, m3 = rows[r0 + i], rows[r1 + i], rows[r2 + i], rows[r3 + i]
-            m4, m5, m6, m7 = rows[r4 + i], rows[r5 + i], rows[r6 + i], rows[r7 + i]
-            # from left to right, so that each is one multiplication and addition
-            x, y, z = sums[i], sums[i + BLOCK], sums[i + 2 * BLOCK]
-            x = x + x0 * m0 + x1 * m1 + x2 * m2 + x3 * m3
-            y = y + y0 * m0 + y1 * m1 + y2 * m2 + y3 * m3
-            z = z + z0 * m0 + z1 * m1 + z2 * m2 + z3 * m3
-            sums[i] = x + x4 * m4 + x5 * m5 + x6 * m6 + x7 * m7
-            sums[i + BLOCK] = y + y4 * m4 + y5 * m5 + y6 * m6 + y7 * m7
-            sums[i + 2 * BLOCK] = z + z4 * m4 + z5 * m5 + z6 * m6 + z7 * m7
+            term = rows[at + i]
+            x_ut[start + i] += x * term
+            y_ut[start + i] += y * term
+            z_ut[start + i] += z * term
 
 
 def lattice_python(model, data):
@@ -156,28 +144,28 @@ def lattice_python(model, data):
     data : LatticeData
     """
     assume_noalias()
-    active, was_active, runs = data.active, data.was_active, model.runs
-    for b in range(active.size):
+    rows, pitch, active, was_active = data.rows, model.pitch, data.active, data.was_active
+    first_term, weight = model.first_term, model.terms.parent.size * pitch
+    _take_over(model, data.films, rows)
+    for b in range(model.halo, active.size - model.halo):
+        start = (b * BLOCK) & NOT_NEGATIVE
         was_active[b] = active[b]
-        active[b] = _take_over(model, data, b)
+        active[b] = _has_moved(rows, (weight + start) & NOT_NEGATIVE)
         if active[b] or was_active[b]:
-            _multiply(model, data.rows, b)
-    for b in range(active.size):
-        start = b * BLOCK
-        first = max(start - model.halo, 0) // BLOCK
-        last = min(start + BLOCK - 1 + model.halo, model.cells - 1) // BLOCK
-        near = False
-        for a in range(first, last + 1):
-            near |= active[a]
-        if not near:
-            continue
-        _sum_terms(model.place, model.coefficients, data.rows, data.sums, start)
-        for r in range(model.first_run[b], model.first_run[b + 1]):
-            unit = runs.unit[r] & NOT_NEGATIVE
-            for axis in range(3):
-                of = (axis * BLOCK + runs.cell[r] - start) & NOT_NEGATIVE
-                for i in range(runs.length[r]):
-                    data.field_ut[axis, unit + i] += data.sums[of + i]
+            _multiply(model.terms, rows, pitch, start)
+    for axis in range(3):
+        data.sums[axis][:] = 0.0
+    for b in range(model.halo, active.size - model.halo):
+        for step in range(2 * model.halo):
+            of = b - model.halo + step
+            if active[of] or active[of + 1]:
+                first, last = first_term[step], first_term[step + 1]
+                _add_terms(model, rows, data.sums, first, last, (b * BLOCK) & NOT_NEGATIVE)
+    for r in range(model.runs.unit.size):
+        unit, cell = model.runs.unit[r] & NOT_NEGATIVE, model.runs.cell[r] & NOT_NEGATIVE
+        for axis in range(3):
+            for i in range(model.runs.length[r]):
+                data.field_ut[axis, unit + i] += data.sums[axis][cell + i]
 
 
 lattice = compiled(lattice_python, fastmath={"contract"}, allocates=False)
@@ -217,10 +205,11 @@ class Lattice:
         self.off = (kept - full)[np.searchsorted(shared, which[inside])]
         self.terms = int(stays.sum())
         self.model = _model(cells, offsets[:, shared], powers(stencil.degree), kept, stays, dtype)
-        blocks = self.model.first_run.size - 1
+        pitch = self.model.pitch
         self._scratch = (
-            zeros(self.model.terms.parent.size * self.model.pitch, dtype),
-            zeros(3 * BLOCK, dtype), np.zeros(blocks, bool), np.zeros(blocks, bool),
+            zeros((self.model.terms.parent.size + 1) * pitch, dtype),
+            tuple(zeros(pitch, dtype) for _ in range(3)),
+            np.zeros(pitch // BLOCK, bool), np.zeros(pitch // BLOCK, bool),
         )  # fmt: skip
 
     def bound(self, films: Films, field_ut: np.ndarray) -> Bound:
@@ -233,26 +222,23 @@ def _model(
     dtype: np.dtype,
 ) -> LatticeModel:  # fmt: skip
     """Where everything stands, from the offsets, shape (2, o), and `prune_terms` of their terms."""
+    steps, kept, stays = steps[:, worth := stays.any(axis=1)], kept[worth], stays[worth]
     wide = int(cells.column.max()) + 1 + int(np.abs(steps[1]).max(initial=0))
-    furthest = int(np.abs(steps[0] * wide + steps[1]).max(initial=0))
-    halo = furthest + -furthest % (LINE // dtype.itemsize)
-    count = wide * (int(cells.row.max()) + 1)
-    count += -count % BLOCK
-    pitch = count + 2 * halo
-    terms, row = terms_of(exponents[stays.any(axis=0)])
-    # terms by the row of cells that they come from: what is near in memory is used together
-    slots = sorted((steps[0, o], row[tuple(exponents[p].tolist())], steps[1, o], o, p)
-                   for o, p in np.argwhere(stays))  # fmt: skip
-    size = len(slots) + -len(slots) % GROUP
-    place, values = np.full(size, halo, np.int64), np.zeros((size, 3))
-    for slot, (r, term, c, o, p) in enumerate(slots):
-        place[slot] += term * pitch + r * wide + c
-        values[slot] = kept[o, :, p]
-    groups = values.reshape(-1, GROUP, 3).transpose(0, 2, 1)
-    runs, first_run = _runs(cells.units, cells.row * wide + cells.column, count)
+    distance = steps[0] * wide + steps[1]
+    halo = int(np.abs(distance).max(initial=0)) // BLOCK + 1
+    pitch = (2 * halo + -(-wide * (int(cells.row.max()) + 1) // BLOCK)) * BLOCK
+    terms, row = terms_of(exponents[stays.any(axis=0)], AT_ONCE)
+    terms.parent[FACTORS : 2 * FACTORS] = terms.parent.size  # the weight
+    # by distance: what is near in memory is used together, and skipped together
+    slots = np.argwhere(stays)[np.argsort(distance[np.nonzero(stays)[0]], kind="stable")]
+    where = distance[slots[:, 0]]
+    term = [row[tuple(exponents[p].tolist())] for p in slots[:, 1]]
     return LatticeModel(
-        runs, first_run, count, halo, pitch, terms, place,
-        np.ascontiguousarray(groups, dtype).reshape(-1),
+        runs=_runs(cells.units, halo * BLOCK + cells.row * wide + cells.column),
+        halo=halo, pitch=pitch, terms=terms,
+        first_term=np.searchsorted(where, BLOCK * np.arange(-halo, halo + 1)),
+        place=np.array(term, np.int64) * pitch + where,
+        coefficients=np.ascontiguousarray(kept[slots[:, 0], :, slots[:, 1]], dtype),
     )  # fmt: skip
 
 
@@ -266,16 +252,14 @@ def _shared(cells: Cells, stencil: Stencil, pairs: np.ndarray, step: np.ndarray)
     return bool(np.ptp(values, axis=0).max() <= ALIKE_SHARE * np.abs(values).max())
 
 
-def _runs(units: np.ndarray, at: np.ndarray, cells: int) -> tuple[Runs, np.ndarray]:
-    """Stretches that go on in units and cells, and the first one of each block of cells."""
+def _runs(units: np.ndarray, at: np.ndarray) -> Runs:
+    """Stretches that go on in units and cells."""
     order = np.argsort(at)
     units, at = units[order], at[order]
-    block = at // BLOCK
-    go_on = (np.diff(units) == 1) & (np.diff(at) == 1) & (np.diff(block) == 0)
+    go_on = (np.diff(units) == 1) & (np.diff(at) == 1)
     first = np.concatenate([[0], np.flatnonzero(~go_on) + 1])
     length = np.diff(np.append(first, units.size))
-    first_run = np.searchsorted(block[first], np.arange(cells // BLOCK + 1))
-    return Runs(*(each.astype(np.int64) for each in (units[first], at[first], length))), first_run
+    return Runs(*(each.astype(np.int64) for each in (units[first], at[first], length)))
 
 
 def prune_terms(

@@ -36,7 +36,7 @@ def tumbled(rate_hz=250.0):
     turns = np.moveaxis(Rotation.random(UNITS, rng=1).as_matrix(), 0, -1)
     return dataclasses.replace(
         skin, rotation=turns, patch=BODY.astype(np.int32), patch_names=("a", "b"), scale=scale,
-        patch_frames=("a", "b"), wired=wired, position=1.3 * skin.position,
+        patch_frames=("a", "b"), wired=wired, position=0.13 * skin.position,
     )  # fmt: skip
 
 
@@ -99,7 +99,7 @@ def test_a_cycle_from_any_state_is_that_of_the_naive_one(near_votes, rate_hz):
     ambient = Ambient(skin, dtype="float64", crosstalk=near_votes)
     naive = NaiveAmbient(skin, BODY, near_votes=near_votes)
     followed = learnt = 0
-    for _ in range(80):
+    for _ in range(320):
         any_state(ambient, naive, rng)
         before = state_of(ambient)
         reading = any_reading(naive, before, rng)
@@ -141,7 +141,7 @@ def test_first_cycles_are_a_mean():
 def test_units_of_all_blocks_are_looked_at():
     """150 units are more than one block of them, and not a whole number."""
     skin, rng = row_of(150), np.random.default_rng(4)
-    skin = dataclasses.replace(skin, position=1.3 * skin.position)
+    skin = dataclasses.replace(skin, position=0.13 * skin.position)
     ambient = Ambient(skin, dtype="float64")
     naive = NaiveAmbient(skin, np.zeros(150, int))
     state = state_of(ambient)

@@ -108,6 +108,15 @@ def test_the_report_is_of_each_body():
     assert ambient.report()["followed"] == [ambient.topology.unit_names[4]]
 
 
+def test_each_chip_reads_the_field_of_its_body_through_its_map():
+    ambient, naive = anyhow()
+    field = ambient.field_ut
+    for i, g in enumerate(BODY):
+        seen = naive.turn[i].T @ field[:, g]
+        expected = [*(naive.unmap[i] @ seen[:2]), seen[2]]
+        np.testing.assert_allclose(ambient.field_at_chips_ut[:, i], expected)
+
+
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 @pytest.mark.parametrize(("given", "seconds"), [(None, 0.004), (0.05, 0.05)])
 def test_a_cycle_lasts_a_period_if_nobody_says_otherwise(given, seconds):
