@@ -11,14 +11,13 @@ from bus.compiled.jit import compiled, jitable
 from skin.contact.gate import KEEP_SIGMA, START_SIGMA
 from skin.contact.graph import checked_graph
 from skin.contact.model import (
-    GIVEN,
     POSE,
     ContactModel,
     Gate,
     Geometry,
-    Readings,
     Wants,
     contact_data,
+    no_readings,
 )
 from skin.contact.record import BRIDGE, OPEN, OUT, SILENT
 
@@ -41,12 +40,10 @@ def _gate(load, sigma, valid, keep_sigma, touching, kind):
     return above
 
 
-@jitable
+@jitable(inline=True)
 def _all_finite(values, i):
-    reported = True
-    for row in range(values.shape[0]):
-        reported &= np.isfinite(values[row, i])
-    return reported
+    x, y, z = values[0, i], values[1, i], values[2, i]
+    return np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
 
 
 @jitable
@@ -91,7 +88,7 @@ def _spread(first, part, stored, graph, units):
             stored += 1
         for at in range(graph.start[i], graph.start[i + 1]):
             j = graph.neighbour[at]
-            if (kind[j] == OPEN or kind[j] == BRIDGE) and label[j] < 0:
+            if label[j] < 0 and (kind[j] == OPEN or kind[j] == BRIDGE):
                 label[j] = part
                 queue[tail] = j
                 tail += 1
@@ -144,8 +141,7 @@ def join_python(model, data):
     """
     reading, units = data.reading, data.units
     kind, label, begin, touching = units.kind, units.label, units.begin, units.touching
-    load = reading.force[reading.force.shape[0] - 1]
-    sigma = reading.force_sigma[reading.force_sigma.shape[0] - 1]
+    load, sigma = reading.force[2], reading.force_sigma[2]
     above = _gate(load, sigma, reading.valid, model.gate.keep_sigma, touching, kind)
     label[:] = -1
     begin[0] = 0
@@ -226,14 +222,14 @@ def contact_clusters(
     load = np.ascontiguousarray(load, np.float64)
     n = load.size
     used = np.isfinite(load) if valid is None else np.isfinite(load) & valid
-    loads, sigmas = load[np.newaxis], np.array(np.broadcast_to(sigma, (1, n)), np.float64)
+    reading = no_readings(n, np.float64)
+    reading.force[2], reading.force_sigma[2], reading.valid[:] = load, sigma, used
     geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
     model = ContactModel(
         checked_graph(n, neighbour_start, neighbour_index),
         Gate(float(start_sigma), np.inf, np.inf, float(keep_sigma), 0.0, 0.0, False),
         geometry, Wants(False, False, False),
     )  # fmt: skip
-    reading = Readings(loads, sigmas, loads, sigmas, load, used, np.zeros(1, GIVEN))
     data = contact_data(reading, 1, model.graph.neighbour.size)
     if touching is not None:
         data.units.touching[:] = touching

@@ -5,7 +5,7 @@ vector for all units of a body, so that its parts in their forces add up linearl
 with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0) + (Σ J_i) C (Σ J_i)'. The same holds
 for the field in which Bz at rest was learnt: it is one vector as well, with the prior variance, of
 which a unit feels the component along its axis. The decoder includes the variance of both in the
-sigma of each unit, as that of a lateral axis of its field (`Ambient.residue_ut2`); `add_wrenches`
+sigma of each unit, as that of a lateral axis of its field (`Ambient.residue_ut2`); `add_common`
 subtracts it. For J_i, the field B of a film turns by k R from the chip's axis as the film is
 displaced by R; hence, along the lateral field and across it, with c = cos(k R) and s = sin(k R)
 from B,
@@ -23,7 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled import aligned
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
+from skin.contact.slip.data import row_length
+from skin.contact.touched import padded
 from skin.physics.force_law import TERMS, scaled, secant, shear_law, stacked
 from skin.physics.force_law import at as law_at
 from skin.physics.halbach import CHIP_AXES
@@ -42,11 +46,28 @@ LAW = np.dtype(
         ("shear", np.float64, (len(TERMS), 1)),  # law of the tangential force
         ("gain", np.float64),  # 1/mm, by depth
         ("gain_offset", np.float64),
-        ("wavenumber", np.float64),  # rad/mm where R is found by the field's strength, else 0
+        ("wavenumber", np.float64),  # rad/mm if R is found by the field's strength; or 0 for all
     ],
     align=True,
 )
 """How the tangential force of a unit follows its field."""
+
+
+FELT_ROWS = 29
+
+
+class Felt(NamedTuple):
+    """What the units of one contact feel of their fields, in rows as those of `Touched`."""
+
+    field: np.ndarray  # (3, length), µT, zero where it or the displacement is unknown
+    moved: np.ndarray  # (2, length), mm
+    film: np.ndarray  # (2, length), see `LAW`, as the next but one
+    shear: np.ndarray  # (len(TERMS), length)
+    stiffening: np.ndarray  # factor of the tangential force by depth
+    residue: np.ndarray  # µT², see `Common`
+    axes: np.ndarray  # (9, length), row by row
+    body: np.ndarray
+    per_ut: np.ndarray  # (6, length): tangential force per µT, a row of three for each axis
 
 
 class Common(NamedTuple):
@@ -58,17 +79,21 @@ class Common(NamedTuple):
     covariance_ut2: np.ndarray  # (g, 3, 3), float64: of the ambient field of each body
     residue_ut2: np.ndarray  # (n,): variance of a lateral axis by both, as in the sigma of a unit
     rest_ut2: np.ndarray  # (1,), float64: of an axis of the field that Bz at rest was learnt in
-    shared_n2: np.ndarray  # (2, n), float64: variance of the tangential forces of units in contact
-    # by both; scratch
+    felt: np.ndarray  # (FELT_ROWS, length), float64: see `Felt`; scratch
     gain: np.ndarray  # (rows, 2 g, 6, 3), float64: wrench of a row of the sums per µT of the field
     # of each body, then of that which its Bz at rest was learnt in; scratch
+
+
+def felt_rows(n: int) -> np.ndarray:
+    """Scratch for contacts of up to n units."""
+    return aligned.zeros((FELT_ROWS, row_length(n)))
 
 
 def no_common(dtype: np.dtype | type) -> Common:
     """No common errors."""
     return Common(
         np.zeros(0, LAW), np.zeros((3, 0), dtype), np.zeros((3, 0), dtype), np.zeros((0, 3, 3)),
-        np.zeros(0, dtype), np.zeros(1), np.zeros((2, 0)), np.zeros((0, 0, 6, 3)),
+        np.zeros(0, dtype), np.zeros(1), np.zeros((0, 0)), np.zeros((0, 0, 6, 3)),
     )  # fmt: skip
 
 
@@ -105,88 +130,170 @@ def common_field(
     law["wavenumber"] = p["field_wavenumber_rad_per_mm"] if by_strength else 0.0
     return Common(
         law, field_ut, displacement_mm, covariance_ut2, residue_ut2,
-        np.array([0.0 if by_strength else rest_ut2]), np.zeros((2, topology.n)),
+        np.array([0.0 if by_strength else rest_ut2]), felt_rows(topology.n),
         np.zeros((0, 0, 6, 3)),
     )  # fmt: skip
 
 
-@jitable
-def _per_field(i, common):
-    """Tangential force of a unit per µT of its field, two rows of three; zeros if unknown."""
-    law = common.law[i]
-    x, y = np.float64(common.displacement_mm[0, i]), np.float64(common.displacement_mm[1, i])
-    depth = np.float64(common.displacement_mm[2, i])
-    bx, by = np.float64(common.field_ut[0, i]), np.float64(common.field_ut[1, i])
-    bz = np.float64(common.field_ut[2, i])
-    strength = math.sqrt(bx * bx + by * by)
-    if not (strength > 0.0 and math.isfinite(x + y + depth)):
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    outer_x, outer_y = x + law["film"][0], y + law["film"][1]
-    outer = math.sqrt(outer_x * outer_x + outer_y * outer_y)
-    inverse = 1.0 / strength
-    per_ut, wx, wy = outer * inverse, bx * inverse, by * inverse
-    if law["wavenumber"] > 0.0:
-        c = max(math.cos(law["wavenumber"] * outer), CREST)
-        along, upright = per_ut * (2.0 + c) / (3.0 * c), 0.0
-    else:
-        inverse = 1.0 / math.sqrt(strength * strength + bz * bz)
-        c = bz * inverse
-        narrow = per_ut * (2.0 + c) * (1.0 / 3.0)
-        along, upright = narrow * c, -narrow * strength * inverse
-    stiffening = law["gain"] * depth + law["gain_offset"]
-    square = x * x + y * y
-    across, steeper = secant(square, scaled(law_at(law["shear"], 0), stiffening))
-    fxx = fxy = fyy = 0.0
-    if steeper != 0.0:
-        steeper /= square
-        fxx, fxy, fyy = steeper * x * x, steeper * x * y, steeper * y * y
-    fxx += across
-    fyy += across
-    # the displacement by the field, then the force by the displacement
-    xx, xy = along * wx * wx + per_ut * wy * wy, (along - per_ut) * wx * wy
-    yy = along * wy * wy + per_ut * wx * wx
-    return (
-        fxx * xx + fxy * xy, fxx * xy + fxy * yy, upright * (fxx * wx + fxy * wy),
-        fxy * xx + fyy * xy, fxy * xy + fyy * yy, upright * (fxy * wx + fyy * wy),
-    )  # fmt: skip
+@jitable(inline=True)
+def _rows(b):
+    """The rows of a block, shape (FELT_ROWS, length), by name."""
+    return Felt(b[0:3], b[3:5], b[5:7], b[7:11], b[11], b[12], b[13:22], b[22], b[23:29])
 
 
 @jitable(inline=True)
-def _add_wrench(gain, b, p, x, y, z):
-    """Add the wrench of a force (x, y, z) at p to column b."""
-    gain[0, b] += x
-    gain[1, b] += y
-    gain[2, b] += z
-    gain[3, b] += p[1] * z - p[2] * y
-    gain[4, b] += p[2] * x - p[0] * z
-    gain[5, b] += p[0] * y - p[1] * x
+def _gather(units, common):
+    """Gather the units into the rows; returns their first and their last body.
+
+    Where field or displacement is unknown, the field is zero: such units feel nothing.
+    """
+    felt, laws = _rows(common.felt), common.law
+    moved, field = common.displacement_mm, common.field_ut
+    first, last = laws.size, 0
+    for j in range(units.size):
+        i = units[j]
+        law = laws[i]
+        x, y, depth = np.float64(moved[0, i]), np.float64(moved[1, i]), np.float64(moved[2, i])
+        known = math.isfinite(x + y + depth + field[0, i] + field[1, i])
+        x, y, depth = (x, y, depth) if known else (0.0, 0.0, 0.0)
+        felt.moved[0, j], felt.moved[1, j] = x, y
+        felt.stiffening[j] = law["gain"] * depth + law["gain_offset"]
+        for a in range(2):
+            felt.film[a, j] = law["film"][a]
+            felt.field[a, j] = field[a, i] if known else 0.0
+        felt.field[2, j] = field[2, i]
+        for term in range(len(TERMS)):
+            felt.shear[term, j] = law["shear"][term, 0]
+        for a in range(3):
+            for b in range(3):
+                felt.axes[3 * a + b, j] = law["axes"][a, b]
+        felt.residue[j] = common.residue_ut2[i]
+        body = law["body"]
+        felt.body[j] = body
+        first, last = min(first, body), max(last, body)
+    return first, last
+
+
+@jitable(inline=True)
+def _by_angle(length, felt):
+    """dR along the lateral field S per S / R of it and of Bz, where R is found by the angle."""
+    assume_noalias()
+    field, along, upright = felt.field, felt.per_ut[0], felt.per_ut[1]
+    for j in range(length):
+        bx, by, bz = field[0, j], field[1, j], field[2, j]
+        square = bx * bx + by * by
+        inverse = 1.0 / math.sqrt(square + bz * bz) if square > 0.0 else 0.0
+        c = bz * inverse
+        narrow = (2.0 + c) * (1.0 / 3.0)
+        along[j] = narrow * c
+        upright[j] = -narrow * math.sqrt(square) * inverse
 
 
 @jitable
-def add_common(k, units, common, poses):
-    """Add the units to the gain of row k, and store their common part of their own variances."""
-    bodies = common.covariance_ut2.shape[0]
-    for at in range(units.size):
-        i = units[at]
-        j00, j01, j02, j10, j11, j12 = _per_field(i, common)
-        axes, g = common.law[i]["axes"], common.law[i]["body"]
-        gain, rest_gain = common.gain[k, g], common.gain[k, g + bodies]
-        p, r = poses[i]["position"], poses[i]["rotation"]
-        ax, ay, az, bx, by, bz = r[0, 0], r[1, 0], r[2, 0], r[0, 1], r[1, 1], r[2, 1]
-        ux, uy, uz = ax * j02 + bx * j12, ay * j02 + by * j12, az * j02 + bz * j12
+def _by_strength(units, felt, laws):
+    """The same where R is found by the strength S."""
+    for j in range(units.size):
+        x, y = felt.moved[0, j] + felt.film[0, j], felt.moved[1, j] + felt.film[1, j]
+        c = max(math.cos(laws[units[j]]["wavenumber"] * math.sqrt(x * x + y * y)), CREST)
+        felt.per_ut[0, j], felt.per_ut[1, j] = (2.0 + c) / (3.0 * c), 0.0
+
+
+@jitable(inline=True)
+def _per_field(length, felt):
+    """Tangential forces per µT of the field, two rows of three; zeros where it is unknown."""
+    assume_noalias()
+    field, moved, film, out = felt.field, felt.moved, felt.film, felt.per_ut
+    for j in range(length):
+        x, y, bx, by = moved[0, j], moved[1, j], field[0, j], field[1, j]
+        square = bx * bx + by * by
+        inverse = 1.0 / math.sqrt(square) if square > 0.0 else 0.0
+        outer_x, outer_y = x + film[0, j], y + film[1, j]
+        per_ut = math.sqrt(outer_x * outer_x + outer_y * outer_y) * inverse
+        wx, wy = bx * inverse, by * inverse
+        along, upright = per_ut * out[0, j], per_ut * out[1, j]
+        square = x * x + y * y
+        across, steeper = secant(square, scaled(law_at(felt.shear, j), felt.stiffening[j]))
+        steeper = steeper / square if steeper != 0.0 else 0.0
+        fxx, fxy, fyy = steeper * x * x + across, steeper * x * y, steeper * y * y + across
+        # the displacement by the field, then the force by the displacement
+        xx, xy = along * wx * wx + per_ut * wy * wy, (along - per_ut) * wx * wy
+        yy = along * wy * wy + per_ut * wx * wx
+        out[0, j], out[1, j] = fxx * xx + fxy * xy, fxx * xy + fxy * yy
+        out[2, j] = upright * (fxx * wx + fxy * wy)
+        out[3, j], out[4, j] = fxy * xx + fyy * xy, fxy * xy + fyy * yy
+        out[5, j] = upright * (fxy * wx + fyy * wy)
+
+
+@jitable(inline=True)
+def _subtract(length, felt, touched):
+    """Subtract the common part from the variances of the units' tangential forces."""
+    assume_noalias()
+    per_ut, residue, variance = felt.per_ut, felt.residue, touched.variance
+    for j in range(length):
+        first = residue[j] * (per_ut[0, j] * per_ut[0, j] + per_ut[1, j] * per_ut[1, j])
+        second = residue[j] * (per_ut[3, j] * per_ut[3, j] + per_ut[4, j] * per_ut[4, j])
+        variance[0, j] = max(variance[0, j] - first, 0.0)
+        variance[1, j] = max(variance[1, j] - second, 0.0)
+
+
+@jitable(inline=True)
+def _gain(length, b, body, felt, touched):
+    """Wrench Σ (F, p × F) of the units of a body per µT of an axis of its field, then of the field
+    in which their Bz at rest was learnt."""
+    assume_noalias()
+    p, ex, ey, per_ut = touched.position, touched.x, touched.y, felt.per_ut
+    along = felt.axes[3 * b : 3 * b + 3]
+    f0 = f1 = f2 = f3 = f4 = f5 = 0.0
+    r0 = r1 = r2 = r3 = r4 = r5 = 0.0
+    for j in range(length):
+        px, py, pz = p[0, j], p[1, j], p[2, j]
+        own = 1.0 if felt.body[j] == body else 0.0
+        ax, ay, az = own * along[0, j], own * along[1, j], own * along[2, j]
+        u, v = az * per_ut[2, j], az * per_ut[5, j]
+        x = u * ex[0, j] + v * ey[0, j]
+        y = u * ex[1, j] + v * ey[1, j]
+        z = u * ex[2, j] + v * ey[2, j]
+        r0, r1, r2 = r0 + x, r1 + y, r2 + z
+        r3, r4, r5 = r3 + (py * z - pz * y), r4 + (pz * x - px * z), r5 + (px * y - py * x)
+        u = ax * per_ut[0, j] + ay * per_ut[1, j]
+        v = ax * per_ut[3, j] + ay * per_ut[4, j]
+        x += u * ex[0, j] + v * ey[0, j]
+        y += u * ex[1, j] + v * ey[1, j]
+        z += u * ex[2, j] + v * ey[2, j]
+        f0, f1, f2 = f0 + x, f1 + y, f2 + z
+        f3, f4, f5 = f3 + (py * z - pz * y), f4 + (pz * x - px * z), f5 + (px * y - py * x)
+    return (f0, f1, f2, f3, f4, f5), (r0, r1, r2, r3, r4, r5)
+
+
+@jitable(inline=True)
+def add_common(k, units, length, common, touched):
+    """Add the units to the gain of row k, and leave the independent part of their variances.
+
+    Parameters
+    ----------
+    k : int
+    units : ndarray, int32
+    length : int
+        Padded.
+    common : Common
+    touched : Touched
+        Of the units; `variance` is written.
+    """
+    felt, bodies = _rows(common.felt), common.covariance_ut2.shape[0]
+    first, last = _gather(units, common)
+    padded(units.size, common.felt)
+    if common.law[0]["wavenumber"] > 0.0:
+        _by_strength(units, felt, common.law)
+    else:
+        _by_angle(length, felt)
+    _per_field(length, felt)
+    _subtract(length, felt, touched)
+    for g in range(first, last + 1):
         for b in range(3):
-            z = axes[b, 2]
-            x, y, z = ux * z, uy * z, uz * z
-            _add_wrench(rest_gain, b, p, x, y, z)
-            first = j00 * axes[b, 0] + j01 * axes[b, 1]
-            second = j10 * axes[b, 0] + j11 * axes[b, 1]
-            x += ax * first + bx * second
-            y += ay * first + by * second
-            z += az * first + bz * second
-            _add_wrench(gain, b, p, x, y, z)
-        residue = np.float64(common.residue_ut2[i])
-        common.shared_n2[0, i] = residue * (j00 * j00 + j01 * j01)
-        common.shared_n2[1, i] = residue * (j10 * j10 + j11 * j11)
+            field, rest = _gain(length, b, g, felt, touched)
+            for a in range(6):
+                common.gain[k, g, a, b] += field[a]
+                common.gain[k, g + bodies, a, b] += rest[a]
 
 
 @jitable

@@ -15,6 +15,7 @@ from skin.contact.path import walk
 from skin.contact.record import BORN, UNSEEN
 from skin.contact.shape import ROUND, arm, orient
 from skin.contact.sums import add_light, add_silence, add_total, add_units, clear, prepare_light
+from skin.contact.touched import gather, touched_rows
 from skin.contact.unseen import add_unseen
 from skin.contact.wrench import add_missed, centre, total_wrench
 
@@ -79,7 +80,7 @@ def _conclude(s, faces, record, members, load_n, geometry, scratch):
     record["peak_pressure"] = s["peak"]
     record["peak_unit"] = int(s["peak_unit"])
     record["coverage"] = area / (area + s["silent_area"])
-    total_wrench(s, record, origin, scratch)
+    total_wrench(s, record, origin)
     orient(s, record, scratch)
     _temperatures(s, record, scratch.first)
     add_faces(faces, record, members, load_n, poses, s["face"])
@@ -109,13 +110,14 @@ def _forget(record):
     record["grip_force_sigma"] = np.nan
 
 
-@jitable
+@jitable(inline=True)
 def _add(k, total, members, model, data):
     """Add units to the sums of row k, and the loads below the gate of their neighbours."""
-    poses, common = model.geometry.pose, data.common
+    reading, common, touched = data.reading, data.common, touched_rows(data.touched)
+    length = gather(members, reading, model.geometry.pose, data.touched)
     if common.law.size > 0:
-        add_common(k, members, common, poses)
-    add_units(members, data.reading, poses, common.shared_n2, data.sums.rows[k])
+        add_common(k, members, length, common, touched)
+    add_units(members, length, touched, reading.given[0]["temperature"], data.sums.rows[k])
     add_light(k, total, members, model, data)
     add_missed(data.sums.rows[k], data.scratch.six)
 
@@ -141,16 +143,19 @@ def describe_python(count, each, silent, model, data):
     end = 0
     for k in range(count + 2):
         clear(k, sums)
-    prepare_light(units)
+    unheard = prepare_light(units)
     data.common.gain[: count + 2] = 0.0
-    for k in range(count):
-        record = data.contacts[data.slots.present[k]]
-        end = max(end, record["end"])
-        _add(k, count + 1, units.members[record["begin"] : record["end"]], model, data)
     untracked_end = data.counters[0]["touching_units"]
-    if untracked_end > end:
-        _add(count, count + 1, units.members[end:untracked_end], model, data)
-    add_silence(count, units, model.graph, poses, sums)
+    for k in range(count + 1):
+        first, last = end, untracked_end
+        if k < count:
+            record = data.contacts[data.slots.present[k]]
+            first, last = record["begin"], record["end"]
+            end = max(end, last)
+        if first < last:
+            _add(k, count + 1, units.members[first:last], model, data)
+    if unheard > 0:
+        add_silence(count, units, model.graph, poses, sums)
     add_total(count + 1, sums)
     spread_common(count, data)
     whole = sums.rows[count + 1]

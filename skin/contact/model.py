@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled import aligned
 from skin.contact.common import Common, no_common
 from skin.contact.record import CONTACT, UNTOUCHED
 from skin.contact.shock import ShockData, shock_data
-from skin.contact.slip.data import SlipData
+from skin.contact.slip.data import SlipData, row_length
 from skin.contact.slip.parameters import SlipModel, SlipSettings
+from skin.contact.touched import TOUCHED_ROWS
 from skin.errors import SkinError
 from topology.pose import pose_fault
 
@@ -230,7 +232,6 @@ class Sums(NamedTuple):
 class Scratch(NamedTuple):
     """Matrices of one contact, float64."""
 
-    covariance: np.ndarray  # (6, 6)
     first: np.ndarray  # (3, 3), as the two below
     second: np.ndarray
     vectors: np.ndarray
@@ -252,6 +253,7 @@ class ContactData(NamedTuple):
     contacts: np.ndarray  # (s + 1,), CONTACT: the records, kept; the last is the total
     paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
     sums: Sums
+    touched: np.ndarray  # (TOUCHED_ROWS, length), float64: units of one contact; scratch
     scratch: Scratch
     evidence: Evidence
     borne: (
@@ -360,7 +362,8 @@ def contact_data(
         np.zeros(slots + 1, CONTACT),
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
-        Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3)), six=np.zeros(6)),
+        aligned.zeros((TOUCHED_ROWS, row_length(n))),
+        Scratch(*np.zeros((3, 3, 3)), six=np.zeros(6)),
         Evidence(*np.zeros((2, n)), cycle=np.full(n, -2)),
         np.full(n, np.nan),
         UNTOUCHED.copy(),

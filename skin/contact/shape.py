@@ -16,59 +16,70 @@ ONE_POINT = 1e-13
 [derived: some hundred roundings of float64]."""
 
 
-@jitable
+@jitable(inline=True)
+def _between(m, x, y):
+    """x' M y of the symmetric M, an upper triangle."""
+    a = m[0] * y[0] + m[1] * y[1] + m[2] * y[2]
+    b = m[1] * y[0] + m[3] * y[1] + m[4] * y[2]
+    c = m[2] * y[0] + m[4] * y[1] + m[5] * y[2]
+    return x[0] * a + x[1] * b + x[2] * c
+
+
+@jitable(inline=True)
 def _start(m, v):
-    """Rotate m into the axes v; set v to the identity where it has none."""
+    """The symmetric M in the axes v, an upper triangle; set v to the identity where it has none."""
+    x, y, z = (v[0, 0], v[1, 0], v[2, 0]), (v[0, 1], v[1, 1], v[2, 1]), (v[0, 2], v[1, 2], v[2, 2])
     square = 0.0
     for a in range(3):
-        for b in range(3):
-            square += v[a, b] * v[a, b]
+        square += x[a] * x[a] + y[a] * y[a] + z[a] * z[a]
     if not abs(square - 3.0) < 1e-9:
         for a in range(3):
             for b in range(3):
                 v[a, b] = 1.0 if a == b else 0.0
-        return
-    for a in range(3):
-        x, y, z = m[a, 0], m[a, 1], m[a, 2]
-        for b in range(3):
-            m[a, b] = x * v[0, b] + y * v[1, b] + z * v[2, b]
-    for b in range(3):
-        x, y, z = m[0, b], m[1, b], m[2, b]
-        for a in range(3):
-            m[a, b] = x * v[0, a] + y * v[1, a] + z * v[2, a]
+        return m
+    return (
+        _between(m, x, x), _between(m, x, y), _between(m, x, z), _between(m, y, y),
+        _between(m, y, z), _between(m, z, z),
+    )  # fmt: skip
+
+
+@jitable(inline=True)
+def _rotate(block, v, a, b, least):
+    """Rotate columns a and b of v, so that the entry between them is zero.
+
+    `block` is their diagonal entries, the one between them, and those of both with the third axis,
+    which are returned as they are afterwards; all stays as it is where that entry is at `least`.
+    """
+    p, q, between, x, y = block
+    if abs(between) <= least:
+        return block
+    half = 0.5 * (q - p) / between
+    root = np.sqrt(1.0 + half * half)
+    t = 1.0 / (abs(half) + root)
+    c = np.sqrt(0.5 + 0.5 * abs(half) / root)
+    if half < 0.0:
+        t = -t
+    sn = t * c
+    for r in range(3):
+        f, g = v[r, a], v[r, b]
+        v[r, a], v[r, b] = c * f - sn * g, sn * f + c * g
+    return p - t * between, q + t * between, 0.0, c * x - sn * y, sn * x + c * y
 
 
 @jitable
-def _eigen(m, v):
-    """Eigenvectors of the symmetric m into the columns of v, by Jacobi rotations; m is destroyed.
-
-    The eigenvalues are left on the diagonal of m. The iteration starts from v if it has axes, such
-    as those of the cycle before.
-    """
-    _start(m, v)
-    scale = m[0, 0] + m[1, 1] + m[2, 2]
+def _eigen(m, v, values):
+    """Eigenvalues of the symmetric m, an upper triangle, and eigenvectors into the columns of v, by
+    Jacobi rotations, which start from v if it has axes, such as those of the cycle before."""
+    xx, xy, xz, yy, yz, zz = _start(m, v)
+    small = 1e-11 * (xx + yy + zz)
+    least = 1e-3 * small
     for _ in range(12):
-        if abs(m[0, 1]) + abs(m[0, 2]) + abs(m[1, 2]) <= 1e-11 * scale:
-            return
-        for p in range(2):
-            for q in range(p + 1, 3):
-                if abs(m[p, q]) <= 1e-20 * scale:
-                    continue
-                half = 0.5 * (m[q, q] - m[p, p]) / m[p, q]
-                t = 1.0 / (abs(half) + np.sqrt(1.0 + half * half))
-                if half < 0.0:
-                    t = -t
-                c = 1.0 / np.sqrt(1.0 + t * t)
-                sn = t * c
-                for r in range(3):
-                    x, y = m[r, p], m[r, q]
-                    m[r, p], m[r, q] = c * x - sn * y, sn * x + c * y
-                for r in range(3):
-                    x, y = m[p, r], m[q, r]
-                    m[p, r], m[q, r] = c * x - sn * y, sn * x + c * y
-                for r in range(3):
-                    x, y = v[r, p], v[r, q]
-                    v[r, p], v[r, q] = c * x - sn * y, sn * x + c * y
+        if abs(xy) + abs(xz) + abs(yz) <= small:
+            break
+        xx, yy, xy, xz, yz = _rotate((xx, yy, xy, xz, yz), v, 0, 1, least)
+        xx, zz, xz, xy, yz = _rotate((xx, zz, xz, xy, yz), v, 0, 2, least)
+        yy, zz, yz, xy, xz = _rotate((yy, zz, yz, xy, xz), v, 1, 2, least)
+    values[0], values[1], values[2] = xx, yy, zz
 
 
 @jitable
@@ -79,30 +90,29 @@ def cross(a, b, out):
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@jitable
-def _second_moments(s, m):
-    """Second moments of the touched points about their mean, weighted by the load."""
-    load, mean, square = s["load"], s["load_touched"], s["load_touched_square"]
-    size = (square[0] + square[3] + square[5]) / load
-    row = 0
-    for a in range(3):
-        for b in range(a, 3):
-            second = square[row] / load - mean[a] * mean[b] / (load * load)
-            m[a, b] = second
-            m[b, a] = second
-            row += 1
-    if m[0, 0] + m[1, 1] + m[2, 2] <= ONE_POINT * size:
-        m[:] = 0.0
+@jitable(inline=True)
+def _second_moments(s):
+    """Second moments of the touched points about their mean, weighted by the load: an upper
+    triangle."""
+    share, square = 1.0 / s["load"], s["load_touched_square"]
+    mean = s["load_touched"]
+    x, y, z = share * mean[0], share * mean[1], share * mean[2]
+    size = share * (square[0] + square[3] + square[5])
+    xx, xy, xz = share * square[0] - x * x, share * square[1] - x * y, share * square[2] - x * z
+    yy, yz, zz = share * square[3] - y * y, share * square[4] - y * z, share * square[5] - z * z
+    if xx + yy + zz <= ONE_POINT * size:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    return xx, xy, xz, yy, yz, zz
 
 
 @jitable
-def _sorted_axes(m):
-    """Columns of the largest, middle and smallest eigenvector."""
+def _sorted_axes(values):
+    """Columns of the eigenvectors of the largest, middle and smallest eigenvalue."""
     large, small = 0, 0
     for a in range(1, 3):
-        if m[a, a] > m[large, large]:
+        if values[a] > values[large]:
             large = a
-        if m[a, a] <= m[small, small]:
+        if values[a] <= values[small]:
             small = a
     if large == small:
         large, small = 0, 2
@@ -121,15 +131,15 @@ def orient(s, record, scratch):
         from the axes of the cycle before, which also give the major axis its sign.
     scratch : Scratch
     """
-    m, v, outward, major = scratch.first, scratch.second, scratch.vectors[0], scratch.vectors[1]
+    v, outward, major = scratch.second, scratch.vectors[0], scratch.vectors[1]
+    values = scratch.vectors[2]
     axes, normal = record["axes"], record["normal"]
-    _second_moments(s, m)
     for a in range(3):
         for b in range(3):
             v[a, b] = axes[a, b]
-    _eigen(m, v)
-    large, middle, small = _sorted_axes(m)
-    first, second = max(m[large, large], 0.0), max(m[middle, middle], 0.0)
+    _eigen(_second_moments(s), v, values)
+    large, middle, small = _sorted_axes(values)
+    first, second = max(values[large], 0.0), max(values[middle], 0.0)
     condition = np.sqrt(second / first) if first > 0.0 else 0.0
     length = 0.0
     for a in range(3):

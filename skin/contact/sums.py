@@ -1,68 +1,23 @@
 """Sums over the units of a contact, in float64: loads, wrenches, temperatures.
 
-Lengths are about the middle of the array. Running sums are tuples, which the compiler keeps in
-registers; an array would be written to memory for each unit.
+Lengths are about the middle of the array. The units of a contact are summed along rows
+(`skin.contact.touched`), with running sums that the compiler keeps in registers.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.model import ADDED
-from skin.contact.record import BRIDGE, OUT, SILENT
+from skin.contact.record import OPEN, OUT
+from skin.contact.touched import padded, touched_rows
 
 __all__ = ["add_light", "add_silence", "add_total", "add_units", "clear", "prepare_light"]
 
-ZERO3 = (0.0,) * 3
-ZERO6 = (0.0,) * 6
-ZERO21 = (0.0,) * 21
 OPEN_TO_ALL, TAKEN = -1, -2
 """Marks a neighbour of contacts: in no sum yet; excluded."""
-
-
-@jitable(inline=True)
-def _plus3(total, scale, v):
-    """total + scale v."""
-    return total[0] + scale * v[0], total[1] + scale * v[1], total[2] + scale * v[2]
-
-
-@jitable(inline=True)
-def _plus_square3(total, scale, v):
-    """Total + scale v v', an upper triangle."""
-    a, b, c = scale * v[0], scale * v[1], scale * v[2]
-    return (
-        total[0] + a * v[0], total[1] + a * v[1], total[2] + a * v[2],
-        total[3] + b * v[1], total[4] + b * v[2], total[5] + c * v[2],
-    )  # fmt: skip
-
-
-@jitable(inline=True)
-def _plus6(total, scale, v):
-    return (
-        total[0] + scale * v[0], total[1] + scale * v[1], total[2] + scale * v[2],
-        total[3] + scale * v[3], total[4] + scale * v[4], total[5] + scale * v[5],
-    )  # fmt: skip
-
-
-@jitable(inline=True)
-def _plus_square6(t, scale, s):
-    """Total + scale s s', an upper triangle."""
-    a, b, c = scale * s[0], scale * s[1], scale * s[2]
-    d, e, f = scale * s[3], scale * s[4], scale * s[5]
-    return (
-        t[0] + a * s[0], t[1] + a * s[1], t[2] + a * s[2], t[3] + a * s[3], t[4] + a * s[4],
-        t[5] + a * s[5], t[6] + b * s[1], t[7] + b * s[2], t[8] + b * s[3], t[9] + b * s[4],
-        t[10] + b * s[5], t[11] + c * s[2], t[12] + c * s[3], t[13] + c * s[4], t[14] + c * s[5],
-        t[15] + d * s[3], t[16] + d * s[4], t[17] + d * s[5], t[18] + e * s[4], t[19] + e * s[5],
-        t[20] + f * s[5],
-    )  # fmt: skip
-
-
-@jitable(inline=True)
-def _axis(rotation, c):
-    """Column c of a rotation."""
-    return rotation[0, c], rotation[1, c], rotation[2, c]
 
 
 @jitable
@@ -71,116 +26,157 @@ def _store(values, total):
         total[k] += values[k]
 
 
+@jitable(inline=True)
+def _first_moment(length, weight, place):
+    """Σ w p."""
+    assume_noalias()
+    x = y = z = 0.0
+    for j in range(length):
+        x += weight[j] * place[0, j]
+        y += weight[j] * place[1, j]
+        z += weight[j] * place[2, j]
+    return x, y, z
+
+
+@jitable(inline=True)
+def _moments(length, weight, place):
+    """Σ w, Σ w p, and Σ w p p', an upper triangle."""
+    assume_noalias()
+    total = x = y = z = xx = xy = xz = yy = yz = zz = 0.0
+    for j in range(length):
+        w, px, py, pz = weight[j], place[0, j], place[1, j], place[2, j]
+        wx, wy, wz = w * px, w * py, w * pz
+        total, x, y, z = total + w, x + wx, y + wy, z + wz
+        xx, xy, xz = xx + wx * px, xy + wx * py, xz + wx * pz
+        yy, yz, zz = yy + wy * py, yz + wy * pz, zz + wz * pz
+    return total, (x, y, z), (xx, xy, xz, yy, yz, zz)
+
+
 @jitable
-def _add_loads(units, reading, poses, s):
+def _add_loads(units, length, touched, s):
     """Add the units' loads and their first and second moments."""
-    force, force_sigma, displacement = reading.force, reading.force_sigma, reading.displacement
-    has_depth = reading.given[0]["depth"]
-    load_sum = variance_sum = area_sum = 0.0
-    load_position = load_touched = variance_position = load_z = load_x = ZERO3
-    touched_square = variance_square = ZERO6
-    peak, peak_unit = s["peak"], s["peak_unit"]
+    load = touched.force[2]
+    peak, peak_unit, area = s["peak"], s["peak_unit"], touched.area
+    area_sum = 0.0
     for j in range(units.size):
-        i = units[j]
-        pose = poses[i]
-        load, variance = np.float64(force[2, i]), np.float64(force_sigma[2, i]) ** 2
-        area = pose["area"]
-        load_sum += load
-        variance_sum += variance
-        area_sum += area
-        if load > peak * area:
-            peak = load / area
-            peak_unit = i
-        depth = 1e-3 * displacement[2, i] if has_depth else 0.0
-        depth = depth if np.isfinite(depth) else 0.0
-        place = pose["position"]
-        position = place[0], place[1], place[2]
-        z = _axis(pose["rotation"], 2)
-        touched = _plus3(position, depth, z)
-        load_x = _plus3(load_x, load, _axis(pose["rotation"], 0))
-        load_z = _plus3(load_z, load, z)
-        load_position = _plus3(load_position, load, position)
-        load_touched = _plus3(load_touched, load, touched)
-        touched_square = _plus_square3(touched_square, load, touched)
-        variance_position = _plus3(variance_position, variance, position)
-        variance_square = _plus_square3(variance_square, variance, position)
+        area_sum += area[j]
+        if load[j] > peak * area[j]:
+            peak = load[j] / area[j]
+            peak_unit = units[j]
     s["units"] += units.size
-    s["load"] += load_sum
-    s["load_variance"] += variance_sum
     s["area"] += area_sum
     s["peak"], s["peak_unit"] = peak, peak_unit
-    _store(load_position, s["load_position"])
+    load_sum, load_touched, touched_square = _moments(length, load, touched.point)
+    s["load"] += load_sum
     _store(load_touched, s["load_touched"])
     _store(touched_square, s["load_touched_square"])
-    _store(variance_position, s["variance_position"])
-    _store(variance_square, s["variance_position_square"])
-    _store(load_z, s["load_z"])
-    _store(load_x, s["load_x"])
+    _store(_first_moment(length, load, touched.position), s["load_position"])
+    _store(_first_moment(length, load, touched.z), s["load_z"])
+    _store(_first_moment(length, load, touched.x), s["load_x"])
+    variance, position, square = _moments(length, touched.variance[2], touched.position)
+    s["load_variance"] += variance
+    _store(position, s["variance_position"])
+    _store(square, s["variance_position_square"])
 
 
-@jitable
-def _add_wrenches(units, reading, poses, shared_n2, s):
-    """Add the units' wrenches about the middle of the array, and the independent part of their
-    covariances.
+@jitable(inline=True)
+def _wrench(length, touched):
+    """Σ (F, p × F), with F the force of a unit in the skin frame."""
+    assume_noalias()
+    p, ex, ey, ez, force = touched.position, touched.x, touched.y, touched.z, touched.force
+    fx = fy = fz = mx = my = mz = 0.0
+    for j in range(length):
+        u, v, w = force[0, j], force[1, j], force[2, j]
+        x = u * ex[0, j] + v * ey[0, j] + w * ez[0, j]
+        y = u * ex[1, j] + v * ey[1, j] + w * ez[1, j]
+        z = u * ex[2, j] + v * ey[2, j] + w * ez[2, j]
+        fx, fy, fz = fx + x, fy + y, fz + z
+        mx += p[1, j] * z - p[2, j] * y
+        my += p[2, j] * x - p[0, j] * z
+        mz += p[0, j] * y - p[1, j] * x
+    return fx, fy, fz, mx, my, mz
 
-    A force along the axis a of a unit at p has the wrench (a, p × a).
+
+@jitable(inline=True)
+def _covariance(length, touched):
+    """Upper triangle of the covariance of that, by the variances of the units' forces.
+
+    The force of a unit has the covariance V = R diag(v) R', which is that with its torque times P,
+    V P', and of the torque P V P', where P is the matrix of p ×.
     """
-    wrench, covariance, shares = ZERO6, ZERO21, shared_n2.size > 0
-    for j in range(units.size):
-        i = units[j]
-        place, rotation = poses[i]["position"], poses[i]["rotation"]
-        px, py, pz = place[0], place[1], place[2]
-        for axis in range(3):
-            x, y, z = rotation[0, axis], rotation[1, axis], rotation[2, axis]
-            screw = x, y, z, py * z - pz * y, pz * x - px * z, px * y - py * x
-            wrench = _plus6(wrench, np.float64(reading.force[axis, i]), screw)
-            variance = np.float64(reading.force_sigma[axis, i]) ** 2
-            if axis < 2 and shares:
-                variance = max(variance - shared_n2[axis, i], 0.0)
-            covariance = _plus_square6(covariance, variance, screw)
-    _store(wrench, s["wrench"])
-    _store(covariance, s["wrench_covariance"])
+    assume_noalias()
+    p, ex, ey, ez, variance = touched.position, touched.x, touched.y, touched.z, touched.variance
+    s00 = s01 = s02 = s03 = s04 = s05 = s11 = s12 = s13 = s14 = s15 = s22 = s23 = s24 = s25 = 0.0
+    s33 = s34 = s35 = s44 = s45 = s55 = 0.0
+    for j in range(length):
+        px, py, pz = p[0, j], p[1, j], p[2, j]
+        u, v, w = variance[0, j], variance[1, j], variance[2, j]
+        a, b, c = u * ex[0, j], v * ey[0, j], w * ez[0, j]
+        xx = a * ex[0, j] + b * ey[0, j] + c * ez[0, j]
+        xy = a * ex[1, j] + b * ey[1, j] + c * ez[1, j]
+        xz = a * ex[2, j] + b * ey[2, j] + c * ez[2, j]
+        a, b, c = u * ex[1, j], v * ey[1, j], w * ez[1, j]
+        yy = a * ex[1, j] + b * ey[1, j] + c * ez[1, j]
+        yz = a * ex[2, j] + b * ey[2, j] + c * ez[2, j]
+        zz = u * ex[2, j] * ex[2, j] + v * ey[2, j] * ey[2, j] + w * ez[2, j] * ez[2, j]
+        x3, x4, x5 = py * xz - pz * xy, pz * xx - px * xz, px * xy - py * xx
+        y3, y4, y5 = py * yz - pz * yy, pz * xy - px * yz, px * yy - py * xy
+        z3, z4, z5 = py * zz - pz * yz, pz * xz - px * zz, px * yz - py * xz
+        s00, s01, s02, s11, s12, s22 = s00 + xx, s01 + xy, s02 + xz, s11 + yy, s12 + yz, s22 + zz
+        s03, s04, s05 = s03 + x3, s04 + x4, s05 + x5
+        s13, s14, s15 = s13 + y3, s14 + y4, s15 + y5
+        s23, s24, s25 = s23 + z3, s24 + z4, s25 + z5
+        s33 += py * z3 - pz * y3
+        s34 += py * z4 - pz * y4
+        s35 += py * z5 - pz * y5
+        s44 += pz * x4 - px * z4
+        s45 += pz * x5 - px * z5
+        s55 += px * y5 - py * x5
+    return (
+        s00, s01, s02, s03, s04, s05, s11, s12, s13, s14, s15, s22, s23, s24, s25,
+        s33, s34, s35, s44, s45, s55,
+    )  # fmt: skip
 
 
 @jitable
-def _add_temperatures(units, temperature, poses, s):
+def _add_temperatures(units, length, touched, s):
+    area, warmth = touched.warm_area, touched.warmth
+    hot, hot_unit, total = s["hot"], s["hot_unit"], 0.0
     for j in range(units.size):
-        i = units[j]
-        warmth = np.float64(temperature[i])
-        if not np.isfinite(warmth):
-            continue
-        place, area = poses[i]["position"], poses[i]["area"]
-        s["warm_area"] += area
-        s["warm_temperature"] += area * warmth
-        if s["hot_unit"] < 0.0 or warmth > s["hot"]:
-            s["hot"] = warmth
-            s["hot_unit"] = i
-        row = 0
-        for a in range(3):
-            s["warm_position"][a] += area * place[a]
-            s["warm_temperature_position"][a] += area * warmth * place[a]
-            for b in range(a, 3):
-                s["warm_position_square"][row] += area * place[a] * place[b]
-                row += 1
+        if area[j] > 0.0 and (hot_unit < 0.0 or warmth[j] > hot):
+            hot, hot_unit = warmth[j], units[j]
+    s["hot"], s["hot_unit"] = hot, hot_unit
+    area_sum, position, square = _moments(length, area, touched.position)
+    s["warm_area"] += area_sum
+    _store(position, s["warm_position"])
+    _store(square, s["warm_position_square"])
+    for j in range(length):
+        warmth[j] *= area[j]
+        total += warmth[j]
+    s["warm_temperature"] += total
+    weighted = _first_moment(length, warmth, touched.position)
+    _store(weighted, s["warm_temperature_position"])
 
 
-@jitable
-def add_units(units, reading, poses, shared_n2, s):
-    """Add units to the sums of a contact.
+@jitable(inline=True)
+def add_units(units, length, touched, has_temperature, s):
+    """Add the gathered units to the sums of a contact.
 
     Parameters
     ----------
     units : ndarray, int32
-    reading : Readings
-    poses : ndarray, shape (n,), POSE
-    shared_n2 : ndarray, shape (2, n)
-        Variance of the tangential forces by common errors; empty without.
+    length : int
+        Padded.
+    touched : Touched
+        Of the units.
+    has_temperature : bool
     s : SUMS
     """
-    _add_loads(units, reading, poses, s)
-    _add_wrenches(units, reading, poses, shared_n2, s)
-    if reading.given[0]["temperature"]:
-        _add_temperatures(units, reading.temperature, poses, s)
+    _add_loads(units, length, touched, s)
+    _store(_wrench(length, touched), s["wrench"])
+    _store(_covariance(length, touched), s["wrench_covariance"])
+    if has_temperature:
+        _add_temperatures(units, length, touched, s)
 
 
 @jitable
@@ -209,22 +205,28 @@ def add_total(count, sums):
 
 @jitable
 def prepare_light(units):
-    """Mark the units with light loads: heard, and in no contact."""
+    """Mark the units with light loads: heard, and in no contact; returns how many are not heard."""
+    silent = 0
     for i in range(units.queue.size):
         light = (units.kind[i] == OUT) & (units.label[i] < 0)
         units.queue[i] = OPEN_TO_ALL if light else TAKEN
+        silent += units.kind[i] > OPEN
+    return silent
 
 
 @jitable
 def _not_twice(i, reading, pose, s):
     """Remove a neighbour of two contacts from a total that counts it twice."""
     load, variance = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i]) ** 2
-    position = pose["position"][0], pose["position"][1], pose["position"][2]
+    position, row = pose["position"], 0
     s["light"] -= load
     s["light_variance"] -= variance
-    _store(_plus3(ZERO3, -load, position), s["light_position"])
-    _store(_plus3(ZERO3, -variance, position), s["light_variance_position"])
-    _store(_plus_square3(ZERO6, -variance, position), s["light_variance_square"])
+    for a in range(3):
+        s["light_position"][a] -= load * position[a]
+        s["light_variance_position"][a] -= variance * position[a]
+        for b in range(a, 3):
+            s["light_variance_square"][row] -= variance * position[a] * position[b]
+            row += 1
 
 
 @jitable
@@ -237,33 +239,30 @@ def add_light(k, total, members, model, data):
     it count each unit once.
     """
     graph, units, reading, poses = model.graph, data.units, data.reading, model.geometry.pose
-    load_sum = variance_sum = 0.0
-    load_position = variance_position = ZERO3
-    variance_square = ZERO6
+    touched, count = touched_rows(data.touched), 0
+    position, load, variance = touched.position, touched.force[2], touched.variance[2]
     for i in members:
         for at in range(graph.start[i], graph.start[i + 1]):
             j = graph.neighbour[at]
             counted = units.queue[j]
             if counted == TAKEN or counted == k:  # noqa: PLR1714
                 continue
-            load, variance = np.float64(reading.force[2, j]), np.float64(reading.force_sigma[2, j])
-            variance *= variance
-            place = poses[j]["position"]
-            position = place[0], place[1], place[2]
-            load_sum += load
-            variance_sum += variance
-            load_position = _plus3(load_position, load, position)
-            variance_position = _plus3(variance_position, variance, position)
-            variance_square = _plus_square3(variance_square, variance, position)
+            for a in range(3):
+                position[a, count] = poses[j]["position"][a]
+            load[count] = reading.force[2, j]
+            variance[count] = np.float64(reading.force_sigma[2, j]) ** 2
+            count += 1
             if counted >= 0:
                 _not_twice(j, reading, poses[j], data.sums.rows[total])
             units.queue[j] = k
-    s = data.sums.rows[k]
+    s, length = data.sums.rows[k], padded(count, data.touched)
+    load_sum, first, _ = _moments(length, load, position)
     s["light"] += load_sum
+    _store(first, s["light_position"])
+    variance_sum, first, square = _moments(length, variance, position)
     s["light_variance"] += variance_sum
-    _store(load_position, s["light_position"])
-    _store(variance_position, s["light_variance_position"])
-    _store(variance_square, s["light_variance_square"])
+    _store(first, s["light_variance_position"])
+    _store(square, s["light_variance_square"])
 
 
 @jitable
@@ -272,7 +271,7 @@ def add_silence(count, units, graph, poses, sums):
     after the first `count` it goes into the row after those."""
     kind, label = units.kind, units.label
     for i in range(kind.size):
-        if kind[i] != BRIDGE and kind[i] != SILENT:
+        if kind[i] <= OPEN:
             continue
         for at in range(graph.start[i], graph.start[i + 1]):
             k = label[graph.neighbour[at]]

@@ -70,7 +70,7 @@ def find_contacts(model, data):
         counters["untracked"] = 0
         units.touching[:] = 0
         return 0
-    load = data.reading.force[data.reading.force.shape[0] - 1]
+    load = data.reading.force[2]
     room = data.slots.before.size
     counters["untracked"] = max(0, parts - room)
     if parts > room:

@@ -31,8 +31,7 @@ def remember(model, data):
     """Store the upper bounds of heard loads, and contacts; returns the number of silent units that
     should be heard."""
     units, keep_sigma, geometry = data.units, model.gate.keep_sigma, model.geometry
-    last = data.reading.force.shape[0] - 1
-    load, sigma = data.reading.force[last], data.reading.force_sigma[last]
+    load, sigma = data.reading.force[2], data.reading.force_sigma[2]
     silent = 0
     for i in range(load.size):
         heard = units.kind[i] <= OPEN
@@ -53,7 +52,7 @@ def remember(model, data):
 def _bound(i, model, data):
     """Upper bound of the load of a silent unit, N, and whether neighbours would see a contact."""
     units, graph, borne = data.units, model.graph, data.borne
-    load = data.reading.force[data.reading.force.shape[0] - 1]
+    load = data.reading.force[2]
     known = borne[i] == borne[i]
     most = borne[i] if known else -1.0
     touches = heard = False
@@ -130,7 +129,7 @@ def nothing_touches(silent, model, data):
         return
     clear(1, data.sums)
     add_unseen(0, model, data)
-    total_wrench(s, record, model.geometry.origin, data.scratch)
+    total_wrench(s, record, model.geometry.origin)
     record["load_sigma"] = np.sqrt(s["unseen"])
     if s["hidden"] > 0.0:
         record["flags"] |= UNSEEN

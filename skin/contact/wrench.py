@@ -16,44 +16,47 @@ WEAK_SIGMAS = 5.0
 """Sigmas of its load below which a contact has no centre [assumed]."""
 
 
-@jitable
-def _unpack(triangle, matrix):
-    """Upper triangle to a full symmetric matrix."""
-    row = 0
-    size = matrix.shape[0]
-    for a in range(size):
-        for b in range(a, size):
-            matrix[a, b] = triangle[row]
-            matrix[b, a] = triangle[row]
-            row += 1
-
-
-@jitable
-def _shift_covariance(covariance, shift, side, low):
-    """Covariance of a wrench about a shifted point: M' = M + shift x F.
-
-    The block of force and torque goes into `side`, that of the torque into `low`.
-    """
+@jitable(inline=True)
+def _beside(shift, v):
+    """shift × v."""
     x, y, z = shift[0], shift[1], shift[2]
-    for a in range(3):
-        for b in range(3):
-            side[a, b] = covariance[a, b + 3]
-            low[a, b] = covariance[a + 3, b + 3]
-    for a in range(3):
-        p, q, r = covariance[a, 0], covariance[a, 1], covariance[a, 2]
-        side[a, 0] += y * r - z * q
-        side[a, 1] += z * p - x * r
-        side[a, 2] += x * q - y * p
-    for a in range(3):
-        p, q, r = covariance[0, a + 3], covariance[1, a + 3], covariance[2, a + 3]
-        low[a, 0] += y * r - z * q
-        low[a, 1] += z * p - x * r
-        low[a, 2] += x * q - y * p
-    for b in range(3):
-        p, q, r = side[0, b], side[1, b], side[2, b]
-        low[0, b] += y * r - z * q
-        low[1, b] += z * p - x * r
-        low[2, b] += x * q - y * p
+    return y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
+
+
+@jitable(inline=True)
+def _plus(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@jitable(inline=True)
+def _shifted(t, shift):
+    """Covariance of a wrench about a shifted point, M' = M + shift x F, of its upper triangle t:
+    the rows of force with torque, and the upper triangle of the torque."""
+    a, b, c = (t[3], t[4], t[5]), (t[8], t[9], t[10]), (t[12], t[13], t[14])
+    x = _plus(a, _beside(shift, (t[0], t[1], t[2])))
+    y = _plus(b, _beside(shift, (t[1], t[6], t[7])))
+    z = _plus(c, _beside(shift, (t[2], t[7], t[11])))
+    # cov(M') = cov(M) + cov(M, F) by the shift + the shift by cov(F, M'), column by column
+    first = _plus(_beside(shift, (a[0], b[0], c[0])), (t[15], t[16], t[17]))
+    second = _plus(_beside(shift, (a[1], b[1], c[1])), (t[16], t[18], t[19]))
+    third = _plus(_beside(shift, (a[2], b[2], c[2])), (t[17], t[19], t[20]))
+    p = _beside(shift, (x[0], y[0], z[0]))
+    q = _beside(shift, (x[1], y[1], z[1]))
+    r = _beside(shift, (x[2], y[2], z[2]))
+    torque = (
+        first[0] + p[0], first[1] + q[0], first[2] + r[0],
+        second[1] + q[1], second[2] + r[1], third[2] + r[2],
+    )  # fmt: skip
+    return (x, y, z), torque
+
+
+@jitable(inline=True)
+def _write_symmetric(values, block):
+    """Write an upper triangle into a symmetric 3 by 3 block."""
+    block[0, 0], block[1, 1], block[2, 2] = values[0], values[3], values[5]
+    block[0, 1] = block[1, 0] = values[1]
+    block[0, 2] = block[2, 0] = values[2]
+    block[1, 2] = block[2, 1] = values[4]
 
 
 @jitable
@@ -87,7 +90,7 @@ def add_missed(s, six):
 
 
 @jitable
-def total_wrench(s, record, origin, scratch):
+def total_wrench(s, record, origin):
     """Wrench about the origin of the skin frame, its covariance and sigma.
 
     Parameters
@@ -96,23 +99,18 @@ def total_wrench(s, record, origin, scratch):
     record : CONTACT
     origin : ndarray, shape (3,)
         Metre, the middle of the array.
-    scratch : Scratch
-        `covariance` is about the middle of the array afterwards.
     """
-    about_middle, side, low = scratch.covariance, scratch.first, scratch.second
-    wrench, covariance = record["wrench"], record["wrench_covariance"]
+    wrench, covariance, t = record["wrench"], record["wrench_covariance"], s["wrench_covariance"]
     cross(origin, s["wrench"][:3], wrench[3:])
     for a in range(3):
         wrench[a] = s["wrench"][a]
         wrench[a + 3] += s["wrench"][a + 3]
-    _unpack(s["wrench_covariance"], about_middle)
-    _shift_covariance(about_middle, origin, side, low)
+    mixed, torque = _shifted(t, origin)
+    _write_symmetric((t[0], t[1], t[2], t[6], t[7], t[11]), covariance[:3, :3])
+    _write_symmetric(torque, covariance[3:, 3:])
     for a in range(3):
         for b in range(3):
-            covariance[a, b] = about_middle[a, b]
-            covariance[a, b + 3] = side[a, b]
-            covariance[b + 3, a] = side[a, b]
-            covariance[a + 3, b + 3] = low[a, b]
+            covariance[a, b + 3] = covariance[b + 3, a] = mixed[a][b]
     for a in range(6):
         record["wrench_sigma"][a] = np.sqrt(max(covariance[a, a], 0.0))
 
@@ -195,7 +193,8 @@ def centre(s, record, origin, scratch):
     for a in range(3):
         moment[a] += s["wrench"][a + 3]
     covariance = record["moment_covariance"]
-    _shift_covariance(scratch.covariance, about, scratch.first, covariance)
+    _, torque = _shifted(s["wrench_covariance"], about)
+    _write_symmetric(torque, covariance)
     torsion, variance = 0.0, 0.0
     for a in range(3):
         torsion += moment[a] * normal[a]

@@ -117,12 +117,12 @@ def secant(square, law):
     """Force over displacement at a vector of this squared length, and how much the slope along the
     vector is above that; across it the slope is the secant."""
     soft, knee, stiffer, cubic = law
-    if square > knee * knee:
-        size = math.sqrt(square)
-        beyond, lines = size - knee, stiffer * knee / size
-        bent = cubic * beyond * beyond / size
-        return soft + (stiffer - lines) + bent * beyond, lines + bent * (2.0 * size + knee)
-    return soft, 0.0
+    bent = square > knee * knee
+    size = math.sqrt(square) if bent else 1.0
+    beyond, lines = size - knee, stiffer * knee / size
+    curve = cubic * beyond * beyond / size
+    across, steeper = soft + (stiffer - lines) + curve * beyond, lines + curve * (2.0 * size + knee)
+    return (across, steeper) if bent else (soft, 0.0)
 
 
 @jitable(inline=True)

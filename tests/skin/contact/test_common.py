@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skin.contact.common import LAW, Common, _per_field, add_common, spread_common
+from skin.contact.common import LAW, Common, _rows, add_common, felt_rows, spread_common
 from skin.contact.model import POSE, contact_data, no_readings
+from skin.contact.touched import gather, touched_rows
 
 K_RAD_PER_MM, M0_UT = 0.5, 2500.0
 SOFT, KNEE_MM, STIFFER = 0.4, 0.8, 0.3
@@ -40,7 +41,7 @@ def common_of(fields, by_strength, rng):
     root = rng.standard_normal((2, 3, 3))
     return Common(
         law, fields, moved, root @ root.transpose(0, 2, 1), rng.uniform(1.0, 9.0, n),
-        np.array([7.0]), np.zeros((2, n)), np.zeros((4, 4, 6, 3)),
+        np.array([7.0]), felt_rows(n), np.zeros((4, 4, 6, 3)),
     )  # fmt: skip
 
 
@@ -51,8 +52,19 @@ def fields_of(rng, n=UNITS):
     return M0_UT * np.vstack([lateral, np.cos(turned)])
 
 
-def slopes(i, common):
-    return np.array(_per_field(i, common)).reshape(2, 3)
+def added(k, units, common, poses=None, variance=0.0):
+    """Forces per µT of units that are added to row k, (units, 2, 3), and what is left of the
+    variances of their tangential forces."""
+    n = common.law.size
+    reading, data = no_readings(n, float), contact_data(no_readings(n, float), 1, 0)
+    reading.force_sigma[:] = np.sqrt(variance)
+    poses = np.zeros(n, POSE) if poses is None else poses
+    units = np.asarray(units, np.int32)
+    length, touched = gather(units, reading, poses, data.touched), touched_rows(data.touched)
+    add_common(k, units, length, common, touched)
+    per_ut = _rows(common.felt).per_ut
+    assert not per_ut[:, units.size : length].any()
+    return per_ut[:, : units.size].T.reshape(-1, 2, 3).copy(), touched.variance[:2, : units.size]
 
 
 @pytest.mark.parametrize("by_strength", [False, True])
@@ -60,8 +72,8 @@ def test_force_per_field_is_that_of_differences(by_strength):
     common = common_of(
         fields_of(np.random.default_rng(4), 20), by_strength, np.random.default_rng(5)
     )
+    found, _ = added(0, range(20), common)
     for i in range(20):
-        found = slopes(i, common)
         steps = 0.01 * np.eye(3)
         field = common.field_ut[:, i]
         expected = np.stack([
@@ -69,16 +81,18 @@ def test_force_per_field_is_that_of_differences(by_strength):
             for step in steps
         ], axis=1)  # fmt: skip
         # the sinc is within 3 %
-        np.testing.assert_allclose(found, expected, atol=0.035 * np.abs(expected).max())
+        np.testing.assert_allclose(found[i], expected, atol=0.035 * np.abs(expected).max())
 
 
-def test_units_whose_field_or_displacement_is_unknown_share_nothing():
+@pytest.mark.parametrize("by_strength", [False, True])
+def test_units_whose_field_or_displacement_is_unknown_share_nothing(by_strength):
     rng = np.random.default_rng(6)
-    common = common_of(fields_of(rng), False, rng)
+    common = common_of(fields_of(rng, 5), by_strength, rng)
     common.field_ut[:2, 0], common.displacement_mm[1, 1] = 0.0, np.nan
-    assert not slopes(0, common).any()
-    assert not slopes(1, common).any()
-    assert slopes(2, common).all()
+    common.field_ut[0, 2], common.field_ut[1, 3] = np.nan, np.nan
+    per_ut, _ = added(0, range(5), common)
+    assert not per_ut[:4].any()
+    assert per_ut[4, :, :2].all()
 
 
 def test_wrenches_per_field_and_their_covariances_are_those_of_plain_matrices():
@@ -87,21 +101,21 @@ def test_wrenches_per_field_and_their_covariances_are_those_of_plain_matrices():
     poses = np.zeros(n, POSE)
     poses["position"] = rng.standard_normal((n, 3))
     poses["rotation"] = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
-    rows = [np.array([0, 2]), np.array([1])]
+    rows, variance = [np.array([2, 1]), np.array([0])], 9.1e-7
     gain = np.zeros((4, 4, 6, 3))
     for k, units in enumerate(rows):
-        add_common(k, units, common, poses)
-        for i in units:
-            law, pose, per_ut = common.law[i], poses[i], slopes(i, common)
+        found, left = added(k, units, common, poses, variance)
+        for at, i in enumerate(units):
+            law, pose, per_ut = common.law[i], poses[i], found[at]
             ways = {law["body"]: per_ut @ law["axes"].T,
                     law["body"] + 2: np.outer(per_ut[:, 2], law["axes"][:, 2])}  # fmt: skip
             for column, local in ways.items():
                 forces = pose["rotation"][:, :2] @ local
                 gain[k, column, :3] += forces
                 gain[k, column, 3:] += np.cross(pose["position"], forces, axisb=0, axisc=0)
-            np.testing.assert_allclose(
-                common.shared_n2[:, i], common.residue_ut2[i] * (per_ut[:, :2] ** 2).sum(axis=1)
-            )
+            shared = common.residue_ut2[i] * (per_ut[:, :2] ** 2).sum(axis=1)
+            own = np.maximum(variance - shared, 0.0)  # 0 of two of the six
+            np.testing.assert_allclose(left[:, at], own, rtol=1e-9, atol=1e-20)
     np.testing.assert_allclose(common.gain, gain, rtol=1e-9, atol=1e-12)
 
     data = contact_data(no_readings(n, float), 2, 0)._replace(common=common)
@@ -112,6 +126,6 @@ def test_wrenches_per_field_and_their_covariances_are_those_of_plain_matrices():
     for k in (0, 1, 3):
         expected = sum(gain[k, g] @ common.covariance_ut2[g] @ gain[k, g].T
                        + 7.0 * gain[k, g + 2] @ gain[k, g + 2].T for g in range(2))  # fmt: skip
-        added = data.sums.rows["wrench_covariance"][k] - before[k]
-        np.testing.assert_allclose(added, expected[np.triu_indices(6)], rtol=1e-7, atol=1e-9)
+        spread = data.sums.rows["wrench_covariance"][k] - before[k]
+        np.testing.assert_allclose(spread, expected[np.triu_indices(6)], rtol=1e-7, atol=1e-9)
     np.testing.assert_array_equal(data.sums.rows["wrench_covariance"][2], before[2])

@@ -15,6 +15,7 @@ from skin.contact.model import (
     set_poses,
 )
 from skin.contact.record import CONTACT, UNTOUCHED
+from skin.contact.touched import TOUCHED_ROWS
 from skin.errors import SkinError
 
 
@@ -42,7 +43,7 @@ def test_a_new_stream_has_room_as_documented_and_knows_of_nothing(dtype):
         "slots.mark": (slots,), "counters": (1,), "clock": (1,), "shared": (n,),
         "nearby": (n + edges,), "order": (n + edges,), "most": (slots,), "contacts": (slots + 1,),
         "paths": (slots, WAYPOINTS, 3), "sums.rows": (capacity + 2,),
-        "scratch.covariance": (6, 6), "scratch.first": (3, 3), "scratch.vectors": (3, 3),
+        "touched": (TOUCHED_ROWS, 24), "scratch.first": (3, 3), "scratch.vectors": (3, 3),
         "evidence.level": (n,), "evidence.cycle": (n,),
     }  # fmt: skip
     assert {name: data[name].shape for name in shapes} == shapes

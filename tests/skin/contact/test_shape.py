@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 import tests.naive.contact as naive
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag
+from skin.contact.shape import _eigen
 from skin.contact.stream import ContactStream
 from tests.fixtures.contact_features import contact_features
 
@@ -33,6 +34,31 @@ def tilted(n, rng, by=0.3):
     """Rotations (3, 3, n) of units that face +z, more or less."""
     turn = Rotation.from_rotvec(rng.normal(0.0, by, (n, 3))).as_matrix()
     return np.einsum("nij,jkn->ikn", turn, naive.facing_down(n))
+
+
+@given(
+    seeds,
+    st.sampled_from([(3.0, 2.0, 1.0), (1.0, 1.0, 0.5), (1.0, 0.2, 0.2), (1.0, 1.0, 1.0),
+                     (1.0, 1.0 + 1e-9, 0.0), (1.0, 0.0, 0.0), (1.0, 1e-7, 1e-14),
+                     (0.0, 0.0, 0.0)]),
+    st.sampled_from([1e-30, 1e-6, 1.0, 1e30]),
+    st.sampled_from(["none", "near", "far"]),
+)  # fmt: skip
+def test_eigenvectors_are_those_of_a_matrix_however_degenerate_tiny_or_huge(seed, square, size, at):
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(rng=rng)
+    m = size * (turn.as_matrix() * square) @ turn.as_matrix().T
+    near = Rotation.from_rotvec(rng.normal(0.0, 1e-4, 3)) * turn
+    v = {"none": np.zeros((3, 3)), "near": near.as_matrix(),
+         "far": Rotation.random(rng=rng).as_matrix()}[at]  # fmt: skip
+    values, before = np.zeros(3), v.copy()
+    _eigen(tuple(m[np.triu_indices(3)]), v, values)
+    most = size * max(square)
+    np.testing.assert_allclose(v.T @ v, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(m), rtol=0, atol=2e-15 * most)
+    np.testing.assert_allclose(m @ v, v * values, rtol=0, atol=1.1e-11 * most)
+    if at != "none" and len(set(square)) == 1:  # any axes will do: they stay
+        np.testing.assert_array_equal(v, before)
 
 
 def check_axes(contact, points, load, outward):

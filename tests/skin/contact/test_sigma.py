@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import binom
 
 import tests.naive.contact as naive
-from skin.contact.common import LAW, Common
+from skin.contact.common import LAW, Common, felt_rows
 from skin.contact.graph import neighbour_graph
 from skin.contact.model import SUMS
 from skin.contact.record import Flag, UnitKind
@@ -78,7 +78,7 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
         covariance,
         residue,
         np.array([rest_ut**2]),
-        np.zeros((2, n)),
+        felt_rows(n),
         np.zeros((0, 0, 6, 3)),
     )
     stream = stream_of(position, rotation)
