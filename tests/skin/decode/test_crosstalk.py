@@ -235,6 +235,13 @@ def test_blocks_that_are_skipped_leave_nothing_behind(seed):
         np.testing.assert_allclose(found, crosstalk.stencil(moved), atol=1e-9)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_film_that_moves_along_one_axis_counts(axis):
+    crosstalk = crosstalk_of("palm", 0.0)
+    moved = displaced(64, cycles=1)[0] * (np.arange(3) == axis)[:, np.newaxis]
+    np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
+
+
 @functools.cache
 def large_crosstalk():
     skin = plane(40, 20)
