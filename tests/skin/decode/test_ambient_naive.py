@@ -99,7 +99,7 @@ def test_a_cycle_from_any_state_is_that_of_the_naive_one(near_votes, rate_hz):
     ambient = Ambient(skin, dtype="float64", crosstalk=near_votes)
     naive = NaiveAmbient(skin, BODY, near_votes=near_votes)
     followed = learnt = 0
-    for _ in range(80):
+    for _ in range(320):
         any_state(ambient, naive, rng)
         before = state_of(ambient)
         reading = any_reading(naive, before, rng)
