@@ -193,6 +193,7 @@ def _pool(model, data):
     share = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
     per_s, most_samples = 1.0 / dt_s, (2.0 - share) / share
     limit = TOUCHED_SIGMAS * TOUCHED_SIGMAS
+    together = limit * (1.0 + 1e-9)  # a single one is at the limit, and rounding no touch
     bodies.load[:] = 0.0
     bodies.weight[:] = 0.0
     for run in range(model.runs.body.size):
@@ -212,17 +213,17 @@ def _pool(model, data):
             weight += 0.0 if is_near else w
             near_load += told if is_near else 0.0
             near_weight += w if is_near else 0.0
-        if near_load > 0.0 and near_load * near_load > limit * near_weight:
+        if near_load > 0.0 and near_load * near_load > together * near_weight:
             _refuse(marks, range(first, last), NEAR)
             near_load = near_weight = 0.0
-        if load > 0.0 and load * load > limit * weight:
+        if load > 0.0 and load * load > together * weight:
             _refuse(marks, range(first, last), 0)
             load = weight = near_load = near_weight = 0.0
         bodies.load[model.runs.body[run]] += load + near_load
         bodies.weight[model.runs.body[run]] += weight + near_weight
     for run in range(model.runs.body.size):
         load, weight = bodies.load[model.runs.body[run]], bodies.weight[model.runs.body[run]]
-        if load > 0.0 and load * load > limit * weight:
+        if load > 0.0 and load * load > together * weight:
             first, last = model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE
             _refuse(marks, range(first, last), 0)
 
