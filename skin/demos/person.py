@@ -192,11 +192,6 @@ class Hand:
         at = truth.position[:, self._index].copy(), truth.rotation[:, :, self._index].copy()
         self._acts.append((self.world.time_s, act, *at))
 
-    @property
-    def busy(self) -> bool:
-        """Whether an act is in progress."""
-        return bool(self._acts)
-
     def update(self) -> None:
         """Apply the acts to the object; once a cycle."""
         now_s = self.world.time_s

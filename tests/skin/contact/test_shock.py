@@ -43,8 +43,7 @@ class Shaken:
         """Vibration at these times, and whether it is reported; forces (t, 3)."""
         passed = np.diff(times_s, prepend=times_s[0] - self._period_s)
         seen = [
-            self.update(force, sigma, born=t == 0, dt_s=passed[t])
-            for t, force in enumerate(forces)
+            self.update(force, sigma, born=t == 0, dt_s=passed[t]) for t, force in enumerate(forces)
         ]
         return np.transpose(seen)[1:]
 
