@@ -64,7 +64,9 @@ def test_shocks_are_second_differences_in_their_variances(begins):
         if t >= begins + 2:
             jump = force[t] - 2.0 * force[t - 1] + force[t - 2]
             square = (jump**2 / (6.0 * sigma[t] ** 2)).sum()
-            smoothed += (1.0 - np.exp(-0.1)) * (square - smoothed)
+            gain = 1.0 - np.exp(-0.1)
+            smoothed += gain * (square - smoothed)
+            assert shaken.shocks.values[2, 2] == pytest.approx(gain / (2.0 - gain))
         assert impact == pytest.approx(square)
         assert vibration == pytest.approx(smoothed)
     assert not shaken.shocks.impact[:2].any()
