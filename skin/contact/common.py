@@ -26,8 +26,7 @@ import numpy as np
 from bus.compiled import aligned
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.contact.slip.data import row_length
-from skin.contact.touched import padded
+from skin.contact.slip.data import padded, row_length
 from skin.physics.force_law import TERMS, scaled, secant, shear_law, stacked
 from skin.physics.force_law import at as law_at
 from skin.physics.halbach import CHIP_AXES

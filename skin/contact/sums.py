@@ -12,7 +12,8 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.model import ADDED
 from skin.contact.record import OPEN, OUT
-from skin.contact.touched import padded, touched_rows
+from skin.contact.slip.data import padded
+from skin.contact.touched import touched_rows
 
 __all__ = ["add_light", "add_silence", "add_total", "add_units", "clear", "prepare_light"]
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.slip.data import LANES
+from skin.contact.slip.data import padded
 
-__all__ = ["TOUCHED_ROWS", "Touched", "gather", "padded", "touched_rows"]
+__all__ = ["TOUCHED_ROWS", "Touched", "gather", "touched_rows"]
 
 TOUCHED_ROWS = 24
 
@@ -39,16 +39,6 @@ def touched_rows(b):
     return Touched(
         b[0:3], b[3:6], b[6:9], b[9:12], b[12:15], b[15:18], b[18:21], b[21], b[22], b[23],
     )  # fmt: skip
-
-
-@jitable(inline=True)
-def padded(count, rows):
-    """Pad `count` units in all rows of a block with zeros; returns the length in whole vectors."""
-    length = (count + LANES - 1) // LANES * LANES
-    for k in range(rows.shape[0]):
-        for j in range(count, length):
-            rows[k, j] = 0.0
-    return length
 
 
 @jitable(inline=True)

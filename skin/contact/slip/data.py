@@ -19,7 +19,7 @@ __all__ = [
     "BEGAN", "GROWTH", "LAGS", "LAG_RATIO", "LANES", "MOTIONS", "NOISE_RATIO", "NOISY_UNIT",
     "NUISANCES", "PLANE", "READINGS", "READING_RATIO", "RECENT_STEPS", "SLOW", "STEPS", "WANDER",
     "BodyFit", "PatternScratch", "SlipArrays", "SlipData", "SlipScratch", "UnitFilter",
-    "UnitHistory", "UnitRows", "row_length", "slip_arrays", "unit_filter",
+    "UnitHistory", "UnitRows", "padded", "row_length", "slip_arrays", "unit_filter",
 ]  # fmt: skip
 
 MOTIONS, PLANE = 6, 3
@@ -189,6 +189,16 @@ def row_length(n: int) -> int:
     different cache lines."""
     length = (n + LANES - 1) // LANES * LANES
     return length + LANES * (1 + (length // LANES) % 2)
+
+
+@jitable(inline=True)
+def padded(count, rows):
+    """Pad `count` units in all rows of a block with zeros; returns the length in whole vectors."""
+    length = (count + LANES - 1) // LANES * LANES
+    for k in range(rows.shape[0]):
+        for j in range(count, length):
+            rows[k, j] = 0.0
+    return length
 
 
 @jitable(inline=True)

@@ -9,7 +9,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.record import UnitSlip
-from skin.contact.slip.data import LANES, SlipArrays, SlipScratch, UnitFilter, UnitRows
+from skin.contact.slip.data import SlipArrays, SlipScratch, UnitFilter, UnitRows, padded
 from skin.contact.slip.noise import unit_noise
 from skin.contact.slip.parameters import PARAMETERS, SETTLED, SlipModel
 from skin.contact.slip.rigid_fit import design_motions
@@ -87,11 +87,8 @@ def _remembered_share(first, count, displacement, units, kept: UnitFilter):
 @jitable(inline=True)
 def _pad(count, scratch: SlipScratch):
     """Pad all rows with units of weight zero; returns the length in whole vectors."""
-    length = (count + LANES - 1) // LANES * LANES
-    for rows in (scratch.unit_rows, scratch.rows):
-        for k in range(rows.shape[0]):
-            for j in range(count, length):
-                rows[k, j] = 0.0
+    length = padded(count, scratch.unit_rows)
+    padded(count, scratch.rows)
     for j in range(count, length):
         scratch.row.reported[j] = 1.0
         scratch.unit.gain_information[j] = 1.0
