@@ -21,7 +21,8 @@ import json, resource, sys, threading, time
 began = time.perf_counter()
 from bus.compiled import cache, pool
 
-pool.processes = lambda: int(sys.argv[1])
+assert pool.processors() >= 1  # what is replaced is what the pool asks
+pool.processors = lambda: int(sys.argv[1])
 compiling, kernels = [], {}
 
 def begun(name):

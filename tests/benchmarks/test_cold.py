@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -40,3 +42,12 @@ def test_a_start_is_measured_cold_and_warm_in_one_and_two_processes(
     assert len(lines) == 3 + cold.SHOWN + 1
     assert lines[-1].split() == ["5.00", "10", "others"]
     json.dumps(figures)
+
+
+def test_as_many_processes_compile_as_it_says() -> None:
+    head = cold.FIRST.partition("import skin")[0]
+    tail = "with pool.together() as found: print(found._count)"
+    done = subprocess.run(
+        [sys.executable, "-c", head + tail, "7"], check=True, text=True, stdout=subprocess.PIPE
+    )
+    assert int(done.stdout) == 7
