@@ -18,6 +18,7 @@ compiled in every process.
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import os
 import pickle
@@ -31,7 +32,7 @@ from functools import cache, cached_property
 from hashlib import blake2b
 from importlib.util import MAGIC_NUMBER
 from pathlib import Path
-from threading import local
+from threading import Lock, local
 from typing import Any, NamedTuple
 
 import llvmlite
@@ -52,7 +53,9 @@ try:
 except ImportError:  # not on this system
     fcntl = None
 
-__all__ = ["KernelCache", "cache_on_disk", "report_planned", "reporting", "watch"]
+__all__ = [
+    "KernelCache", "cache_on_disk", "rare_collections", "report_planned", "reporting", "watch",
+]  # fmt: skip
 
 DAMAGED = (AttributeError, EOFError, ImportError, IndexError, TypeError, ValueError,
            pickle.UnpicklingError)  # fmt: skip
@@ -61,6 +64,8 @@ UNUSED_S = 30 * 24 * 3600.0
 """Files that nobody has read for so long go when another one is written [assumed]."""
 LONGEST_S = 600.0
 """That a process waits for another one to compile [assumed: one that is stopped never ends]."""
+RARE = 100_000, 50, 1000
+"""Thresholds of the garbage collector while kernels are compiled."""
 LOOK_S = 0.02
 """Between two looks whether a kernel has been compiled."""
 VERSIONS = (numba.__version__, llvmlite.__version__, np.__version__, sys.implementation.cache_tag,
@@ -134,12 +139,44 @@ def cache_on_disk(kernel: Any, options: Mapping[str, object]) -> None:
         locks = _held.__dict__.setdefault("locks", [])
         before = len(locks)
         try:
-            return numbas(signature)
+            with rare_collections():
+                return numbas(signature)
         finally:  # compiled or not
             while len(locks) > before:
                 _release(*locks.pop())
 
     kernel.compile = compile_alone
+
+
+class Collector:
+    """Thresholds of the garbage collector while kernels are compiled.
+
+    Numba makes millions of objects that live until a kernel is compiled, and a collector that looks
+    at them again and again takes a sixth of the time; without any, memory grows by a third.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._within = Lock(), 0
+        self._usual = gc.get_threshold()
+
+    @contextmanager
+    def rare(self) -> Iterator[None]:
+        """Let it run a hundred times less often, as long as any thread is within."""
+        with self._lock:
+            self._within += 1
+            if self._within == 1:
+                self._usual = gc.get_threshold()
+                gc.set_threshold(*RARE)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._within -= 1
+                if self._within == 0:
+                    gc.set_threshold(*self._usual)
+
+
+rare_collections = Collector().rare
 
 
 class Watcher(NamedTuple):

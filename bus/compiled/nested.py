@@ -115,6 +115,7 @@ def _build() -> Any:
 
         def run_pass(self, state):
             name = state.func_id.func_qualname
+            state.flags.no_cfunc_wrapper = True  # called by its address, or from Python
             state.library = KernelLibrary(state.targetctx.codegen(), name)
             state.library.enable_object_caching()
             super().run_pass(state)
@@ -167,11 +168,24 @@ def _front_indices(module: Any) -> Iterator[None]:
 
 def _compiler(lowering: Any) -> Any:
     """Numba's compiler with another lowering."""
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
     from numba.core.typed_passes import NativeLowering
+
+    unset = {name: option.default for name, option in Flags.options.items()}
+
+    class ReadAtOnce(Flags):
+        """Numba's options of a compilation. They are compared wherever a function is looked up, and
+        numba's own are read one by one for it, which takes a twelfth of the time of compiling."""
+
+        def values(self):
+            return unset | self._values
 
     class Compiler(CompilerBase):
         """Numba's passes, another lowering instead of its own, and names that stay."""
+
+        def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
+            flags = ReadAtOnce(flags)
+            super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
 
         def define_pipelines(self):
             identity = self.state.func_id

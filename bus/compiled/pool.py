@@ -74,7 +74,8 @@ def together(count: int | None = None) -> Iterator[Pool]:
     """
     _pools.append(pool := Pool(processors() if count is None else count))
     try:
-        yield pool
+        with cache.rare_collections():
+            yield pool
     finally:
         _pools.remove(pool)
         pool.close()
@@ -209,7 +210,8 @@ def main() -> None:
             job: Job = pickle.load(into)
         except EOFError:
             return
-        with suppress(Exception):  # the process that needs the kernel meets it as well
+        # an error: the process that needs the kernel meets it as well
+        with suppress(Exception), cache.rare_collections():
             _prepare(job.kernel(), job.kinds)
         pickle.dump(None, out)
         out.flush()

@@ -1,10 +1,12 @@
 """The cache of kernels: compiled anew when anything changes that a kernel is made of."""
 
+import gc
 import os
 import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -476,3 +478,18 @@ def test_the_working_folder_is_no_folder_for_temporary_files(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
     tmp_path.chmod(0o1777)  # as /tmp itself
     assert places.temporary() is not None
+
+
+def test_the_garbage_collector_is_as_it_was_when_the_last_thread_has_compiled():
+    usual, collector = gc.get_threshold(), cache.Collector()
+    other = ThreadPoolExecutor(1)
+    first, second = collector.rare(), collector.rare()
+    with first:
+        assert gc.get_threshold() == cache.RARE
+        other.submit(second.__enter__).result()
+    assert gc.get_threshold() == cache.RARE  # the other thread still compiles
+    other.submit(second.__exit__, None, None, None).result()
+    assert gc.get_threshold() == usual
+    with pytest.raises(ZeroDivisionError), collector.rare():
+        1 / 0  # noqa: B018
+    assert gc.get_threshold() == usual
