@@ -43,8 +43,8 @@ __all__ = [
 SAME, RENEW = -1, -3
 """Return values of a cycle: nothing changed that Python must renew, and coefficients must be
 renewed first; otherwise the return value of the stage of contacts."""
-STAGES = ("decode", "films", "unknown", "relax_to", "relax_fro", "ambient", "contacts")
-DECODE, FILMS, UNKNOWN, RELAX, AMBIENT, CONTACTS = 0, 1, 2, 3, 5, 6
+STAGES = ("decode", "films", "unknown", "relax_to", "relax_fro", "ambient", "contacts", "slip")
+DECODE, FILMS, UNKNOWN, RELAX, AMBIENT, CONTACTS, SLIP = 0, 1, 2, 3, 5, 6, 7
 WORTH = 0.5
 """Missing periods after which the coefficients of lags are renewed."""
 STEPS_A_PERIOD = 4
@@ -74,11 +74,11 @@ class Stage(NamedTuple):
 
     Attributes
     ----------
-    calls : ndarray, shape (7, 2), int64, or list of callable
+    calls : ndarray, shape (8, 2), int64, or list of callable
         Of each of `STAGES`: address and argument, or a Python function.
     adding : ndarray, shape (m, 2), int64, or list of callable
         The same of the parts of cross-talk.
-    has : ndarray, shape (7,), bool
+    has : ndarray, shape (8,), bool
         Which of `STAGES` exist.
     bare : ndarray, shape (1,), int64
         Whether nothing is subtracted from the counts.
@@ -95,6 +95,8 @@ class Stage(NamedTuple):
         Bytes of what is subtracted, and of where it comes from if no stage writes it; else empty.
     now_ns : ndarray, shape (1,), int64
         Written: time stamp that the stage of contacts takes.
+    slips : ndarray, shape (1,), int64
+        Contacts whose slip is to be detected: written by the stage of contacts.
     valid : ndarray, shape (n,), bool
         Units that were decoded; of length 0 where there is no clock.
     flags : ndarray, shape (1,) or (0,)
@@ -117,6 +119,7 @@ class Stage(NamedTuple):
     background: np.ndarray
     source: np.ndarray
     now_ns: np.ndarray
+    slips: np.ndarray
     valid: np.ndarray
     flags: np.ndarray
     shown: np.ndarray
@@ -216,6 +219,8 @@ def cycle_python(stage):
     if stage.has[CONTACTS]:
         stage.now_ns[0] = stage.clock[0]["now_ns"]
         found = call(stage.calls, CONTACTS)
+        if stage.has[SLIP] and stage.slips[0] > 0:
+            call(stage.calls, SLIP)
     show(stage)
     return found
 
@@ -224,21 +229,24 @@ cycle = compiled(cycle_python, allocates=False)
 
 
 class Ends(NamedTuple):
-    """Inputs and outputs of a cycle that belong to a pipeline: see `Stage`; `contacts` is the
-    stage, or None."""
+    """Inputs and outputs of a cycle that belong to a pipeline: see `Stage`; `contacts` and `slip`
+    are stages, or None."""
 
     clock: np.ndarray
     next: np.ndarray
     contacts: Bound | None
+    slip: Bound | None
     now_ns: np.ndarray
+    slips: np.ndarray
     flags: np.ndarray
     shown: np.ndarray
 
 
 def no_ends() -> Ends:
     """Those of a cycle without a pipeline."""
-    next_, now_ns, flags, shown = (np.zeros(size, np.int64) for size in (2, 1, 0, len(SHOWN)))
-    return Ends(np.zeros(0, TIME), next_, None, now_ns, flags.astype(np.int32), shown)
+    next_, now_ns, slips, shown = (np.zeros(size, np.int64) for size in (2, 1, 1, len(SHOWN)))
+    flags = np.zeros(0, np.int32)
+    return Ends(np.zeros(0, TIME), next_, None, None, now_ns, slips, flags, shown)
 
 
 def filters_of(rate_hz: float) -> np.ndarray:

@@ -254,8 +254,8 @@ class Pipeline:
         ends, stream = no_ends()._replace(clock=self.clock.time), self.contacts
         if stream is not None:
             ends = ends._replace(
-                contacts=stream.bound, now_ns=stream.data.clock["now_ns"],
-                flags=stream.records["flags"][-1:],
+                contacts=stream.bound.contacts, slip=stream.bound.slip, slips=stream.bound.slips,
+                now_ns=stream.data.clock["now_ns"], flags=stream.records["flags"][-1:],
             )  # fmt: skip
         self._next, self._shown = ends.next, ends.shown
         self.cycle = self.decoder.cycle(self.counts, self.status, ends)

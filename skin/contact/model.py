@@ -23,8 +23,8 @@ from topology.pose import pose_fault
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "PAIR", "POSE", "SUMS", "WAYPOINTS", "ContactData",
     "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
-    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_capacity", "contact_data",
-    "no_readings", "posed_units", "set_poses",
+    "SlipCycle", "SlipSide", "SlotData", "Sums", "UnitData", "Wants", "check_poses",
+    "contact_capacity", "contact_data", "no_readings", "posed_units", "set_poses",
 ]  # fmt: skip
 
 LEAST_CAPACITY, UNITS_EACH = 16, 16
@@ -69,6 +69,8 @@ CLOCK = np.dtype(
         ("period_s", np.float64),  # nominal, which the first cycle counts as
         ("present", np.int64),  # contacts that it had
         ("silent", np.int64),  # units that were silent and should have been heard
+        ("elapsed_s", np.float64),  # from the cycle before to this one
+        ("slips", np.int64),  # contacts of this one whose slip is to be detected
     ]
 )
 
@@ -263,6 +265,24 @@ class ContactData(NamedTuple):
     common: Common
     slip: SlipData
     shocks: ShockData
+
+
+class SlipSide(NamedTuple):
+    """Constants that the detector of slip takes."""
+
+    geometry: Geometry
+    slip: SlipModel
+
+
+class SlipCycle(NamedTuple):
+    """Data that it takes, with the fields of `ContactData`."""
+
+    reading: Readings
+    units: UnitData
+    slots: SlotData
+    clock: np.ndarray
+    contacts: np.ndarray
+    slip: SlipData
 
 
 def posed_units(position: np.ndarray, rotation: np.ndarray, area: np.ndarray | float) -> Geometry:

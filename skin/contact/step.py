@@ -1,23 +1,35 @@
-"""One compiled call a cycle: finds and describes contacts, detects slip, and follows shocks."""
+"""The two kernels of a cycle of contacts: one finds and describes them and follows shocks, the
+other detects slip. They are compiled side by side, and the second only where slip is wanted."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.compiled.bound import Bound
 from bus.compiled.jit import compiled
+from skin.contact.common import Common
 from skin.contact.describe import describe_python
+from skin.contact.model import ContactData, ContactModel, SlipCycle, SlipSide
 from skin.contact.record import OPEN
 from skin.contact.shock import follow_shocks
 from skin.contact.slip.detector import detect_slip
 from skin.contact.track import find_contacts
 from skin.contact.unseen import nothing_touches, remember
 
-__all__ = ["EARLY", "SAME", "step", "step_python"]
+__all__ = [
+    "EARLY", "SAME", "Steps", "follow_slip", "follow_slip_python", "step", "step_python",
+]  # fmt: skip
 
 SAME, EARLY = -1, -2
 """Return values for an unchanged set of contacts, and for a stamp that is not later."""
 
 
 def step_python(model, data):
-    """Process the next cycle, at ``data.clock["now_ns"]``.
+    """Find and describe the contacts of the next cycle, at ``data.clock["now_ns"]``.
+
+    Writes ``data.clock["slips"]``: the contacts whose slip is to be detected next.
 
     Parameters
     ----------
@@ -32,11 +44,12 @@ def step_python(model, data):
     """
     clock, slots, wants = data.clock[0], data.slots, model.wants
     dt_s, now_ns = clock["period_s"], clock["now_ns"]
+    clock["slips"] = 0
     if clock["begun"]:
         if now_ns <= clock["last_ns"]:
             return EARLY
         dt_s = 1e-9 * (now_ns - clock["last_ns"])
-    clock["begun"], clock["last_ns"] = True, now_ns
+    clock["begun"], clock["last_ns"], clock["elapsed_s"] = True, now_ns, dt_s
     count = find_contacts(model, data)
     silent = remember(model, data)
     if count == 0 and (silent > 0 or clock["silent"] > 0 or clock["present"] > 0):
@@ -45,7 +58,7 @@ def step_python(model, data):
     if count > 0 and wants.total:
         describe_python(count, wants.each, silent, model, data)
         if wants.slip:
-            detect_slip(count, dt_s, now_ns, model, data)
+            clock["slips"] = count
         if wants.shocks:
             follow_shocks(count, dt_s, slots.present, data.contacts, data.shocks)
     same = count == clock["present"]
@@ -60,4 +73,60 @@ def step_python(model, data):
     return SAME if same else count
 
 
+def follow_slip_python(model, data):
+    """Detect slip of the contacts that `step_python` has described in this cycle.
+
+    Parameters
+    ----------
+    model : SlipSide
+    data : SlipCycle
+    """
+    clock = data.clock[0]
+    detect_slip(clock["slips"], clock["elapsed_s"], clock["now_ns"], model, data)
+
+
 step = compiled(step_python, fastmath={"contract"}, allocates=False)
+follow_slip = compiled(follow_slip_python, fastmath={"contract"}, allocates=False)
+
+
+class Steps(NamedTuple):
+    """Both kernels, bound to the arrays of a stream: a function that processes the next cycle, and
+    returns what `step_python` does.
+
+    Attributes
+    ----------
+    contacts : Bound
+    slip : Bound or None
+        To be called after it where `slips` says so; None where slip is not wanted.
+    slips : ndarray, shape (1,), int64
+        Contacts whose slip is to be detected.
+    """
+
+    contacts: Bound
+    slip: Bound | None
+    slips: np.ndarray
+
+    @classmethod
+    def of(cls, model: ContactModel, data: ContactData, common: Common | None = None) -> Steps:
+        """Those of a stream, with the common errors of units if they are given."""
+        slip = None
+        if model.wants.slip:
+            side = SlipSide(model.geometry, model.slip)
+            inputs = SlipCycle(*(getattr(data, name) for name in SlipCycle._fields))
+            slip = Bound(follow_slip, side, inputs)
+        if common is not None:
+            shape = data.sums.rows.size, 2 * len(common.covariance_ut2), 6, 3
+            data = data._replace(common=common._replace(gain=np.zeros(shape)))
+        return cls(Bound(step, model, data), slip, data.clock["slips"])
+
+    def __call__(self) -> int:
+        found = self.contacts()
+        if self.slips[0] > 0 and self.slip is not None:
+            self.slip()
+        return found
+
+    def put(self, field: str, array: np.ndarray) -> None:
+        """Let them read another array of the same type and shape; a field of `Readings`."""
+        for bound in (self.contacts, self.slip):
+            if bound is not None:
+                bound.put((1, "reading", field), array)

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from bus.compiled.bound import Bound
 from skin.contact.common import Common
 from skin.contact.contact import Contact
 from skin.contact.gate import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
@@ -16,7 +15,6 @@ from skin.contact.graph import checked_graph
 from skin.contact.model import (
     ContactModel,
     Gate,
-    Readings,
     Wants,
     check_poses,
     contact_capacity,
@@ -29,7 +27,7 @@ from skin.contact.record import BRIDGE, OPEN, UNTOUCHED
 from skin.contact.rows import CycleLayout, Layouts, Rows
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
-from skin.contact.step import EARLY, SAME, step
+from skin.contact.step import EARLY, SAME, Steps
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError, check_choice, check_number, check_numbers, shown
 from skin.options import DTYPES, MOST_CONTACTS, wanted
@@ -110,8 +108,8 @@ class ContactStream:
         `UnitSlip` of each unit.
     shocks : Shocks or None
         Where they are wanted.
-    bound : Bound or None
-        The kernel of a cycle on the arrays of the last `bind`.
+    bound : Steps or None
+        The kernels of a cycle on the arrays of the last `bind`.
 
     Examples
     --------
@@ -201,7 +199,7 @@ class ContactStream:
         self._rows = rows
         self.show(label=self.tracker.label)
         self._now_ns = self.data.clock["now_ns"]
-        self.bound: Bound | None = None
+        self.bound: Steps | None = None
         self._found: list[Contact] = []
         self.records[-1:] = UNTOUCHED
 
@@ -230,7 +228,7 @@ class ContactStream:
 
     @classmethod
     def prepare(cls, want: Collection[str], dtype: str) -> None:
-        """Begin to compile the kernel, which is the same for all arrays; see
+        """Begin to compile the kernels, which are the same for all arrays; see
         `bus.compiled.pool.together`."""
         alone, upright = np.zeros((3, 1)), np.eye(3)[:, :, np.newaxis]
         nobody = np.zeros(2, np.int64), np.zeros(0, np.int64)
@@ -343,7 +341,7 @@ class ContactStream:
         self._check_displacement(displacement_mm, displacement_sigma_mm)
         own = no_readings(self.tracker.label.size, self._dtype)
         own.given[0] = displacement_mm is not None, temperature is not None
-        call = self._bound(own, common)
+        call = Steps.of(self.model, self.data._replace(reading=own), common)
         for name, field, array in zip(PUBLIC_NAMES, own._fields, given, strict=False):
             if array is None:
                 continue
@@ -358,7 +356,7 @@ class ContactStream:
                     f"{name}: must be contiguous {wanted.dtype} of shape {wanted.shape}; "
                     f"got {array.dtype} of shape {array.shape}"
                 )
-            call.put((1, "reading", field), array)
+            call.put(field, array)
         self.bound = call
 
         def take(stamp_ns: int) -> list[Contact]:
@@ -371,16 +369,9 @@ class ContactStream:
         raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")
 
     @cached_property
-    def _step(self) -> Bound:
-        """The kernel on this stream's own arrays."""
-        return self._bound(self.data.reading)
-
-    def _bound(self, reading: Readings, common: Common | None = None) -> Bound:
-        data = self.data._replace(reading=reading)
-        if common is not None:
-            shape = data.sums.rows.size, 2 * len(common.covariance_ut2), 6, 3
-            data = data._replace(common=common._replace(gain=np.zeros(shape)))
-        return Bound(step, self.model, data)
+    def _step(self) -> Steps:
+        """The kernels on this stream's own arrays."""
+        return Steps.of(self.model, self.data)
 
     def _check_displacement(self, displacement: object, sigma: object) -> None:
         if self.model.wants.slip and (displacement is None or sigma is None):

@@ -434,14 +434,15 @@ class Decoder:
         if self.ambient is not None:
             calls["ambient"], look_s = self.ambient.bound(whole), self.ambient.elapsed_s
         if ends.contacts is not None:
-            calls["contacts"] = ends.contacts
+            calls |= {"contacts": ends.contacts, "slip": ends.slip}
         return CycleParts(calls, adding, {
             "bare": np.array([not (given or self._loops)], np.int64), "filters": self._filters,
             "phase": control["phase"][self._live][:1], "advance": control["advance"],
             "reuse": control["reuse"], "look_s": look_s, "background": background,
             "source": source, "valid": whole.valid[: whole.valid.size * ends.clock.size],
             "clock": ends.clock, "next": ends.next,
-            "now_ns": ends.now_ns, "flags": ends.flags, "shown": ends.shown,
+            "now_ns": ends.now_ns, "slips": ends.slips, "flags": ends.flags,
+            "shown": ends.shown,
         }, self._renew)  # fmt: skip
 
     def _batch(self, raw, status, background, advance: bool) -> Reading:

@@ -69,8 +69,8 @@ class Noted:
             "bare": np.zeros(1, np.int64), "filters": self.filters, "phase": self.phase,
             "advance": self.advance, "reuse": self.reuse, "look_s": self.look_s,
             "background": NOTHING, "source": NOTHING, "valid": np.ones(3, bool),
-            "clock": ends.clock, "next": ends.next, "now_ns": ends.now_ns, "flags": ends.flags,
-            "shown": ends.shown,
+            "clock": ends.clock, "next": ends.next, "now_ns": ends.now_ns, "slips": ends.slips,
+            "flags": ends.flags, "shown": ends.shown,
         }, self._renew))  # fmt: skip
 
     def _renew(self):
@@ -84,7 +84,7 @@ class Noted:
         self.ends.next[:] = number, stamp_ns
         self.log[:] = 0
         self.found = self.cycle()
-        names = [*STAGES, "", "", "", "left", "right"]
+        names = [*STAGES, "", "", "left", "right"]
         return [names[which] for which in self.log[1 : 1 + self.log[0]]]
 
 
@@ -106,6 +106,9 @@ def test_stages_come_in_their_order(in_python):
     noted.moved[0] = 0
     assert noted(3, 0) == ["films", "decode", "relax_to", "ambient", "contacts"]
     assert noted.found == 12  # milliseconds
+    noted.ends.slips[0] = 2
+    assert noted(4, 0) == ["films", "decode", "relax_fro", "ambient", "contacts", "slip"]
+    assert noted.found == 16  # of the contacts
     assert Noted(("decode",), in_python=in_python)() == ["decode"]
 
 

@@ -1,4 +1,4 @@
-"""What one step returns, and what time it tells the slip detector."""
+"""What one step returns, and what the detector of slip is given."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,9 @@ import pytest
 import tests.naive.contact as naive
 from skin.contact import step as module
 from skin.contact.graph import neighbour_graph
-from skin.contact.step import EARLY, SAME, step, step_python
+from skin.contact.step import EARLY, SAME, Steps, step
 from skin.contact.stream import ContactStream
+from tests.fixtures.kernels import interpret_contacts
 
 
 def row_of(n, **options):
@@ -46,11 +47,33 @@ def test_a_step_says_how_many_contacts_there_are_when_they_are_others():
 def test_slip_is_told_the_seconds_since_the_cycle_before(monkeypatch):
     told = []
     monkeypatch.setattr(module, "detect_slip", lambda *given: told.append(given[:3]))
+    interpret_contacts(monkeypatch)
     stream = row_of(2, want={"slip"})
+    steps = Steps.of(stream.model, stream.data)
     for now_ns in (3_000_000, 7_000_000, 13_000_000):
-        take(stream, now_ns, 1, 1, kernel=step_python)
+        take(stream, now_ns, 1, 1, kernel=lambda *_: steps())
     counts, seconds, stamps = zip(*told, strict=True)
     assert counts == (2, 2, 2)
     assert seconds == pytest.approx([0.004, 0.004, 0.006])  # the first counts as one period
     assert stamps == (3_000_000, 7_000_000, 13_000_000)
     assert np.isfinite(stream.total.load)
+
+
+@pytest.mark.parametrize("want", [(), ("wrench",), ("contacts", "shocks")])
+def test_where_slip_is_not_wanted_its_kernel_is_not_compiled(want):
+    stream = row_of(2, want=want)
+    steps = Steps.of(stream.model, stream.data)
+    assert steps.slip is None
+    take(stream, 1, 1, 1, kernel=lambda *_: steps())
+    assert steps.slips[0] == 0
+
+
+def test_a_stamp_that_is_too_early_detects_no_slip_again(monkeypatch):
+    told = []
+    monkeypatch.setattr(module, "detect_slip", lambda *given: told.append(given[0]))
+    interpret_contacts(monkeypatch)
+    stream = row_of(2, want={"slip"})
+    steps = Steps.of(stream.model, stream.data)
+    for now_ns, load in ((5, 1), (5, 1), (4, 1), (6, 0)):
+        take(stream, now_ns, load, 0, kernel=lambda *_: steps())
+    assert told == [1]

@@ -16,10 +16,10 @@ from skin.contact.graph import neighbour_graph
 from skin.contact.record import Event, Flag, SlipState, UnitSlip
 from skin.contact.shock import Shocks, shock_data
 from skin.contact.slip import SlipSettings
-from skin.contact.step import step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
 from skin.errors import OptionError, SkinError
 from tests.fixtures.contact_features import contact_features
+from tests.fixtures.kernels import interpret_contacts
 
 ROWS, COLUMNS, PITCH, AREA = 8, 10, 0.012, 1.1e-4
 N = ROWS * COLUMNS
@@ -122,7 +122,7 @@ def test_the_total_alone_is_the_same_total():
 )
 def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
     called = set()
-    monkeypatch.setattr(module, "step", step_python)
+    interpret_contacts(monkeypatch)
     for home, name, what in (
         (step, "describe_python", "describe"),
         (step, "detect_slip", "judge"),
@@ -660,7 +660,7 @@ def test_machine_code_and_python_tell_alike(monkeypatch):
         return np.concatenate(numbers)
 
     machine = told()
-    monkeypatch.setattr(module, "step", step_python)
+    interpret_contacts(monkeypatch)
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)
 

@@ -6,12 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact import stream as module
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Event, TrackState
-from skin.contact.step import step_python
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
+from tests.fixtures.kernels import interpret_contacts
 
 ROWS, COLUMNS, PITCH = 8, 24, 0.012
 POSITION = naive.grid(ROWS, COLUMNS)
@@ -204,7 +203,7 @@ def test_machine_code_and_python_find_alike(monkeypatch):
         compiled.valid = python.valid = rng.random(ROWS * COLUMNS) > 0.1
         compiled.see(*bumps)
         with monkeypatch.context() as patch:
-            patch.setattr(module, "step", step_python)
+            interpret_contacts(patch)
             python.see(*bumps)
         assert compiled.tracker.contacts.tobytes() == python.tracker.contacts.tobytes()
         np.testing.assert_array_equal(compiled.tracker.label, python.tracker.label)

@@ -1,7 +1,5 @@
 """Slip: its laws, and machine code against Python."""
 
-from unittest import mock
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,11 +7,10 @@ from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact import stream
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import PARAMETERS, SlipSettings
-from skin.contact.step import step_python
 from skin.errors import SkinError
+from tests.fixtures.kernels import interpret_contacts
 from tests.skin.contact.slip.watch import (
     DT_S,
     STIFFNESS,
@@ -322,7 +319,8 @@ def test_machine_code_is_the_python_code(seed):
     position, rotation = naive.cylinder(4, 4) if rng.random() < 0.5 else centred(4, 4)
     load = dome(position - position.mean(axis=1, keepdims=True), reach_m=0.03)
     one, one_units = sliding(Watch(position, rotation), position, load, cycles=110, seed=seed)
-    with mock.patch.object(stream, "step", step_python), np.errstate(invalid="ignore"):
+    with pytest.MonkeyPatch.context() as patch, np.errstate(invalid="ignore"):
+        interpret_contacts(patch)
         python = Watch(position, rotation)
         other, other_units = sliding(python, position, load, cycles=110, seed=seed)
     np.testing.assert_array_equal(one["slip"], other["slip"])
