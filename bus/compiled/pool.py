@@ -2,9 +2,9 @@
 
 Within `together`, a bound kernel that is not in the cache is not compiled where it is bound: it is
 queued. Processes of their own take the largest ones first, compile them and keep them in the cache;
-this one goes on, and loads the code when it needs it. While it must wait, it compiles what is
-queued as well. No process is started where all kernels are in the cache, where nothing can be kept,
-or where there is one core.
+this one goes on, and loads the code when it needs it. Then it takes part: it compiles what is
+queued, the largest first, until it has what it needs. No process is started where all kernels are
+in the cache, where nothing can be kept, or where there is one core.
 
 A process is given the names under which a kernel is found and the types of its arguments. One that
 cannot compile, or dies, costs time alone: who needs the kernel compiles it then.
@@ -136,19 +136,22 @@ class Pool:
         return True
 
     def wait(self, kernel: Any, kinds: tuple[Any, ...]) -> None:
-        """Wait until nobody compiles a kernel, and compile others meanwhile; it is not queued any
-        more then."""
+        """Wait until nobody compiles a kernel, and it is not queued any more. Meanwhile compile
+        others, and those that take longer even before it, if it is queued: all are needed, and what
+        is begun last should be short."""
         job = job_of(kernel, kinds)
         while os.getpid() == self._owner:  # a fork has none of the threads
             with self._changed:
-                self._queue = [one for one in self._queue if one[1] != job]
-                if job not in self._running:
+                if job not in self._running and all(one[1] != job for one in self._queue):
                     return
-                other = self._queue.pop(0) if self._queue else None
-                if other is None:
+                if not self._queue:
                     self._changed.wait(LOOK_S)
                     continue
-            _prepare(other[2], other[1].kinds)
+                _, found, other = self._queue.pop(0)
+                if found == job:
+                    return
+            with suppress(Exception):  # who needs that kernel meets it as well
+                _prepare(other, found.kinds)
 
     def close(self) -> None:
         """Start no more; what is being compiled is kept when it is done."""

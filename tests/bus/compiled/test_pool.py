@@ -204,3 +204,23 @@ def test_what_is_watched_is_said_of_other_processes_as_well():
         with cache.reporting("far"):
             heard.append((0, "between"))
     assert heard == [(1, "far"), (0, "between"), (2, "far")]
+
+
+def test_what_takes_longest_is_begun_first_here_as_well(monkeypatch):
+    begun = []
+
+    def prepare(kernel, kinds):
+        begun.append(kernel)
+        raise TypeError("who needs it meets it")
+
+    monkeypatch.setattr(pool, "_prepare", prepare)
+    found, kinds = pool.Pool(2), ()
+    own = pool.Job(__name__, "double", None, kinds)
+    monkeypatch.setattr(pool, "job_of", lambda *given: own)
+    jobs = [own._replace(name=name) for name in ("long", "short")]
+    found._queue = [(300, jobs[0], "long"), (200, own, double), (100, jobs[1], "short")]
+    found.wait(double, kinds)
+    assert begun == ["long"]
+    assert [one[2] for one in found._queue] == ["short"]
+    found.wait(double, kinds)  # compiled by now
+    assert begun == ["long"]
