@@ -806,6 +806,7 @@ def test_command_refuses_wrong_use(arguments, message, tmp_path, monkeypatch, ca
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize(
     ("taken_with", "decoded_with", "told"),
     [
@@ -818,16 +819,17 @@ def test_command_refuses_wrong_use(arguments, message, tmp_path, monkeypatch, ca
     ],
 )
 def test_zeros_that_were_taken_with_another_stencil_are_named(
-    taken_with, decoded_with, told, tmp_path, caplog
+    taken_with, decoded_with, told, axis, tmp_path, caplog
 ):
-    """A stencil is theory, or so many µT along x beside it."""
+    """A stencil is theory, or so many µT along an axis beside it."""
     skin = pair(tmp_path, BEFORE)
     theory = Stencil.of(skin, degree=1)
 
     def stencil(off_ut):
         if off_ut is None:
             return None
-        rest_ut = theory.rest_ut + np.array([[off_ut], [0.0], [0.0]])
+        rest_ut = theory.rest_ut.copy()
+        rest_ut[axis] += off_ut
         return dataclasses.replace(theory, rest_ut=rest_ut, drawn=False)
 
     with_it = stencil(taken_with)

@@ -127,6 +127,13 @@ def test_disabled_units_say_so_without_a_bus():
     assert reading.status.tolist() == [0, Status.DISABLED, 0]
 
 
+def test_a_disabled_unit_has_no_other_flag_whatever_it_reads():
+    skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
+    reading = Decoder(skin, sweeps=0, ambient=False)(counts_of(3, bx=8000))
+    extrapolated = Status.EXTRAPOLATED
+    assert reading.status.tolist() == [extrapolated, Status.DISABLED, extrapolated]
+
+
 # -- memory --------------------------------------------------------------------------------------
 
 

@@ -7,12 +7,15 @@ import inspect
 
 import numpy as np
 
+import topology
 from benchmarks.accuracy_skin import square
 from benchmarks.films_truth import PITCH_M, DipoleField, FilmShape
 from bus.status import Status
 from skin.calibrate.tare import tare
+from skin.decode import records
 from skin.decode.decoder import Decoder
 from skin.options import Options
+from skin.physics.stencil import rest_sigma_ut
 from skin.sim.unit import UnitSimulator
 
 DRAWN = FilmShape(6.0, 0.5, 10.6, 16, 0.0)
@@ -78,3 +81,26 @@ def test_a_skin_that_was_tared_is_decoded_without_its_neighbours_twice():
         reading = decoder(counts)
     off_um = 1e3 * np.sqrt(np.mean((reading.displacement_mm[:2] - moved[0]) ** 2))
     assert off_um < 15.0
+
+
+def test_a_unit_that_was_not_tared_does_not_know_the_field_of_its_resting_neighbours():
+    skin = topology.load("palm")
+    units = UnitSimulator(skin, noise=False)
+    one, both = np.ones((1, skin.n)), np.ones((1, 2, skin.n))
+    raw = units.quantise(units.disturb(units.quantities(one, 0.6 * both, 25.0 * one)))
+
+    def decoded(is_tared, offset_ut=0.0):
+        offset = skin.offset.copy()
+        offset[records.BX] += offset_ut
+        moved = dataclasses.replace(skin, tared=np.full(skin.n, is_tared), offset=offset)
+        decoder = Decoder(moved, WANT, dtype="float64", sweeps=0, ambient=False)
+        return decoder(raw[0]), decoder.rest_ut
+
+    (with_tare, _), (without, rest_ut) = decoded(True), decoded(False)
+    ways = (decoded(True, 1.0)[0].displacement_mm - decoded(True, -1.0)[0].displacement_mm) / 2.0
+    off = rest_sigma_ut(skin) ** 2
+    known_ut2 = 0.5 * (off[0] + off[1])
+    known_ut2 += (skin.parameters["placement_sigma_rad"] * rest_ut[2]) ** 2
+    more = without.displacement_sigma_mm[:2] ** 2 - with_tare.displacement_sigma_mm[:2] ** 2
+    ratio = more / (known_ut2 * np.sum(ways[:2] ** 2, axis=0))
+    assert ((ratio > 0.9) & (ratio < 1.25)).all()  # slopes along both axes count as one
