@@ -252,9 +252,9 @@ class Pipeline:
 
         self.clock = Clock(round(1e9 / self.topology.cycle_rate_hz))
         ends, stream = no_ends()._replace(clock=self.clock.time), self.contacts
-        if stream is not None:
+        if stream is not None and (steps := stream.bound) is not None:
             ends = ends._replace(
-                contacts=stream.bound.contacts, slip=stream.bound.slip, slips=stream.bound.slips,
+                contacts=steps.contacts, slip=steps.slip, slips=steps.slips,
                 now_ns=stream.data.clock["now_ns"], flags=stream.records["flags"][-1:],
             )  # fmt: skip
         self._next, self._shown = ends.next, ends.shown

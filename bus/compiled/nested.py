@@ -115,7 +115,6 @@ def _build() -> Any:
 
         def run_pass(self, state):
             name = state.func_id.func_qualname
-            state.flags.no_cfunc_wrapper = True  # called by its address, or from Python
             state.library = KernelLibrary(state.targetctx.codegen(), name)
             state.library.enable_object_caching()
             super().run_pass(state)
@@ -184,8 +183,9 @@ def _compiler(lowering: Any) -> Any:
         """Numba's passes, another lowering instead of its own, and names that stay."""
 
         def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
-            flags = ReadAtOnce(flags)
-            super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+            own: Any = ReadAtOnce(flags)
+            own.no_cfunc_wrapper = True  # kernels are called by their addresses, or from Python
+            super().__init__(typingctx, targetctx, library, args, return_type, own, locals)
 
         def define_pipelines(self):
             identity = self.state.func_id
