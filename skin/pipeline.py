@@ -290,8 +290,8 @@ class Pipeline:
 
     @staticmethod
     def prepare(options: Options) -> None:
-        """Begin to compile the longest kernel that the options need, before all that comes first in
-        a pipeline; see `bus.compiled.pool.together`."""
+        """Begin to compile the longest kernels that the options need, before what comes first in a
+        pipeline; see `bus.compiled.pool.together`."""
         if want := options.quantities.intersection(ARRAY_WANTS):
             from skin.contact.stream import ContactStream
 

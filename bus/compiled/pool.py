@@ -213,8 +213,7 @@ def main() -> None:
             job: Job = pickle.load(into)
         except EOFError:
             return
-        # an error: the process that needs the kernel meets it as well
-        with suppress(Exception), cache.rare_collections():
+        with suppress(Exception):  # the process that needs the kernel meets it as well
             _prepare(job.kernel(), job.kinds)
         pickle.dump(None, out)
         out.flush()
