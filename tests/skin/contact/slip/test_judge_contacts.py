@@ -105,6 +105,20 @@ def test_a_unit_that_an_edge_goes_past_is_anchored_anew(skin):
     assert ages[-1] == 0.0
 
 
+def test_a_unit_that_was_let_go_and_is_touched_lightly_is_anchored():
+    rng = np.random.default_rng(29)
+    bench = Bench(flat_skin(5, rng), rng)
+    load, ages = np.array([1.0, 1.2, 1.1, 0.9, 1.0]), []
+    for t in range(50):
+        load[2] = 1.1 if t < 20 else 0.05
+        bench.read(load, bench.drag((0.001 * t, 0.0)), np.inf, sigma_mm=0.005)
+        members = [4, 3, 0, 1] if 20 <= t < 25 else [4, 2, 3, 0, 1]
+        bench.judge([{"id": 4, "members": members}], 0.02)
+        ages.append(bench.naive.kept["age_s"][2])
+    assert ages[19] > 0.3
+    assert ages[26] < ages[-1] == pytest.approx(0.02 * 24)
+
+
 def test_a_contact_too_weak_to_judge_stays_as_it_is():
     rng = np.random.default_rng(26)
     bench = Bench(flat_skin(5, rng), rng)
