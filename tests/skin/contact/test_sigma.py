@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 import tests.naive.contact as naive
@@ -176,6 +177,27 @@ def test_no_wrench_is_zero_within_zero_while_units_are_silent():
     stream.update(force, 0.01, valid=valid, stamp_ns=600_000_000)
     assert stream.total.whole
     assert stream.total.wrench_sigma.tolist() == [0.0] * 6
+
+
+def test_the_centre_may_lie_where_silent_units_would_draw_it():
+    """As the first order of load-weighted means says: load² of each times its arm squared."""
+    rng = np.random.default_rng(11)
+    turn = Rotation.random(rng=rng).as_matrix()
+    position = turn @ (naive.grid(4, 4, PITCH) + rng.normal(0.0, 1e-3, (3, 16))) + 0.1
+    rotation = np.einsum("ij,jkn->ikn", turn, naive.facing_down(16))
+    stream = stream_of(position, rotation)
+    load, silent = rng.uniform(0.5, 2.0, 16), np.isin(np.arange(16), (5, 6, 11))
+    load[silent] = 0.0
+    force = np.stack([0.0 * load, 0.0 * load, load])
+    before, after = (
+        stream.update(force, 1e-6, valid=valid, stamp_ns=stamp)[0].centroid_covariance
+        for stamp, valid in enumerate((np.ones(16, bool), ~silent), start=1)
+    )
+    graph = naive.rows_of(*neighbour_graph(position, 1.5 * PITCH)).toarray() > 0
+    most = np.array([load[graph[i] & ~silent].max() for i in np.flatnonzero(silent)])
+    arms = position[:, silent] - position @ load[:, np.newaxis] / load.sum()
+    added = (most**2 * arms) @ arms.T / load.sum() ** 2
+    assert after - before == pytest.approx(added, rel=1e-6, abs=1e-12)
 
 
 # -- what is below the gate ------------------------------------------------------------------------
