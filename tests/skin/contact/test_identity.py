@@ -99,6 +99,18 @@ def mirrored(level, flip):
 
 
 @pytest.mark.parametrize("flip", [False, True])
+def test_what_splits_off_two_contacts_is_a_part_of_that_which_gave_it_more(flip):
+    units = Units(1, 9)
+    units.see(*mirrored([0, 0, 0, 0, 0, 10, 10, 10, 100], flip), cycles=60)
+    units.see(*mirrored([100, 20, 20, 20, 0, 10, 10, 10, 100], flip), cycles=60)
+    parted = units.see(*mirrored([100, 0, 20, 20, 10, 10, 10, 0, 100], flip))
+    assert sorted(map(len, parted.values())) == [1, 1, 5]
+    (new,) = set(parted) - {1, 2}
+    assert units.record(new)["parent"] == 2
+    assert [bool(units.record(one)["event"] & Event.SPLIT) for one in (1, 2)] == [False, True]
+
+
+@pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize(("times", "is_back"), [(3.97, False), (4.03, True)])
 def test_an_absorbed_contact_speaks_again_when_it_bears_four_times_the_other(times, is_back, flip):
     units = Units(1, 3)
