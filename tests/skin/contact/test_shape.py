@@ -1,5 +1,7 @@
 """Axes, extents and normal of what touches: against eigenvectors, and at the bounds."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -53,10 +55,14 @@ def test_eigenvectors_are_those_of_a_matrix_however_degenerate_tiny_or_huge(seed
          "far": Rotation.random(rng=rng).as_matrix()}[at]  # fmt: skip
     values, before = np.zeros(3), v.copy()
     _eigen(tuple(m[np.triu_indices(3)]), v, values)
-    most = size * max(square)
     np.testing.assert_allclose(v.T @ v, np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(m), rtol=0, atol=2e-15 * most)
-    np.testing.assert_allclose(m @ v, v * values, rtol=0, atol=1.1e-11 * most)
+    left = 1e-11 * sum(square)  # beside the diagonal; its square over a gap, in the values
+    gap = min((abs(a - b) for a, b in combinations(square, 2) if a != b), default=np.inf)
+    rounding = 2e-15 * max(square)
+    np.testing.assert_allclose(
+        np.sort(values), np.linalg.eigvalsh(m), rtol=0, atol=size * (rounding + left**2 / gap)
+    )
+    np.testing.assert_allclose(m @ v, v * values, rtol=0, atol=size * (rounding + left))
     if at != "none" and len(set(square)) == 1:  # any axes will do: they stay
         np.testing.assert_array_equal(v, before)
 
