@@ -7,6 +7,7 @@
     ├── BusClosedError       the transport was closed, or its interface is gone
     ├── LayoutError          a wire layout that cannot be packed or unpacked
     ├── LogError             a log file is damaged or of another format
+    │   └── ChannelError     the channels of a log are not those of the buses
     └── FaultScriptError     a fault script cannot be used
 """
 
@@ -16,6 +17,7 @@ __all__ = [
     "BusClosedError",
     "BusError",
     "BusOpenError",
+    "ChannelError",
     "FaultScriptError",
     "LayoutError",
     "LogError",
@@ -41,6 +43,10 @@ class LayoutError(BusError):
 class LogError(BusError):
     """A log file is damaged or of another format; the message names file and first invalid
     position."""
+
+
+class ChannelError(LogError):
+    """The channels of a log are not those of the buses: nothing of it can be used."""
 
 
 class FaultScriptError(BusError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,19 +28,26 @@ __all__ = ["DecodedLog", "decode_log"]
 
 
 def decode_log(
-    source: Topology | str | Path, log: str | os.PathLike[str], **options: Any
+    source: Topology | str | Path,
+    log: str | os.PathLike[str],
+    *,
+    channels: Mapping[str, str] | None = None,
+    **options: Any,
 ) -> DecodedLog:
     """Decode a recorded CAN log (candump, BLF, ASC, TRC, …).
 
     The states are those of `skin.open`, contacts, slip and counters included. A cycle ends with its
-    last frame or with the SYNC of the next one; there is no deadline. Channels of a log of several
-    buses are those of the topology's file; that of a single bus may have any name.
+    last frame or with the SYNC of the next one; there is no deadline. Of several channels in a log
+    those are decoded that the topology's file names.
 
     Parameters
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one.
     log : path
+    channels : mapping of str to str, optional
+        Name of the bus of a channel, by the channel's name or number in the log, where the log and
+        the topology's file name the channels differently: ``{"1": "left", "2": "right"}``.
     **options
         What is computed, and how, as in `skin.options.Options`: want, sweeps, dtype, …
 
@@ -55,7 +62,8 @@ def decode_log(
     topology.TopologyError
         The topology cannot be used.
     bus.LogError
-        There is no such log, or its format is unknown.
+        There is no such log, or its format is unknown; when iterating: no channel of it is one of
+        the topology.
     OptionError
         The wire does not carry a channel that an option needs.
 
@@ -67,8 +75,7 @@ def decode_log(
     ...     print(block.stamp_ns, block.units.force)  # shapes (t,) and (t, 3, n)
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
-    buses = buses_of(loaded, log) if len(loaded.buses) > 1 else None
-    chosen = Options(**options)
+    buses, chosen = buses_of(loaded, log, channels), Options(**options)
     reader = read(log, buses=buses, strict=False)
     from skin.pipeline import Pipeline
 
@@ -104,8 +111,15 @@ class DecodedLog(Attachable):
 
     @property
     def faults(self) -> list[str]:
-        """Faults of the log so far, as messages: missing SYNC, stamps that run back."""
-        return [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
+        """Faults of the log so far, as messages: buses without frames, missing SYNC, stamps that
+        run back."""
+        lacking = [self._reader.lacking] if self._reader.lacking else []
+        return lacking + [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """Frames so far of each channel of the log that is no bus of the topology."""
+        return self._reader.left_out
 
     @property
     def frames(self) -> int:

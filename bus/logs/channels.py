@@ -1,4 +1,7 @@
-"""Channels: the bus of each frame of a log."""
+"""Channels: the bus of each frame of a log.
+
+The one rule of which channel of a log is which bus; docs/guides/bulk.md has it as a table.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,26 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from bus.errors import LogError
+from bus.errors import ChannelError, LogError
 from topology import Topology
+from topology.errors import nearest
 from topology.files import check_path
 
-__all__ = ["LEFT_OUT", "Channels", "buses_of", "is_numbered", "names_of", "numbers_of"]
+__all__ = ["LEFT_OUT", "ONLY", "Channels", "buses_of", "first_of", "names_of", "numbers_of"]
 
 LEFT_OUT = -1
 """Index of unwanted channels."""
+ONLY = "*"
+"""Stands for the only channel of a log, where the topology names none that a log could have."""
 MOST_BUSES = 256
 """`bus` of a frame is one byte."""
 MOST_CHANNELS = 1024
 NAME = re.compile(r"[!-~]{1,63}")
 """Name of the channels of every log."""
-NUMBERED = re.compile(r"can(\d{1,2})")
+NUMBERED = re.compile(r"(?:can|vcan|slcan)?(\d{1,2})")
+FIRST = {".asc": 1, ".blf": 1, ".mf4": 1, ".trc": 1}
+"""Number of can0 in the formats that number their channels and have no names."""
+HOW = "--map FILE_CHANNEL=BUS, in Python channels={...}, tells the bus of a channel"
 
 
 def names_of(topology: Topology) -> list[str]:
@@ -33,17 +42,26 @@ def names_of(topology: Topology) -> list[str]:
 
 def numbers_of(topology: Topology) -> list[int]:
     """Numbers of the buses, from 0, in a log without names: n of "cann", else their order."""
-    found = [NUMBERED.fullmatch(name) for name in names_of(topology)]
-    return [int(one[1]) if all(found) and one else i for i, one in enumerate(found)]
+    return _numbers(topology) or list(range(len(topology.buses)))
 
 
-def is_numbered(path: str | os.PathLike[str]) -> bool:
-    """Whether a log, by its suffix, numbers its channels and has no names."""
+def _numbers(topology: Topology) -> list[int]:
+    """Numbers that the names of the buses have; none if one has no number, or two have the same."""
+    found = [int(one[1]) for one in map(NUMBERED.fullmatch, names_of(topology)) if one]
+    return found if len(set(found)) == len(topology.buses) else []
+
+
+def first_of(path: str | os.PathLike[str]) -> int | None:
+    """Number of can0 in a log, by its suffix; None where the channels have names."""
     check_path("log", path, LogError)
-    return Path(path).name.lower().removesuffix(".gz").endswith(".blf")
+    return FIRST.get(Path(Path(path).name.lower().removesuffix(".gz")).suffix)
 
 
-def buses_of(topology: Topology, path: str | os.PathLike[str] | None = None) -> dict[str, int]:
+def buses_of(
+    topology: Topology,
+    path: str | os.PathLike[str] | None = None,
+    channels: Mapping[str, str] | None = None,
+) -> dict[str, int]:
     """Bus indices of a topology by channel, as `read` takes them for `buses`.
 
     Parameters
@@ -51,18 +69,39 @@ def buses_of(topology: Topology, path: str | os.PathLike[str] | None = None) -> 
     topology : Topology
     path : path, optional
         The log, whose suffix decides whether its channels have names.
+    channels : mapping of str to str, optional
+        Name of the bus of a channel, by the name or number that the log has for it. The other buses
+        have the channels of the topology.
+
+    Raises
+    ------
+    ChannelError
+        `channels` names a bus that is not there, or one twice.
 
     Examples
     --------
     >>> import topology
-    >>> buses_of(topology.load("palm"))
-    {'palm': 0}
-    >>> buses_of(topology.load("palm"), "run.blf")
-    {'can0': 0}
+    >>> buses_of(topology.load("hand"))
+    {'hand-palm': 0, 'hand-fingers': 1}
+    >>> buses_of(topology.load("hand"), "run.blf", {"7": "palm"})
+    {'can1': 1, '7': 0}
     """
-    if path is not None and is_numbered(path):
-        return {f"can{number}": index for index, number in enumerate(numbers_of(topology))}
-    return {name: index for index, name in enumerate(names_of(topology))}
+    free, known = {bus.name: i for i, bus in enumerate(topology.buses)}, {}
+    for channel, name in (channels or {}).items():
+        if name not in free:
+            raise ChannelError(f"channels: {channel}: must be a bus of {topology.name!r}, each "
+                               f"once; got {name!r}{nearest(name, free)}")  # fmt: skip
+        known[str(channel)] = free.pop(name)
+    names, numbers = names_of(topology), _numbers(topology)
+    is_numbered = path is not None and first_of(path) is not None
+    # buses within a process have no channel in the field: logs of several are our own
+    in_process = all(bus.interface == "memory" for bus in topology.buses)
+    if is_numbered and (numbers or (in_process and len(names) > 1)):
+        names = [f"can{number}" for number in numbers_of(topology)]
+    buses = {name: i for i, name in enumerate(names) if i not in known.values()} | known
+    if len(names) == 1 and not known and (in_process or (is_numbered and not numbers)):
+        buses[ONLY] = 0
+    return buses
 
 
 class Channels:
@@ -72,7 +111,10 @@ class Channels:
     ----------
     buses : mapping of str to int, optional
         Bus index of each wanted channel; frames of others are left out. Without it the first
-        channel that appears is bus 0, the next one bus 1, and so on.
+        channel that appears is bus 0, the next one bus 1, and so on. A channel without a name is
+        that of the only bus.
+    first : int, optional
+        Number of can0, in a log that numbers its channels: `buses` may have numbers, too.
 
     Attributes
     ----------
@@ -80,30 +122,60 @@ class Channels:
         Bus index (`LEFT_OUT` for others) of every channel, in order of first appearance.
     """
 
-    def __init__(self, buses: Mapping[str, int] | None = None) -> None:
-        self.buses = buses
+    def __init__(self, buses: Mapping[str, int] | None = None, first: int | None = None) -> None:
+        self.buses, self.first = buses, first
         self.seen: dict[str, int] = {}
 
     def index(self, name: str) -> int:
-        """Bus index of a channel.
+        """Bus index of a channel, which is "" where the log names none.
 
         Raises
         ------
         ValueError
             More channels than a frame can index.
+        ChannelError
+            Nothing tells which bus it is.
         """
         found = self.seen.get(name)
         if found is None:
             most = MOST_BUSES if self.buses is None else MOST_CHANNELS
             if len(self.seen) == most:
                 raise ValueError(f"must be one of at most {most} channels")
-            found = len(self.seen) if self.buses is None else self.buses.get(name, LEFT_OUT)
+            found = len(self.seen) if self.buses is None else self._wanted(name, self.buses)
             self.seen[name] = found
         return found
 
-    def missing(self) -> str:
-        """The fault of a log with frames, but none of the wanted channels; or nothing."""
-        if self.buses is None or not self.seen or any(i != LEFT_OUT for i in self.seen.values()):
+    def _wanted(self, name: str, buses: Mapping[str, int]) -> int:
+        """Bus index of a channel that appears for the first time."""
+        if not name:
+            if len(indices := set(buses.values())) > 1:
+                raise ChannelError("must name the channel of each frame, for a skin of "
+                                   f"{len(indices)} buses; got a log without channels")  # fmt: skip
+            return indices.pop()
+        if ONLY in buses and next(iter(self.seen), name) not in buses:
+            if self.seen:
+                own, shown = next(iter(buses)), ", ".join(map(self._shown, [*self.seen, name]))
+                raise ChannelError(f"must have one channel, or {own!r}; got {shown}: {HOW}")
+            return buses[ONLY]
+        number = name if self.first is None else self._number(name)
+        found = buses.get(number, buses.get(name, LEFT_OUT))
+        if (self.first, number, found) == (1, "0", LEFT_OUT) and not all(map(str.isdigit, buses)):
+            raise ChannelError(f"must count its channels from 1; got channel 0: {HOW}")
+        return found
+
+    def lacking(self) -> str:
+        """The fault of a log with frames, but none of a wanted channel; or nothing."""
+        there = self.seen.values()
+        asked = [name for name, bus in (self.buses or {}).items() if bus not in there]
+        if not self.seen or not asked:
             return ""
-        asked, got = (", ".join(map(repr, names)) for names in (self.buses, self.seen))
-        return f"must hold frames of {asked}; got {got} alone"
+        lost = f": {HOW}" if LEFT_OUT in there else ""
+        got = ", ".join(map(self._shown, self.seen))
+        return f"must hold frames of {', '.join(map(repr, asked))}; got {got} alone{lost}"
+
+    def _number(self, name: str) -> str:
+        """Number in the log of a channel, such as can0."""
+        return str(int(name.removeprefix("can")) + (self.first or 0))
+
+    def _shown(self, name: str) -> str:
+        return repr(name) if self.first is None else f"channel {self._number(name)} ({name})"

@@ -3,8 +3,9 @@
 A damaged file may crash asammdf's C code, and with it the process. So it runs in a process of its
 own, ``python -m bus.logs.mdf FILE PIECE``, which sends the frames in pieces, as blocks: a byte for
 the kind, the count of bytes as a little-endian u64, then an array in `numpy.lib.format`, or a UTF-8
-text. A piece is an array of frames and one of their bus channels; the text is empty at the end of
-the file, or an error. Nothing is ever unpickled.
+text. A piece is an array of frames and one of their bus channels, -1 without one, which have the bit
+`_FROM_ZERO` in a file that counts them from 0; the text is empty at the end of the file, or an error.
+Nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ __all__ = ["MdfReader"]
 _BEGINNINGS = (b"MDF     ", b"UnFinMF ")
 _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
 _PIECE = 65536
+_FROM_ZERO = 1 << 32
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _IDENTIFIER, _STANDARD = 0x1FFF_FFFF, 0x7FF
 _BUS_ERROR = 0x80
@@ -58,8 +60,8 @@ class MdfReader(LogReader):
     """Reads the frames of all buses from MDF 4 files that follow ASAM's bus logging.
 
     The frames of all groups come in the order of their stamps, which have the precision of the
-    file's floats. Bus channel 1 is can1. Memory holds some ten thousand frames and the stamps of
-    all.
+    file's floats. Bus channel 1 is can0, as of loggers, but 0 is in a file that has a channel 0, as
+    of python-can. Memory holds some ten thousand frames, and the stamps and channels of all.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
@@ -98,10 +100,12 @@ class MdfReader(LogReader):
 
     def _assign(self, records: np.ndarray, channels: np.ndarray) -> np.ndarray:
         """Assign buses to frames; returns those of wanted buses."""
+        if (channels & _FROM_ZERO).any():
+            self._channels.first, channels = 0, channels & ~_FROM_ZERO
         found, first, inverse = np.unique(channels, return_index=True, return_inverse=True)
         buses = np.zeros(found.size, np.int64)
         for k in np.argsort(first):
-            name = f"can{found[k]}"
+            name = f"can{found[k] - (self._channels.first or 0)}" if found[k] >= 0 else ""
             buses[k] = self._channels.index(name)
             if buses[k] == LEFT_OUT:
                 self._skip(f"frame of {name}", int((inverse == k).sum()))
@@ -184,6 +188,7 @@ def _pieces(file: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     stamps = [np.maximum.accumulate(group.stamps) for group in groups]
     source = np.repeat(np.arange(len(groups)), [stamp.size for stamp in stamps])
     source = source[np.argsort(np.concatenate(stamps), kind="stable")]
+    from_zero = any(group.has_channel_0 for group in groups)
     begin = file.header.start_time.astimezone(UTC) - _EPOCH
     for first in range(0, source.size, size):
         piece = source[first : first + size]
@@ -191,6 +196,7 @@ def _pieces(file: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for g in np.unique(piece):
             mine = piece == g
             records[mine], channels[mine] = groups[g].read(int(mine.sum()))
+        channels[channels >= 0] += _FROM_ZERO * from_zero
         records["stamp_ns"] += 1000 * (begin // timedelta(microseconds=1))
         yield records, channels
 
@@ -201,6 +207,11 @@ class _Group:
     def __init__(self, file: Any, index: int, kind: str) -> None:
         self.stamps = np.asarray(file.get_master(index), float)
         self._file, self._index, self._kind = file, index, kind
+        name = f"{kind}.BusChannel"
+        self.has_channel = any(channel.name == name for channel in file.groups[index].channels)
+        self.has_channel_0 = bool(
+            self.has_channel and (file.get(name, group=index, raw=True).samples == 0).any()
+        )
         self._next = 0
 
     def read(self, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -249,7 +260,7 @@ class _Group:
             records["data"][:, : data.shape[1]] = np.where(there, data, 0)
         records["id"], records["length"] = can_id, length
         records["origin"] = np.where(column("Dir") > 0, ECHO, 0)
-        return records, column("BusChannel")
+        return records, column("BusChannel") if self.has_channel else np.full(count, -1)
 
 
 def main() -> None:

@@ -51,6 +51,7 @@ class PythonCanReader(LogReader):
     def _fill(self, batch: FrameBatch) -> Generator[None]:
         suffix = self.format_suffix
         reader, beginning, expected = FORMATS[suffix]
+        self._source: Any = None
         with self._open() as file:
             head = memoryview(bytearray(_HEAD_BYTES))
             head = bytes(head[: self._read_into(file, head)])
@@ -63,6 +64,7 @@ class PythonCanReader(LogReader):
             lines = _Lines(file, self.path)
             text: Any = lines  # python-can reads it like a text file
             with reader(text) as messages:
+                self._source = messages
                 yield from self._take(batch, iter(messages), lines)
 
     def _take(
@@ -97,14 +99,13 @@ class PythonCanReader(LogReader):
 
     def _fields(self, message: can.Message) -> tuple[Any, ...] | None:
         """Fields of a record, or None for an unwanted bus."""
-        channel = message.channel
-        if channel is None:
-            name = "can0"
-        elif isinstance(channel, int):
-            # TRC numbers buses from 1, and its reader does not change that.
-            name = f"can{channel - (self.format_suffix == '.trc')}"
-        else:
-            name = str(channel)
+        name = "" if message.channel is None else f"can{message.channel}"
+        if isinstance(self._source, can.TRCReader):
+            # TRC numbers buses from 1, and its reader does not change that; or has none.
+            has_bus = self._source.file_version == can.TRCFileVersion.V1_3 or (
+                "B" in self._source.columns
+            )
+            name = f"can{message.channel - 1}" if has_bus else ""
         bus = self._channels.index(name)
         if bus == LEFT_OUT:
             self._skip(f"frame of {name}")

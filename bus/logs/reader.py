@@ -10,9 +10,9 @@ from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
-from bus.errors import LogError
+from bus.errors import ChannelError, LogError
 from bus.frame import FrameBatch
-from bus.logs.channels import Channels
+from bus.logs.channels import Channels, first_of
 from topology.files import check_path, missing, open_regular
 
 __all__ = ["LogReader", "existing"]
@@ -67,11 +67,15 @@ class LogReader(ABC):
         Counts by kind of objects that are not frames, and of frames of unwanted buses.
     damage : LogError or None
         Where reading ended, and what was lost.
+    lacking : str
+        The fault of a log, read to its end, without frames of a wanted channel; or "".
 
     Raises
     ------
     LogError
         There is no such file; when iterating: its format is another one, or it is damaged.
+    ChannelError
+        When iterating: no channel is wanted, or nothing tells which bus it is, strict or not.
     """
 
     def __init__(
@@ -102,6 +106,12 @@ class LogReader(ABC):
         name = self.path.with_suffix("") if self.path.suffix.lower() == ".gz" else self.path
         return name.suffix.lower()
 
+    @property
+    def left_out(self) -> dict[str, int]:
+        """Frames so far of each unwanted channel."""
+        counts = {name: self.skipped.get(f"frame of {name}", 0) for name in self.channels}
+        return {name: count for name, count in counts.items() if count}
+
     def __iter__(self) -> Iterator[FrameBatch]:
         """Yield the frames; each batch is overwritten by the next one."""
         self._start()
@@ -111,11 +121,14 @@ class LogReader(ABC):
                 self.count += len(batch)
                 yield batch
                 batch.clear()
-            missing = self._channels.missing()
-            if missing:
-                raise LogError(f"{self.path}: {missing}")
+        except ChannelError as error:
+            raise ChannelError(f"{self.path}: {error}") from None
         except LogError as error:
             self.damage = error
+        if lacking := self._channels.lacking():
+            self.lacking = f"{self.path}: {lacking}"
+            if not self.count + len(batch):
+                raise ChannelError(self.lacking)
         if len(batch):
             self.count += len(batch)
             yield batch
@@ -127,10 +140,11 @@ class LogReader(ABC):
         """Fill the batch, yielding whenever it is full; raises faults."""
 
     def _start(self) -> None:
-        self._channels = Channels(self._asked)
+        self._channels = Channels(self._asked, first_of(self.path))
         self.count = self.read_bytes = 0
         self.skipped: dict[str, int] = {}
         self.damage: LogError | None = None
+        self.lacking = ""
 
     def _open(self) -> BinaryIO:
         try:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bus.frame import FrameBatch
-from bus.logs.channels import is_numbered, names_of, numbers_of
+from bus.logs.channels import first_of, names_of, numbers_of
 from bus.logs.formats import open_writer
 from bus.logs.writer import LogWriter
 from bus.transport import Transport, TransportCounters
@@ -40,7 +40,7 @@ class Recording:
     """
 
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
-        numbered = is_numbered(path)
+        numbered = first_of(path) is not None
         check_over(Path(path), NO_KIND)
         self._buses = np.array(numbers_of(topology) if numbered else range(len(topology.buses)))
         named = {} if numbered else {"channels": names_of(topology)}

@@ -42,6 +42,7 @@ def calibrate(
         Path | None,
         options.quiet("report with plots to write, one HTML file", metavar="FILE"),
     ] = None,
+    map: options.Map = (),
     force: Annotated[
         bool, options.quiet("fit and write although recordings or results have faults")
     ] = False,
@@ -65,7 +66,8 @@ def calibrate(
     if output is not None and not output.is_dir():
         options.check_folder("--output", output)
     announcer()
-    outcome = calibrate_bench(bench, force=force, progress=_progress())
+    channels = options.channels_of(map)
+    outcome = calibrate_bench(bench, force=force, progress=_progress(), channels=channels)
     for fault in outcome.faults:
         print(fault, file=sys.stderr)
     files: dict[str, Path] = {}
@@ -137,6 +139,7 @@ def check(
     bench: Bench,
     /,
     *,
+    map: options.Map = (),
     json: options.Json = False,
 ) -> int:
     """Score a calibration on new recordings, and name the units that drifted or were swapped.
@@ -147,7 +150,7 @@ def check(
     from skin.compiling import announcer
 
     announcer()
-    checked = check_bench(calibration, bench, _progress())
+    checked = check_bench(calibration, bench, _progress(), options.channels_of(map))
     rows = []
     for name, entry in checked.items():
         score = entry.get("score")

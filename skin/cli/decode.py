@@ -70,6 +70,7 @@ def decode(
         str | None,
         options.quiet("decode on the dask cluster of this scheduler", metavar="ADDRESS"),
     ] = None,
+    map: options.Map = (),
     force: Annotated[
         bool, options.quiet("decode logs into a folder that have not changed, too")
     ] = False,
@@ -97,24 +98,27 @@ def decode(
     JSON. A .parquet has a row for each cycle. All have the same columns, those of
     docs/reference/columns.md.
 
-    Exits with 1 if a log holds no cycle of this skin, is damaged, lacks SYNC or has time that
-    runs back, or could not be decoded; all that can be decoded is.
+    Exits with 1 if a log holds no cycle of this skin, is damaged, lacks SYNC or a bus, or has time
+    that runs back, or could not be decoded; all that can be decoded is.
     """
     from skin.cli.decode_file import decode_file
     from skin.errors import OptionError
 
     loaded, logs = _named(paths, topology)
+    channels = options.channels_of(map, *logs)
     asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
     into_file = output is not None and output.suffix != "" and not output.is_dir()
     if len(logs) == 1 and (output is None or into_file):
         _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
                            shard=shard, cluster=cluster, force=force)  # fmt: skip
-        return decode_file(logs[0], topology=loaded, output=output, asked=asked, json=json)
+        return decode_file(logs[0], topology=loaded, output=output, asked=asked, json=json,
+                           channels=channels)  # fmt: skip
     if output is None or into_file:
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
     return _into_folder(
         _shared(logs, shard), loaded, output, json,
-        {"options": asked, "jobs": jobs, "format": format, "force": force, "cluster": cluster},
+        {"options": asked, "jobs": jobs, "format": format, "force": force, "cluster": cluster,
+         "channels": channels},
     )  # fmt: skip
 
 
@@ -167,7 +171,8 @@ def _into_folder(
 
     if not output.is_dir():
         options.check_folder("--output", output)
-    job = Job(topology, output, how["options"], how["format"], force=how["force"])
+    job = Job(topology, output, how["options"], how["format"], force=how["force"],
+              channels=how["channels"])  # fmt: skip
     if not logs:
         print(json_text.dumps({"logs": []}) if json else "no log for this shard")
         return 0
@@ -197,6 +202,8 @@ def _table(report: dict[str, Any]) -> str:
                      f"{one['slips']} slips")  # fmt: skip
         if one.get("cycles_missing"):
             text += f", {one['cycles_missing']} cycles missing"
+        if one.get("left_out"):
+            text += f"; other channels: {counted(one['left_out'])}"
         if "counters" in one:
             text += f"; frames: {counted(one['counters'])}"
         lines.append(text)

@@ -22,8 +22,9 @@ __all__ = ["decode_file"]
 
 
 def decode_file(
-    log: Path, *, topology: Topology, output: Path | None, asked: dict[str, Any], json: bool
-) -> int:
+    log: Path, *, topology: Topology, output: Path | None, asked: dict[str, Any], json: bool,
+    channels: dict[str, str],
+) -> int:  # fmt: skip
     """Decode a log, by these options of `skin.options.Options` and else its defaults, or a
     recording, by these and else those of its run; the exit status. See `skin.cli.decode`."""
     from skin.cli.decoded import writer_for
@@ -32,7 +33,7 @@ def decode_file(
     if output is not None and output.suffix not in (".csv", ".npz", ".parquet"):
         raise SkinError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
     options.check_folder("--output", output)
-    states, blocks = _source(log, topology, asked)
+    states, blocks = _source(log, topology, asked, channels)
     cycles, valid, peak = 0, 0, 0.0
     with writer_for(output, topology, states.pipeline.options) as add:
         for block in blocks:
@@ -41,6 +42,7 @@ def decode_file(
             peak = max(peak, float(np.linalg.norm(block.wrench[:, :3], axis=1).max()))
             add(block)
     counters, damage = asdict(states.counters), getattr(states, "damage", None)
+    left_out = getattr(states, "left_out", {})
     report = {
         "topology": topology.name,
         "units": topology.n,
@@ -48,6 +50,7 @@ def decode_file(
         "valid_share": valid / max(1, cycles * int(topology.enabled.sum())),
         "peak_force_n": peak,
         "counters": counters,
+        "left_out": left_out,
         "options": states.pipeline.options.report(),
         "damage": damage,
         "faults": states.faults,
@@ -57,6 +60,8 @@ def decode_file(
         print(json_text.dumps(report))
     else:
         print(f"{cycles} cycles of {topology.n} units; frames: {counted(counters)}")
+        if left_out:
+            print(f"frames of other channels: {counted(left_out)}")
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
         if report["output"]:
             print(f"written: {report['output']}")
@@ -67,7 +72,9 @@ def decode_file(
     return 0 if cycles and not damage and not states.faults else 1
 
 
-def _source(log: Path, topology: Topology, asked: dict[str, Any]) -> tuple[Any, Iterator[Block]]:
+def _source(
+    log: Path, topology: Topology, asked: dict[str, Any], channels: dict[str, str]
+) -> tuple[Any, Iterator[Block]]:
     """What has counters and faults of a log or recording, and its blocks."""
     from skin.blocks.blocks import blocks_of
     from skin.io.bulk.job import WANT
@@ -78,5 +85,6 @@ def _source(log: Path, topology: Topology, asked: dict[str, Any]) -> tuple[Any, 
     if is_recording(log):
         played = redecode(log, topology, **asked)
         return played, blocks_of(played, played.pipeline)
-    decoded = decode_log(topology, log, **{"want": (*WANT, "test_ratio")} | asked)
+    wanted = {"want": (*WANT, "test_ratio")} | asked
+    decoded = decode_log(topology, log, channels=channels, **wanted)
     return decoded, decoded.blocks()

@@ -17,7 +17,6 @@ from skin.cli.table import counted
 if TYPE_CHECKING:
     from bus.diagnose import Finding
     from bus.discover import Survey
-    from bus.logs import LogReader
     from topology import Topology
 
 __all__ = ["doctor"]
@@ -34,6 +33,7 @@ def doctor(
     log: Annotated[
         str | None, options.quiet("diagnose a recorded log instead", metavar="LOG")
     ] = None,
+    map: options.Map = (),
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, and compare what is heard with what the file expects.
@@ -43,8 +43,9 @@ def doctor(
     serial number or with different firmware, losses by where they happen, errors of the bus. Exits
     with 0 if all is well, and with 1 if there are findings.
     """
-    from bus.diagnose import diagnose
+    from bus.diagnose import Finding, diagnose
     from bus.discover import Survey
+    from bus.logs import buses_of, read
     from skin.compiling import announcer
     from topology import load
 
@@ -54,7 +55,8 @@ def doctor(
         options.refuse_both("--log", "--channel", channel)
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
-    frames = None if log is None else _frames(log, loaded)
+    channels = options.channels_of(map, log)
+    frames = None if log is None else read(log, buses=buses_of(loaded, log, channels))
     survey = Survey(loaded)
     found = list(_of_this_host())
     if frames is not None:
@@ -62,15 +64,21 @@ def doctor(
             survey.feed(batch.frames)
         survey.finish()
         found = diagnose(survey) + found
+        if frames.lacking and frames.left_out:
+            found.insert(0, Finding("other-channels", "error", "log", sum(frames.left_out.values()),
+                                    frames.lacking, "a logger that counts or names the channels "
+                                    "otherwise than the topology"))  # fmt: skip
     else:
         found = _listen(survey, seconds, sync) + found
     counters = {name: count for name, count in asdict(survey.counters).items() if count}
+    left_out = {} if frames is None else frames.left_out
     report = {
         "topology": loaded.name,
         "units": loaded.n,
         "units_heard": int((survey.age >= 0).sum()),
         "cycles": survey.cycles,
         "counters": counters,
+        "left_out": left_out,
         "never_tared": options.never_tared(loaded),
         "uncalibrated": options.uncalibrated(loaded),
         "findings": [asdict(finding) for finding in found],
@@ -95,13 +103,6 @@ def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> lis
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
         listen(survey, transports, seconds, sync=sync)
         return diagnose(survey, transports)
-
-
-def _frames(log: str, topology: Topology) -> LogReader:
-    """Frames of a log; one of a skin with a single bus may name its channel as it likes."""
-    from bus.logs import buses_of, read
-
-    return read(log, buses=buses_of(topology, log) if len(topology.buses) > 1 else None)
 
 
 def _of_this_host() -> Iterator[Finding]:
@@ -138,6 +139,7 @@ def _table(loaded: Topology, report: dict[str, Any], found: list[Finding], hints
         f"{loaded.name}: {report['units_heard']} of {loaded.n} units heard in {report['cycles']} "
         "cycles",
         f"frames: {counted(report['counters'])}",
+        *([f"frames of other channels: {counted(left)}"] if (left := report["left_out"]) else []),
         *hints,
     ]
     for finding in found:

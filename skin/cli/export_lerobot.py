@@ -71,6 +71,7 @@ def export_lerobot(
             metavar="SECONDS", help="what the clock of the log shows more than the camera's"
         ),
     ] = 0.0,
+    map: options.Map = (),
     sweeps: options.Sweeps = None,
     dtype: options.DType = None,
     json: options.Json = False,
@@ -89,6 +90,7 @@ def export_lerobot(
     from skin.io.record.replay import recorded_topology, redecode, replay
     from topology import load
 
+    channels = options.channels_of(map, *logs)
     _check_counts(logs, frames, task)
     check_number("--offset-s", offset_s, -1e10, 1e10)
     options.check_folder("--output", output / "meta" if output.is_dir() else output)
@@ -103,7 +105,7 @@ def export_lerobot(
             if is_recording(log):
                 states = redecode(log, loaded, **asked) if asked else replay(log, loaded)
             else:
-                states = replay(log, loaded, **OF_LOGS | asked)
+                states = replay(log, loaded, channels=channels, **OF_LOGS | asked)
             written.add_episode(states, read_frames(file, round(1e9 * offset_s)), text)
             wrong += states.faults
     report = written.report() | {"output": str(output.resolve()), "faults": wrong}

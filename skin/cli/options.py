@@ -27,6 +27,7 @@ __all__ = [
     "Json",
     "Listening",
     "Log",
+    "Map",
     "Picture",
     "Scene",
     "Seed",
@@ -35,6 +36,7 @@ __all__ = [
     "Until",
     "Write",
     "check_folder",
+    "channels_of",
     "check_seconds",
     "chosen",
     "given",
@@ -139,6 +141,35 @@ Log = Annotated[
     Path | None,
     quiet("write down what the buses carry: .log, .log.gz or .blf", metavar="FILE"),
 ]
+
+
+Map = tyro.conf.UseAppendAction[
+    Annotated[
+        tuple[str, ...],
+        quiet(
+            "a channel of the log, by its name or number there, and the bus of the topology that it "
+            "is; for logs that name channels otherwise than the topology",
+            metavar="FILE_CHANNEL=BUS",
+        ),
+    ]
+]
+"""See `channels_of`."""
+
+
+def channels_of(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, str]:
+    """Buses by the channels of these logs, as `skin.decode_log` takes them."""
+    from skin.errors import OptionError
+    from skin.io.record import is_recording
+
+    found: dict[str, str] = {}
+    for one in map:
+        channel, _, bus = one.rpartition("=")
+        if not channel or not bus or channel in found:
+            raise OptionError(f"--map: must be FILE_CHANNEL=BUS, each channel once; got {one!r}")
+        found[channel] = bus
+    if found and not all(log is not None and not is_recording(log) for log in logs):
+        raise OptionError("--map: must be given with logs, and not with recordings or buses")
+    return found
 
 
 def chosen(**given: Any) -> dict[str, Any]:

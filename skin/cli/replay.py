@@ -42,6 +42,7 @@ def replay(
     step: Annotated[
         bool, options.quiet("wait for Enter before every cycle; a number goes on by as many")
     ] = False,
+    map: options.Map = (),
     json: options.Json = False,
 ) -> int:
     """Play what `skin record` has recorded, or any log that `skin decode` reads.
@@ -58,7 +59,9 @@ def replay(
         raise SkinError(
             f"--speed: must be 0, or from {SLOWEST:g} to {1.0 / SLOWEST:g}; got {speed:g}"
         )
-    played = skin.replay(file, topology, speed=None if step or not speed else speed)
+    channels = options.channels_of(map, file)
+    pace = None if step or not speed else speed
+    played = skin.replay(file, topology, speed=pace, channels=channels)
     table, tally = LiveTable(played.topology), Tally(played.topology)
     wait = _Steps() if step else None
     try:

@@ -58,6 +58,7 @@ def view(
     /,
     *,
     topology: Of = None,
+    map: options.Map = (),
     seconds: options.Until = None,
     interface: options.Interface = None,
     channel: options.Channel = None,
@@ -92,10 +93,11 @@ def view(
     if is_recorded:
         options.refuse_both("a recording or log", "--interface", interface)
         options.refuse_both("a recording or log", "--channel", channel)
+    channels = options.channels_of(map, file if is_recorded else None)
     tally, faults = _Tally(), []
     with ExitStack() as ended:
         if is_recorded:
-            source: Any = replayed(topology, file)
+            source: Any = replayed(topology, file, channels)
         else:
             loaded = load(file).on(interface=interface, channel=channel)
             source = ended.enter_context(
@@ -133,13 +135,13 @@ def view(
     return 1 if faults else 0
 
 
-def replayed(topology: str | None, file: str) -> Any:
+def replayed(topology: str | None, file: str, channels: dict[str, str] | None = None) -> Any:
     """What yields the states of a recording or log: has `topology`, `pipeline`, and `faults`."""
     import skin
 
     if topology is None or is_recording(file):
         return skin.replay(file, topology, speed=None)
-    return skin.decode_log(topology, file)
+    return skin.decode_log(topology, file, channels=channels)
 
 
 def _faults(file: str, source: Any, tally: _Tally) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -151,7 +151,11 @@ def _covariance(fit: Fit) -> dict[str, Any]:
 
 
 def calibrate_bench(
-    file: str | os.PathLike[str], *, force: bool = False, progress: Progress | None = None
+    file: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    progress: Progress | None = None,
+    channels: Mapping[str, str] | None = None,
 ) -> Outcome:
     """Fit the units of a BENCH file.
 
@@ -162,6 +166,8 @@ def calibrate_bench(
         Fit recordings all the same that have faults.
     progress : callable, optional
         As of `Progress`.
+    channels : mapping of str to str, optional
+        Name of the bus of a channel of the logs, as of `skin.decode_log`.
 
     Returns
     -------
@@ -184,7 +190,7 @@ def calibrate_bench(
     for done, recording in enumerate(recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench)
+        series, found = _judged(skin, recording, folder, bench, channels)
         faults += found
         serials |= _serials(recording, series)
         if found and not force:
@@ -238,6 +244,7 @@ def check_bench(
     calibration: str | os.PathLike[str],
     file: str | os.PathLike[str],
     progress: Progress | None = None,
+    channels: Mapping[str, str] | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Score an old calibration on new recordings.
 
@@ -248,6 +255,8 @@ def check_bench(
     file : str or path
         BENCH file of the new recordings.
     progress : callable, optional
+    channels : mapping of str to str, optional
+        As of `calibrate_bench`.
 
     Returns
     -------
@@ -276,7 +285,7 @@ def check_bench(
     for done, recording in enumerate(bench.recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench)
+        series, found = _judged(skin, recording, folder, bench, channels)
         for name, serial in _serials(recording, series).items():
             index = skin.unit_index(name)
             faults = [*found, *_swapped(name, serial, serials)]
@@ -319,9 +328,10 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
 
 
 def _judged(
-    skin: Topology, recording: Recording, folder: Path, bench: BenchFile
+    skin: Topology, recording: Recording, folder: Path, bench: BenchFile,
+    channels: Mapping[str, str] | None,
 ) -> tuple[Series, list[str]]:
-    series = load_series(skin, recording, folder)
+    series = load_series(skin, recording, folder, channels)
     everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
     wrong = serial_faults(recording.units, series.counts.serials, everywhere)
     return series, wrong + find_faults(skin, recording, series)

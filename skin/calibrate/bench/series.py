@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -172,8 +172,13 @@ class Blocks:
         return self.size.size
 
 
-def load_series(topology: Topology, recording: Recording, folder: Path) -> Series:
-    """Read the files of a recording and bring them on one clock.
+def load_series(
+    topology: Topology,
+    recording: Recording,
+    folder: Path,
+    channels: Mapping[str, str] | None = None,
+) -> Series:
+    """Read the files of a recording and bring them on one clock; `channels` as of `buses_of`.
 
     Raises
     ------
@@ -183,7 +188,7 @@ def load_series(topology: Topology, recording: Recording, folder: Path) -> Serie
         As of `bus.logs.read`.
     """
     paths = [folder / name for name in (recording.counts, recording.reference) if name]
-    counts = read_counts(topology, paths[0])
+    counts = read_counts(topology, paths[0], channels)
     columns = _reference(paths[1], recording) if recording.reference else {}
     units = [topology.unit_index(name) for name in recording.units]
     if not counts.heard[:, units].any():
@@ -349,8 +354,10 @@ def _check_pressed(topology: Topology, counts: Counts, units: tuple[int, ...]) -
         )
 
 
-def read_counts(topology: Topology, path: Path) -> Counts:
-    """Counts of a log of the bus, or of a table.
+def read_counts(
+    topology: Topology, path: Path, channels: Mapping[str, str] | None = None
+) -> Counts:
+    """Counts of a log of the bus, or of a table; `channels` as of `bus.logs.buses_of`.
 
     A table has a column ``time_s`` and, for each unit and channel, one named ``palm/r3c4 bx``.
 
@@ -362,19 +369,21 @@ def read_counts(topology: Topology, path: Path) -> Counts:
     suffix = path.suffix.lower()
     if suffix == ".parquet" or (suffix == ".csv" and "time_s" in head_of(path)):
         return _table_of_counts(topology, path)
-    buses = buses_of(topology, path) if len(topology.buses) > 1 else None
     assembler, cycles, boards = Assembler(topology), [], Boards(topology)
 
     def keep(cycle: RawCycle | None) -> None:
         if cycle is not None:
             cycles.append((cycle.stamp_ns, cycle.counts.copy(), cycle.status.copy()))
 
-    for batch in read(path, buses=buses):
+    log = read(path, buses=buses_of(topology, path, channels))
+    for batch in log:
         batch.frames["origin"] = 0
         boards.hear(batch.frames, np.zeros(len(batch.frames)))
         for cycle in assembler.feed(batch.frames):
             keep(cycle)
     keep(assembler.flush())
+    if log.lacking and log.left_out:
+        raise ScanError(log.lacking)
     if not cycles:
         raise ScanError(f"{path}: must have cycles of {topology.name!r}; got none")
     stamps, counts, status = map(np.stack, zip(*cycles, strict=True))

@@ -68,6 +68,7 @@ def decode_part(job: Job, part: Part, *, threads: bool | None = None) -> dict[st
         return summary | sums.totals() | {"state": "failed", "error": _words(error)}
     summary |= sums.totals() | {"counters": asdict(source.counters), "faults": source.faults,
                               "options": source.pipeline.options.report(),
+                              "left_out": getattr(source, "left_out", {}),
                               "damage": getattr(source, "damage", None)}  # fmt: skip
     if part.log.stat().st_size != part.size:
         summary["faults"] = [*summary["faults"], _grown(part)]
@@ -90,7 +91,7 @@ def _source(job: Job, part: Part, threads: bool) -> tuple[Any, Iterator[Block]]:
 
         played = redecode(part.log, job.topology, **job.options)
         return played, blocks_of(played, played.pipeline, job.partition_cycles)
-    decoded = decode_log(job.topology, part.log, **job.of_logs)
+    decoded = decode_log(job.topology, part.log, channels=job.channels, **job.of_logs)
     return decoded, decoded.blocks(job.partition_cycles, threads=threads)
 
 

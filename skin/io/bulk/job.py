@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from bus.errors import LogError
-from bus.logs import read
+from bus.logs import buses_of, read
 from skin.errors import OptionError, check_choice, check_number
 from skin.io.record import is_recording
 from skin.options import Options
@@ -76,6 +76,8 @@ class Job:
     format : "parquet", "npz" or "mcap"
     force : bool
         Whether unchanged logs are decoded again.
+    channels : dict, optional
+        Name of the bus of a channel of the logs, as of `skin.decode_log`.
     partition_cycles : int, optional
         Cycles per file; by default a file has some tens of megabytes.
 
@@ -83,6 +85,8 @@ class Job:
     ------
     OptionError
         An unknown option.
+    bus.LogError
+        `channels` names no bus of the topology.
     """
 
     topology: Topology
@@ -91,6 +95,7 @@ class Job:
     format: str = "parquet"
     force: bool = False
     partition_cycles: int | None = None
+    channels: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_choice("format", self.format, FORMATS)
@@ -98,6 +103,7 @@ class Job:
             check_number("partition_cycles", self.partition_cycles, 1, MOST_PARTITION_CYCLES,
                          whole=True)  # fmt: skip
         Options(**self.of_logs)
+        buses_of(self.topology, None, self.channels)
 
     @property
     def of_logs(self) -> dict[str, Any]:
@@ -115,6 +121,7 @@ class Job:
         return {
             "skin": self.topology.name, "log": part.log.name, "log_sha256": part.content,
             "topology_sha256": topology, "calibration_sha256": calibration,
+            "channels": json.dumps(self.channels, sort_keys=True),
             "options": json.dumps(given, sort_keys=True) if given else "of the recording",
             "version": _version(), "format": self.format,
             "partition_cycles": str(self.partition_cycles),
