@@ -28,12 +28,9 @@ __all__ = ["DecodedLog", "decode_log"]
 
 
 def decode_log(
-    source: Topology | str | Path,
-    log: str | os.PathLike[str],
-    *,
-    channels: Mapping[str, str] | None = None,
-    **options: Any,
-) -> DecodedLog:
+    source: Topology | str | Path, log: str | os.PathLike[str], *,
+    channels: Mapping[str, str] | None = None, **options: Any,
+) -> DecodedLog:  # fmt: skip
     """Decode a recorded CAN log (candump, BLF, ASC, TRC, …).
 
     The states are those of `skin.open`, contacts, slip and counters included. A cycle ends with its
@@ -62,8 +59,7 @@ def decode_log(
     topology.TopologyError
         The topology cannot be used.
     bus.LogError
-        There is no such log, or its format is unknown; when iterating: no channel of it is one of
-        the topology.
+        There is no such log, or its format is unknown; later: no channel is one of the topology.
     OptionError
         The wire does not carry a channel that an option needs.
 
@@ -111,20 +107,14 @@ class DecodedLog(Attachable):
 
     @property
     def faults(self) -> list[str]:
-        """Faults of the log so far, as messages: buses without frames, missing SYNC, stamps that
-        run back."""
-        lacking = [self._reader.lacking] if self._reader.lacking else []
-        return lacking + [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
+        """Faults of the log so far, as messages: bus or SYNC missing, stamps that run back."""
+        found = [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
+        return [self._reader.lacking, *found] if self._reader.lacking else found
 
     @property
     def left_out(self) -> dict[str, int]:
         """Frames so far of each channel of the log that is no bus of the topology."""
         return self._reader.left_out
-
-    @property
-    def frames(self) -> int:
-        """Frames read so far."""
-        return self._reader.count
 
     @property
     def read_bytes(self) -> int:

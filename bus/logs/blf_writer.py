@@ -29,27 +29,12 @@ class BlfWriter(LogWriter):
 
     Bus 0 is channel 1. The measurement begins at the earliest stamp of the first frames written,
     truncated to 1 ms; a later frame with an earlier stamp gets that of the beginning, since the
-    format has no negative times, and counts in `early`. The totals in the file's head are written
-    on closing; a file without them can still be read.
-
-    Parameters
-    ----------
-    path : path
-    level : int
-        Of compression, 1 to 9.
-
-    Attributes
-    ----------
-    early : int
-        Frames whose stamp was before the beginning.
+    format has no negative times. The totals in the file's head are written on closing; a file
+    without them can still be read.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, level: int = 6) -> None:
+    def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path)
-        if not 1 <= level <= 9:
-            raise ValueError(f"level: must be 1 to 9; got {level}")
-        self.early = 0
-        self._level = level
         self._start_ns: int | None = None
         self._stop_ns = 0
         self._unpacked_bytes = HEAD_BYTES
@@ -83,7 +68,6 @@ class BlfWriter(LogWriter):
             self._start_ns = int(stamps.min()) // _MS * _MS
             self._stop_ns = self._start_ns
         self._stop_ns = max(self._stop_ns, int(stamps.max()))
-        self.early += int((stamps < self._start_ns).sum())
         size = blf_build.build(self._blob, as_words(records), as_bytes(records), self._start_ns)
         self._objects += self._blob[:size].data
         while len(self._objects) >= CONTAINER_BYTES:
@@ -93,7 +77,7 @@ class BlfWriter(LogWriter):
         """Write the buffered objects as a container."""
         contents = self._objects[:CONTAINER_BYTES]
         del self._objects[:CONTAINER_BYTES]
-        packed = zlib.compress(contents, self._level)
+        packed = zlib.compress(contents)
         size = CONTAINER_HEAD.size + len(packed)
         self._file.write(
             CONTAINER_HEAD.pack(b"LOBJ", 16, 1, size, LOG_CONTAINER, DEFLATED, len(contents))

@@ -1,7 +1,4 @@
-"""Channels: the bus of each frame of a log.
-
-The one rule of which channel of a log is which bus; docs/guides/bulk.md has it as a table.
-"""
+"""Channels: the bus of each frame of a log. docs/guides/bulk.md has the rule as a table."""
 
 from __future__ import annotations
 
@@ -41,12 +38,8 @@ def names_of(topology: Topology) -> list[str]:
 
 
 def numbers_of(topology: Topology) -> list[int]:
-    """Numbers of the buses, from 0, in a log without names: n of "cann", else their order."""
-    return _numbers(topology) or list(range(len(topology.buses)))
-
-
-def _numbers(topology: Topology) -> list[int]:
-    """Numbers that the names of the buses have; none if one has no number, or two have the same."""
+    """Numbers of the buses, from 0, in a log without names: n of "cann"; none if one has no
+    number, or two have the same."""
     found = [int(one[1]) for one in map(NUMBERED.fullmatch, names_of(topology)) if one]
     return found if len(set(found)) == len(topology.buses) else []
 
@@ -92,12 +85,12 @@ def buses_of(
             raise ChannelError(f"channels: {channel}: must be a bus of {topology.name!r}, each "
                                f"once; got {name!r}{nearest(name, free)}")  # fmt: skip
         known[str(channel)] = free.pop(name)
-    names, numbers = names_of(topology), _numbers(topology)
+    names, numbers = names_of(topology), numbers_of(topology)
     is_numbered = path is not None and first_of(path) is not None
     # buses within a process have no channel in the field: logs of several are our own
     in_process = all(bus.interface == "memory" for bus in topology.buses)
     if is_numbered and (numbers or (in_process and len(names) > 1)):
-        names = [f"can{number}" for number in numbers_of(topology)]
+        names = [f"can{number}" for number in numbers or range(len(names))]
     buses = {name: i for i, name in enumerate(names) if i not in known.values()} | known
     if len(names) == 1 and not known and (in_process or (is_numbered and not numbers)):
         buses[ONLY] = 0

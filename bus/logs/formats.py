@@ -82,7 +82,7 @@ def open_writer(path: str | os.PathLike[str], **options: Any) -> LogWriter:
     path : path
         The suffix sets the format.
     **options
-        See `CandumpWriter` or `BlfWriter`.
+        See `CandumpWriter`.
 
     Raises
     ------

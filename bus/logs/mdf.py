@@ -3,9 +3,9 @@
 A damaged file may crash asammdf's C code, and with it the process. So it runs in a process of its
 own, ``python -m bus.logs.mdf FILE PIECE``, which sends the frames in pieces, as blocks: a byte for
 the kind, the count of bytes as a little-endian u64, then an array in `numpy.lib.format`, or a UTF-8
-text. A piece is an array of frames and one of their bus channels, -1 without one, which have the bit
-`_FROM_ZERO` in a file that counts them from 0; the text is empty at the end of the file, or an error.
-Nothing is ever unpickled.
+text. A piece is an array of frames and one of their bus channels, -1 without one, and `_FROM_ZERO`
+more in a file that counts from 0; the text is empty at the end of the file, or an error. Nothing is
+ever unpickled.
 """
 
 from __future__ import annotations
@@ -100,8 +100,8 @@ class MdfReader(LogReader):
 
     def _assign(self, records: np.ndarray, channels: np.ndarray) -> np.ndarray:
         """Assign buses to frames; returns those of wanted buses."""
-        if (channels & _FROM_ZERO).any():
-            self._channels.first, channels = 0, channels & ~_FROM_ZERO
+        if (is_from_zero := channels >= _FROM_ZERO).any():
+            self._channels.first, channels = 0, channels - _FROM_ZERO * is_from_zero
         found, first, inverse = np.unique(channels, return_index=True, return_inverse=True)
         buses = np.zeros(found.size, np.int64)
         for k in np.argsort(first):
@@ -209,9 +209,8 @@ class _Group:
         self._file, self._index, self._kind = file, index, kind
         name = f"{kind}.BusChannel"
         self.has_channel = any(channel.name == name for channel in file.groups[index].channels)
-        self.has_channel_0 = bool(
-            self.has_channel and (file.get(name, group=index, raw=True).samples == 0).any()
-        )
+        numbers = file.get(name, group=index, raw=True).samples if self.has_channel else ()
+        self.has_channel_0 = not np.all(numbers)
         self._next = 0
 
     def read(self, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -109,8 +109,7 @@ class LogReader(ABC):
     @property
     def left_out(self) -> dict[str, int]:
         """Frames so far of each unwanted channel."""
-        counts = {name: self.skipped.get(f"frame of {name}", 0) for name in self.channels}
-        return {name: count for name, count in counts.items() if count}
+        return {one: n for one in self.channels if (n := self.skipped.get(f"frame of {one}"))}
 
     def __iter__(self) -> Iterator[FrameBatch]:
         """Yield the frames; each batch is overwritten by the next one."""

@@ -42,7 +42,8 @@ class Recording:
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
         numbered = first_of(path) is not None
         check_over(Path(path), NO_KIND)
-        self._buses = np.array(numbers_of(topology) if numbered else range(len(topology.buses)))
+        order = range(len(topology.buses))
+        self._buses = np.array((numbered and numbers_of(topology)) or order)
         named = {} if numbered else {"channels": names_of(topology)}
         self._writer: LogWriter = open_writer(path, **named)
         self._lock = threading.Lock()

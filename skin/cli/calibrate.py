@@ -66,8 +66,8 @@ def calibrate(
     if output is not None and not output.is_dir():
         options.check_folder("--output", output)
     announcer()
-    channels = options.channels_of(map)
-    outcome = calibrate_bench(bench, force=force, progress=_progress(), channels=channels)
+    mapped = options.mapped(map)
+    outcome = calibrate_bench(bench, force=force, progress=_progress(), **mapped)
     for fault in outcome.faults:
         print(fault, file=sys.stderr)
     files: dict[str, Path] = {}
@@ -150,7 +150,7 @@ def check(
     from skin.compiling import announcer
 
     announcer()
-    checked = check_bench(calibration, bench, _progress(), options.channels_of(map))
+    checked = check_bench(calibration, bench, _progress(), **options.mapped(map))
     rows = []
     for name, entry in checked.items():
         score = entry.get("score")

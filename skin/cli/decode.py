@@ -105,20 +105,20 @@ def decode(
     from skin.errors import OptionError
 
     loaded, logs = _named(paths, topology)
-    channels = options.channels_of(map, *logs)
+    mapped = options.mapped(map, *logs)
     asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
     into_file = output is not None and output.suffix != "" and not output.is_dir()
     if len(logs) == 1 and (output is None or into_file):
         _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
                            shard=shard, cluster=cluster, force=force)  # fmt: skip
-        return decode_file(logs[0], topology=loaded, output=output, asked=asked, json=json,
-                           channels=channels)  # fmt: skip
+        asked |= mapped
+        return decode_file(logs[0], topology=loaded, output=output, asked=asked, json=json)
     if output is None or into_file:
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
     return _into_folder(
         _shared(logs, shard), loaded, output, json,
         {"options": asked, "jobs": jobs, "format": format, "force": force, "cluster": cluster,
-         "channels": channels},
+         **mapped},
     )  # fmt: skip
 
 
@@ -171,8 +171,8 @@ def _into_folder(
 
     if not output.is_dir():
         options.check_folder("--output", output)
-    job = Job(topology, output, how["options"], how["format"], force=how["force"],
-              channels=how["channels"])  # fmt: skip
+    channels = how.get("channels", {})
+    job = Job(topology, output, how["options"], how["format"], how["force"], channels=channels)
     if not logs:
         print(json_text.dumps({"logs": []}) if json else "no log for this shard")
         return 0

@@ -22,9 +22,8 @@ __all__ = ["decode_file"]
 
 
 def decode_file(
-    log: Path, *, topology: Topology, output: Path | None, asked: dict[str, Any], json: bool,
-    channels: dict[str, str],
-) -> int:  # fmt: skip
+    log: Path, *, topology: Topology, output: Path | None, asked: dict[str, Any], json: bool
+) -> int:
     """Decode a log, by these options of `skin.options.Options` and else its defaults, or a
     recording, by these and else those of its run; the exit status. See `skin.cli.decode`."""
     from skin.cli.decoded import writer_for
@@ -33,7 +32,7 @@ def decode_file(
     if output is not None and output.suffix not in (".csv", ".npz", ".parquet"):
         raise SkinError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
     options.check_folder("--output", output)
-    states, blocks = _source(log, topology, asked, channels)
+    states, blocks = _source(log, topology, asked)
     cycles, valid, peak = 0, 0, 0.0
     with writer_for(output, topology, states.pipeline.options) as add:
         for block in blocks:
@@ -72,9 +71,7 @@ def decode_file(
     return 0 if cycles and not damage and not states.faults else 1
 
 
-def _source(
-    log: Path, topology: Topology, asked: dict[str, Any], channels: dict[str, str]
-) -> tuple[Any, Iterator[Block]]:
+def _source(log: Path, topology: Topology, asked: dict[str, Any]) -> tuple[Any, Iterator[Block]]:
     """What has counters and faults of a log or recording, and its blocks."""
     from skin.blocks.blocks import blocks_of
     from skin.io.bulk.job import WANT
@@ -85,6 +82,5 @@ def _source(
     if is_recording(log):
         played = redecode(log, topology, **asked)
         return played, blocks_of(played, played.pipeline)
-    wanted = {"want": (*WANT, "test_ratio")} | asked
-    decoded = decode_log(topology, log, channels=channels, **wanted)
+    decoded = decode_log(topology, log, **{"want": (*WANT, "test_ratio")} | asked)
     return decoded, decoded.blocks()

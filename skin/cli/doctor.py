@@ -55,8 +55,8 @@ def doctor(
         options.refuse_both("--log", "--channel", channel)
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
-    channels = options.channels_of(map, log)
-    frames = None if log is None else read(log, buses=buses_of(loaded, log, channels))
+    mapped = options.mapped(map, log)
+    frames = None if log is None else read(log, buses=buses_of(loaded, log, **mapped))
     survey = Survey(loaded)
     found = list(_of_this_host())
     if frames is not None:
@@ -71,14 +71,13 @@ def doctor(
     else:
         found = _listen(survey, seconds, sync) + found
     counters = {name: count for name, count in asdict(survey.counters).items() if count}
-    left_out = {} if frames is None else frames.left_out
     report = {
         "topology": loaded.name,
         "units": loaded.n,
         "units_heard": int((survey.age >= 0).sum()),
         "cycles": survey.cycles,
         "counters": counters,
-        "left_out": left_out,
+        "left_out": {} if frames is None else frames.left_out,
         "never_tared": options.never_tared(loaded),
         "uncalibrated": options.uncalibrated(loaded),
         "findings": [asdict(finding) for finding in found],

@@ -90,7 +90,6 @@ def export_lerobot(
     from skin.io.record.replay import recorded_topology, redecode, replay
     from topology import load
 
-    channels = options.channels_of(map, *logs)
     _check_counts(logs, frames, task)
     check_number("--offset-s", offset_s, -1e10, 1e10)
     options.check_folder("--output", output / "meta" if output.is_dir() else output)
@@ -99,13 +98,13 @@ def export_lerobot(
         raise SkinError("--topology: must be given with logs; got none")
     loaded: Topology = recorded_topology(recordings[0]) if topology is None else load(topology)
     tasks = task if len(task) == len(logs) else task * len(logs)
-    asked, wrong = options.chosen(sweeps=sweeps, dtype=dtype), []
+    asked, wrong = options.chosen(sweeps=sweeps, dtype=dtype) | options.mapped(map, *logs), []
     with Dataset(output, loaded, fps=fps, window=window, taxels=taxel_image) as written:
         for log, file, text in zip(logs, frames, tasks, strict=True):
             if is_recording(log):
                 states = redecode(log, loaded, **asked) if asked else replay(log, loaded)
             else:
-                states = replay(log, loaded, channels=channels, **OF_LOGS | asked)
+                states = replay(log, loaded, **OF_LOGS | asked)
             written.add_episode(states, read_frames(file, round(1e9 * offset_s)), text)
             wrong += states.faults
     report = written.report() | {"output": str(output.resolve()), "faults": wrong}

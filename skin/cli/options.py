@@ -36,11 +36,11 @@ __all__ = [
     "Until",
     "Write",
     "check_folder",
-    "channels_of",
     "check_seconds",
     "chosen",
     "given",
     "hints",
+    "mapped",
     "named_in_file",
     "never_tared",
     "quiet",
@@ -143,21 +143,15 @@ Log = Annotated[
 ]
 
 
-Map = tyro.conf.UseAppendAction[
-    Annotated[
-        tuple[str, ...],
-        quiet(
-            "a channel of the log, by its name or number there, and the bus of the topology that it "
-            "is; for logs that name channels otherwise than the topology",
-            metavar="FILE_CHANNEL=BUS",
-        ),
-    ]
-]
-"""See `channels_of`."""
+Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], quiet(
+    "a channel by its name or number in the log, and its bus, if it is not as the topology has it",
+    metavar="FILE_CHANNEL=BUS",
+)]]  # fmt: skip
+"""See `mapped`."""
 
 
-def channels_of(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, str]:
-    """Buses by the channels of these logs, as `skin.decode_log` takes them."""
+def mapped(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, dict[str, str]]:
+    """The argument ``channels`` of `skin.decode_log`, where it is given for these logs."""
     from skin.errors import OptionError
     from skin.io.record import is_recording
 
@@ -167,9 +161,9 @@ def channels_of(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, str
         if not channel or not bus or channel in found:
             raise OptionError(f"--map: must be FILE_CHANNEL=BUS, each channel once; got {one!r}")
         found[channel] = bus
-    if found and not all(log is not None and not is_recording(log) for log in logs):
+    if found and any(log is None or is_recording(log) for log in logs):
         raise OptionError("--map: must be given with logs, and not with recordings or buses")
-    return found
+    return {"channels": found} if found else {}
 
 
 def chosen(**given: Any) -> dict[str, Any]:

@@ -59,9 +59,8 @@ def replay(
         raise SkinError(
             f"--speed: must be 0, or from {SLOWEST:g} to {1.0 / SLOWEST:g}; got {speed:g}"
         )
-    channels = options.channels_of(map, file)
     pace = None if step or not speed else speed
-    played = skin.replay(file, topology, speed=pace, channels=channels)
+    played = skin.replay(file, topology, speed=pace, **options.mapped(map, file))
     table, tally = LiveTable(played.topology), Tally(played.topology)
     wait = _Steps() if step else None
     try:

@@ -93,11 +93,11 @@ def view(
     if is_recorded:
         options.refuse_both("a recording or log", "--interface", interface)
         options.refuse_both("a recording or log", "--channel", channel)
-    channels = options.channels_of(map, file if is_recorded else None)
+    mapped = options.mapped(map, file if is_recorded else None)
     tally, faults = _Tally(), []
     with ExitStack() as ended:
         if is_recorded:
-            source: Any = replayed(topology, file, channels)
+            source: Any = skin.replay(file, topology, **mapped)
         else:
             loaded = load(file).on(interface=interface, channel=channel)
             source = ended.enter_context(
@@ -135,19 +135,9 @@ def view(
     return 1 if faults else 0
 
 
-def replayed(topology: str | None, file: str, channels: dict[str, str] | None = None) -> Any:
-    """What yields the states of a recording or log: has `topology`, `pipeline`, and `faults`."""
-    import skin
-
-    if topology is None or is_recording(file):
-        return skin.replay(file, topology, speed=None)
-    return skin.decode_log(topology, file, channels=channels)
-
-
 def _faults(file: str, source: Any, tally: _Tally) -> list[str]:
     """What is wrong with what was played."""
-    damage = getattr(source, "damage", None)
-    found = ([damage] if damage else []) + list(source.faults)
+    found = list(source.faults)
     if not tally.cycles and not found:
         found.append(f"{file}: must hold cycles of {source.topology.name!r}; got none")
     return found

@@ -151,12 +151,9 @@ def _covariance(fit: Fit) -> dict[str, Any]:
 
 
 def calibrate_bench(
-    file: str | os.PathLike[str],
-    *,
-    force: bool = False,
-    progress: Progress | None = None,
+    file: str | os.PathLike[str], *, force: bool = False, progress: Progress | None = None,
     channels: Mapping[str, str] | None = None,
-) -> Outcome:
+) -> Outcome:  # fmt: skip
     """Fit the units of a BENCH file.
 
     Parameters
@@ -167,7 +164,7 @@ def calibrate_bench(
     progress : callable, optional
         As of `Progress`.
     channels : mapping of str to str, optional
-        Name of the bus of a channel of the logs, as of `skin.decode_log`.
+        As of `skin.decode_log`.
 
     Returns
     -------
@@ -254,8 +251,7 @@ def check_bench(
         Calibration file of a patch.
     file : str or path
         BENCH file of the new recordings.
-    progress : callable, optional
-    channels : mapping of str to str, optional
+    progress, channels : optional
         As of `calibrate_bench`.
 
     Returns
@@ -330,7 +326,7 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
 def _judged(
     skin: Topology, recording: Recording, folder: Path, bench: BenchFile,
     channels: Mapping[str, str] | None,
-) -> tuple[Series, list[str]]:
+) -> tuple[Series, list[str]]:  # fmt: skip
     series = load_series(skin, recording, folder, channels)
     everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
     wrong = serial_faults(recording.units, series.counts.serials, everywhere)

@@ -27,7 +27,6 @@ __all__ = [
     "Blocks",
     "Counts",
     "Series",
-
     "hash_of",
     "load_series",
     "read_counts",
@@ -173,11 +172,9 @@ class Blocks:
 
 
 def load_series(
-    topology: Topology,
-    recording: Recording,
-    folder: Path,
+    topology: Topology, recording: Recording, folder: Path,
     channels: Mapping[str, str] | None = None,
-) -> Series:
+) -> Series:  # fmt: skip
     """Read the files of a recording and bring them on one clock; `channels` as of `buses_of`.
 
     Raises

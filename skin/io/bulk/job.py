@@ -77,16 +77,14 @@ class Job:
     force : bool
         Whether unchanged logs are decoded again.
     channels : dict, optional
-        Name of the bus of a channel of the logs, as of `skin.decode_log`.
+        As of `skin.decode_log`.
     partition_cycles : int, optional
         Cycles per file; by default a file has some tens of megabytes.
 
     Raises
     ------
-    OptionError
-        An unknown option.
-    bus.LogError
-        `channels` names no bus of the topology.
+    OptionError, bus.LogError
+        An unknown option, or an unknown bus.
     """
 
     topology: Topology

@@ -11,7 +11,7 @@ import dataclasses
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +68,6 @@ def replay(
     source: Topology | str | Path | None = None,
     *,
     speed: float | None = None,
-    channels: Mapping[str, str] | None = None,
     **options: Any,
 ) -> Replay | PacedLog:
     """Play a recording (.mcap), or any log that `decode_log` reads.
@@ -80,10 +79,8 @@ def replay(
         Needed for a log. A recording has its own; a given one must be equal.
     speed : float, optional
         1 for real time, 10 for ten times as fast; no waiting if not given.
-    channels : mapping of str to str, optional
-        Of a log: see `decode_log`.
     **options
-        Of a log: what is computed, and how, as in `skin.options.Options`. A recording has its own.
+        Of a log: channels, what is computed, and how, as of `decode_log`. A recording has its own.
 
     Returns
     -------
@@ -116,10 +113,10 @@ def replay(
             )
         if source is None:
             raise OptionError(f"{path}: topology: must be given with a log; got none")
-        return PacedLog(decode_log(source, path, channels=channels, **options), speed)
-    if given_ones := [*options, *(["channels"] if channels else [])]:
+        return PacedLog(decode_log(source, path, **options), speed)
+    if options:
         raise OptionError(
-            f"{path}: {', '.join(given_ones)}: must not be given with a recording, which has the "
+            f"{path}: {', '.join(options)}: must not be given with a recording, which has the "
             "options of its run"
         )
     recorded = RecordedFile(path)

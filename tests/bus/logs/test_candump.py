@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import tests.naive.logs as naive_logs
 from bus import FRAME_DTYPE, FrameBatch, LogError
+from bus.errors import ChannelError
 from bus.frame import CAN_ERR, CAN_RTR
 from bus.logs import (
     buses_of,
@@ -245,8 +246,8 @@ def test_channels_asked_for_are_read_and_others_left_out(tmp_path):
     assert log.channels == {"can0": -1, "can1": 7, "can2": 0}
     assert log.skipped == {"frame of can0": 10}
     assert log.count == 20
-    _, log = of_bytes(text, tmp_path, buses={"vcan0": 0})
-    assert "must hold frames of 'vcan0'; got 'can0', 'can1', 'can2' alone" in str(log.damage)
+    with pytest.raises(ChannelError, match="of 'vcan0'; got 'can0', 'can1', 'can2' alone: --map"):
+        of_bytes(text, tmp_path, buses={"vcan0": 0})
     assert of_bytes(b"", tmp_path, buses={"vcan0": 0})[1].damage is None
 
 
