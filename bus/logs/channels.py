@@ -146,29 +146,28 @@ class Channels:
                                    f"{len(indices)} buses; got a log without channels")  # fmt: skip
             return indices.pop()
         if ONLY in buses and next(iter(self.seen), name) not in buses:
-            if self.seen:
-                own, shown = next(iter(buses)), ", ".join(map(self._shown, [*self.seen, name]))
-                raise ChannelError(f"must have one channel, or {own!r}; got {shown}: {HOW}")
-            return buses[ONLY]
+            return LEFT_OUT if self.seen else buses[ONLY]
         number = name if self.first is None else self._number(name)
         found = buses.get(number, buses.get(name, LEFT_OUT))
         if (self.first, number, found) == (1, "0", LEFT_OUT) and not all(map(str.isdigit, buses)):
             raise ChannelError(f"must count its channels from 1; got channel 0: {HOW}")
         return found
 
-    def lacking(self) -> str:
-        """The fault of a log with frames, but none of a wanted channel; or nothing."""
-        there = self.seen.values()
-        asked = [name for name, bus in (self.buses or {}).items() if bus not in there]
-        if not self.seen or not asked:
-            return ""
-        lost = f": {HOW}" if LEFT_OUT in there else ""
-        got = ", ".join(map(self._shown, self.seen))
-        return f"must hold frames of {', '.join(map(repr, asked))}; got {got} alone{lost}"
+    def lacking(self, is_left_out: bool) -> str:
+        """The fault of a log without frames of a wanted channel, or of several where the only one
+        is wanted; or nothing. `is_left_out`: whether frames of other channels were."""
+        buses, got = self.buses or {}, ", ".join(map(self._shown, self.seen))
+        if ONLY in buses and is_left_out and next(iter(self.seen)) not in buses:
+            return f"must have one channel, or {next(iter(buses))!r}; got {got}: {HOW}"
+        asked = [name for name, bus in buses.items() if bus not in self.seen.values()]
+        fault = f"must hold frames of {', '.join(map(repr, asked))}; got {got} alone"
+        fault += f": {HOW}" if is_left_out else ""
+        return fault if self.seen and asked else ""
 
     def _number(self, name: str) -> str:
         """Number in the log of a channel, such as can0."""
         return str(int(name.removeprefix("can")) + (self.first or 0))
 
     def _shown(self, name: str) -> str:
-        return repr(name) if self.first is None else f"channel {self._number(name)} ({name})"
+        numbered = self.first is not None and name
+        return f"channel {self._number(name)} ({name})" if numbered else repr(name)

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from bus.errors import ChannelError, LogError
 from bus.frame import FrameBatch
-from bus.logs.channels import Channels, first_of
+from bus.logs.channels import ONLY, Channels, first_of
 from topology.files import check_path, missing, open_regular
 
 __all__ = ["LogReader", "existing"]
@@ -124,9 +124,9 @@ class LogReader(ABC):
             raise ChannelError(f"{self.path}: {error}") from None
         except LogError as error:
             self.damage = error
-        if lacking := self._channels.lacking():
+        if lacking := self._channels.lacking(bool(self.left_out)):
             self.lacking = f"{self.path}: {lacking}"
-            if not self.count + len(batch):
+            if ONLY in (self._asked or ()) or not self.count + len(batch):
                 raise ChannelError(self.lacking)
         if len(batch):
             self.count += len(batch)

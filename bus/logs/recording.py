@@ -42,8 +42,7 @@ class Recording:
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
         numbered = first_of(path) is not None
         check_over(Path(path), NO_KIND)
-        order = range(len(topology.buses))
-        self._buses = np.array((numbered and numbers_of(topology)) or order)
+        self._buses = np.array((numbered and numbers_of(topology)) or range(len(topology.buses)))
         named = {} if numbered else {"channels": names_of(topology)}
         self._writer: LogWriter = open_writer(path, **named)
         self._lock = threading.Lock()

@@ -66,8 +66,7 @@ def calibrate(
     if output is not None and not output.is_dir():
         options.check_folder("--output", output)
     announcer()
-    mapped = options.mapped(map)
-    outcome = calibrate_bench(bench, force=force, progress=_progress(), **mapped)
+    outcome = calibrate_bench(bench, force=force, progress=_progress(), **options.mapped(map))
     for fault in outcome.faults:
         print(fault, file=sys.stderr)
     files: dict[str, Path] = {}

@@ -111,8 +111,7 @@ def decode(
     if len(logs) == 1 and (output is None or into_file):
         _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
                            shard=shard, cluster=cluster, force=force)  # fmt: skip
-        asked |= mapped
-        return decode_file(logs[0], topology=loaded, output=output, asked=asked, json=json)
+        return decode_file(logs[0], topology=loaded, output=output, asked=asked | mapped, json=json)
     if output is None or into_file:
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
     return _into_folder(
