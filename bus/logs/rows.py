@@ -70,9 +70,10 @@ class _Asc:
     _STAMPED = re.compile(r"\s*(\d+)\.(\d{1,9})\s+(.*)", re.S)
     _EVENT = re.compile(
         # A request to send is an event; its frame follows, as Tx.
-        r"(?:\d+\s+\w+|CANFD\s+\d+)\s+TxRq\s.*|(?!\d+\s+(?:[\da-f]+x?(?:\s|$)|\S+\s+[RT]x\s)"
-        r"|CANFD\s+\d+\s+[RT]x\s)(?:\d+\s+)?[a-z][!-~]*(?:\s.*)?$", re.I | re.S,
-    )  # fmt: skip
+        r"(?:\d+\s+\w+|CANFD\s+\d+)\s+TxRq\s|CANFD\s+\d+\s+(?![RT]x\b)[a-z]"
+        r"|(?!CANFD\b|\d+\s+(?:[\da-f]+x?(?:\s|$)|\S+\s+[RT]x\s))(?:\d+\s+)?[a-z][!-~]*(?:\s|$)",
+        re.I,
+    )
     _HEAD = re.compile(r"\s*(date|(no\s+)?internal\s+events|previous|(begin|end)\s+trigger)", re.I)
     _ERROR = re.compile(r"(?:CANFD\s+)?(\d+)\s+(?:[RT]x\s+)?ErrorFrame\b", re.I)
     _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f\x7f]")
@@ -93,13 +94,13 @@ class _Asc:
             raise ValueError("neither a frame nor an event")
         if not found:
             return None
+        if line[-1] != "\n":  # data or flags may lack digits
+            raise ValueError("the end of the file within it")
         stamp_ns, text = int(found[1]) * 10**9 + int(found[2].ljust(9, "0")), found[3]
         if error := self._ERROR.match(text):
             return _frame(stamp_ns, 0, 0, b"", channel=int(error[1]) - 1, kind=CAN_ERR)
         if self._EVENT.match(text):
             return None
-        if line[-1] != "\n":  # data or flags may lack digits
-            raise ValueError("the end of the file within it")
         in_fd, words = text[:5].upper() == "CANFD", text.split()
         if in_fd:
             _, channel, way, number, *words = words
