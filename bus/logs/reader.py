@@ -104,6 +104,11 @@ class LogReader(ABC):
         name = self.path.with_suffix("") if self.path.suffix.lower() == ".gz" else self.path
         return name.suffix.lower()
 
+    @property
+    def loss(self) -> str:
+        """The fault of a log whose logger lost frames."""
+        return f"must hold all frames of its buses; got {self.lost} or more lost by the logger"
+
     def __iter__(self) -> Iterator[FrameBatch]:
         """Yield the frames; each batch is overwritten by the next one."""
         self._start()

@@ -50,6 +50,7 @@ def decode_file(
         "counters": counters,
         "options": states.pipeline.options.report(),
         "damage": damage,
+        "left_out": getattr(states, "left_out", {}),
         "faults": states.faults,
         "output": str(output.resolve()) if output is not None and cycles else None,
     }
@@ -58,6 +59,8 @@ def decode_file(
     else:
         print(f"{cycles} cycles of {topology.n} units; frames: {counted(counters)}")
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
+        if report["left_out"]:
+            print(f"not decoded: {counted(report['left_out'])}")
         if report["output"]:
             print(f"written: {report['output']}")
     if damage:

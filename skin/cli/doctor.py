@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bus.diagnose import Finding
     from bus.discover import Survey
     from bus.logs import LogReader
+    from skin.offline import LogWatch
     from topology import Topology
 
 __all__ = ["doctor"]
@@ -46,6 +47,7 @@ def doctor(
     from bus.diagnose import diagnose
     from bus.discover import Survey
     from skin.compiling import announcer
+    from skin.offline import LogWatch
     from topology import load
 
     options.check_seconds(seconds)
@@ -58,10 +60,12 @@ def doctor(
     survey = Survey(loaded)
     found = list(_of_this_host())
     if frames is not None:
+        watch = LogWatch(loaded)
         for batch in frames:
             survey.feed(batch.frames)
+            watch.take(batch.frames)
         survey.finish()
-        found = diagnose(survey) + found
+        found = [*_of_log(frames, watch), *diagnose(survey), *found]
     else:
         found = _listen(survey, seconds, sync) + found
     counters = {name: count for name, count in asdict(survey.counters).items() if count}
@@ -101,7 +105,21 @@ def _frames(log: str, topology: Topology) -> LogReader:
     """Frames of a log; one of a skin with a single bus may name its channel as it likes."""
     from bus.logs import buses_of, read
 
-    return read(log, buses=buses_of(topology, log) if len(topology.buses) > 1 else None)
+    buses = buses_of(topology, log) if len(topology.buses) > 1 else None
+    return read(log, buses=buses, strict=False)
+
+
+def _of_log(frames: LogReader, watch: LogWatch) -> Iterator[Finding]:
+    """What is wrong with the log itself."""
+    from bus.diagnose import Finding
+
+    for code, fault, cause in (
+        ("damaged-log", str(frames.damage or ""), "a full disk, a loss of power, or a hand"),
+        ("lossy-log", frames.loss * bool(frames.lost), "a busy machine, or a slow disk"),
+        *(("clock-jump", text, "the clock of the logger was set") for text in watch.jumps),
+    ):
+        if fault:
+            yield Finding(code, "error", "log", 1, fault, cause)
 
 
 def _of_this_host() -> Iterator[Finding]:
