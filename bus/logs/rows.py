@@ -107,7 +107,7 @@ class _Asc:
             brs, esi, code, count, *words = words[not words[0].isdigit() :]  # behind a name
         else:
             channel, number, way, sort, *words = words
-            code, *words = words or ["0"]
+            code, *words = words or ["0"] * (sort in "rR")
         kind = CAN_EFF * (number[-1] in "xX")
         length = min(dlc := int(code, self._base), _CLASSIC_BYTES)
         data, more, flags = words[:length], words[length:], 0
@@ -122,10 +122,14 @@ class _Asc:
                 kind |= CAN_RTR
         elif sort in "rR":
             kind, data, more = kind | CAN_RTR, [], words
-        elif sort not in "dD" or (more and self._byte(more[0]) is not None):
-            raise ValueError(f"more than {length} data bytes")
+        elif sort not in "dD":
+            raise ValueError(f"{sort!r} where d or r must be")
         content = [self._byte(word) for word in data]
-        if None in content or way not in ("Rx", "Tx") or re.search(r"\d\.\d", " ".join(more)):
+        # Words come next, or a duration, 0 or of many digits: no byte, and no stamp of another line.
+        is_longer = more and not (in_fd and self._base == 10) and self._byte(more[0]) is not None
+        if is_longer or None in content or way not in ("Rx", "Tx") or (
+            re.search(r"\d\.\d", " ".join(more))
+        ):  # fmt: skip
             raise ValueError("not one whole frame")
         return _frame(stamp_ns, int(number.rstrip("xX"), self._base), length, bytes(content),
                       flags=flags, origin=ECHO * (way == "Tx"), channel=int(channel) - 1,
