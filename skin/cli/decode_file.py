@@ -52,6 +52,7 @@ def decode_file(
         "left_out": left_out,
         "options": states.pipeline.options.report(),
         "damage": damage,
+        "left_out": getattr(states, "left_out", {}),
         "faults": states.faults,
         "output": str(output.resolve()) if output is not None and cycles else None,
     }
@@ -62,10 +63,12 @@ def decode_file(
         if left_out:
             print(f"frames of other channels: {counted(left_out)}")
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
+        if report["left_out"]:
+            print(f"not decoded: {counted(report['left_out'])}")
         if report["output"]:
             print(f"written: {report['output']}")
     if damage:
-        print(f"{damage}; what stands before it was decoded", file=sys.stderr)
+        print(damage, file=sys.stderr)
     for fault in states.faults:
         print(fault, file=sys.stderr)
     return 0 if cycles and not damage and not states.faults else 1

@@ -17,6 +17,8 @@ from skin.cli.table import counted
 if TYPE_CHECKING:
     from bus.diagnose import Finding
     from bus.discover import Survey
+    from bus.logs import LogReader
+    from skin.offline import LogWatch
     from topology import Topology
 
 __all__ = ["doctor"]
@@ -43,10 +45,11 @@ def doctor(
     serial number or with different firmware, losses by where they happen, errors of the bus. Exits
     with 0 if all is well, and with 1 if there are findings.
     """
-    from bus.diagnose import Finding, diagnose
+    from bus.diagnose import diagnose
     from bus.discover import Survey
     from bus.logs import buses_of, read
     from skin.compiling import announcer
+    from skin.offline import LogWatch
     from topology import load
 
     options.check_seconds(seconds)
@@ -56,18 +59,17 @@ def doctor(
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
     mapped = options.mapped(map, log)
-    frames = None if log is None else read(log, buses=buses_of(loaded, log, **mapped))
+    buses = {} if log is None else buses_of(loaded, log, **mapped)
+    frames = None if log is None else read(log, buses=buses, strict=False)
     survey = Survey(loaded)
     found = list(_of_this_host())
     if frames is not None:
+        watch = LogWatch(loaded)
         for batch in frames:
             survey.feed(batch.frames)
+            watch.take(batch.frames)
         survey.finish()
-        found = diagnose(survey) + found
-        if frames.lacking and frames.left_out:
-            found.insert(0, Finding("other-channels", "error", "log", sum(frames.left_out.values()),
-                                    frames.lacking, "a logger that counts or names the channels "
-                                    "otherwise than the topology"))  # fmt: skip
+        found = [*_of_log(frames, watch), *diagnose(survey), *found]
     else:
         found = _listen(survey, seconds, sync) + found
     counters = {name: count for name, count in asdict(survey.counters).items() if count}
@@ -102,6 +104,22 @@ def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> lis
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
         listen(survey, transports, seconds, sync=sync)
         return diagnose(survey, transports)
+
+
+def _of_log(frames: LogReader, watch: LogWatch) -> Iterator[Finding]:
+    """What is wrong with the log itself."""
+    from bus.diagnose import Finding
+
+    for code, fault, cause in (
+        ("damaged-log", str(frames.damage or ""), "a full disk, a loss of power, or a hand"),
+        ("lossy-log", frames.loss * bool(frames.lost), "a busy machine, or a slow disk"),
+        *(("clock-jump", text, "the clock of the logger was set") for text in watch.jumps),
+    ):
+        if fault:
+            yield Finding(code, "error", "log", 1, fault, cause)
+    if frames.lacking and frames.left_out:
+        yield Finding("other-channels", "error", "log", sum(frames.left_out.values()), frames.lacking,
+                      "a logger that counts or names the channels otherwise than the topology")
 
 
 def _of_this_host() -> Iterator[Finding]:
