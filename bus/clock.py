@@ -72,10 +72,6 @@ class ClockModel:
     @property
     def ready(self) -> bool:
         """Whether there are enough pairs for a map."""
-        return self._has_map
-
-    @property
-    def _has_map(self) -> bool:
         return len(self._pairs) >= LEAST
 
     def __call__(self, stamp_ns: int) -> int:
@@ -94,7 +90,7 @@ class ClockModel:
 
         Where a clock was set, earlier pairs are dropped.
         """
-        if self._has_map:
+        if len(self._pairs) >= LEAST:
             off = late_ns - self(stamp_ns)
             self._above = self._above + 1 if off > self.step_ns else 0
             if off < -self.step_ns or self._above >= STEPPED:
@@ -102,7 +98,7 @@ class ClockModel:
         if self._pairs and stamp_ns <= self._pairs[-1][0]:
             self._forget()  # the first clock was reset
         self._pairs.append((stamp_ns, late_ns))
-        if self._has_map:
+        if len(self._pairs) >= LEAST:
             self._fit()
 
     def _forget(self) -> None:
@@ -136,15 +132,6 @@ class DriverClock(ClockModel):
 
     Its clock may begin at any time, wrap, be set, or be none: stamps are the times of arrival until
     the clock has shown itself to be one, and never later than these.
-
-    Examples
-    --------
-    >>> clock = DriverClock()
-    >>> for i in range(20):  # microseconds since power-up in 32 bits; frames arrive 1 ms late
-    ...     us = 2**32 - 10**6 + 100_000 * i
-    ...     stamp_ns = clock.stamp(us % 2**32 * 1000, 10**18 + us * 1000 + 1_000_000)
-    >>> clock.report()["by"], stamp_ns - us * 1000, clock.steps
-    ('driver', 1000000000001000000, 0)
     """
 
     first, second, step_ns = "driver", "host", 50_000_000
@@ -160,27 +147,35 @@ class DriverClock(ClockModel):
     def ready(self) -> bool:
         """Whether there is a map, and the first clock is one: not of another rate, which leaves
         errors as long as the map, and not coarser than the frames that it stamps."""
-        if not self._has_map or (self._has_equal and self._tick_ns > STEP_NS):
+        is_coarse = self._has_equal and self._tick_ns > STEP_NS
+        if len(self._pairs) < LEAST or is_coarse:
             return False
         return self.error_ns < (self._pairs[-1][0] - self._pairs[0][0]) / 64
 
     def stamp(self, driver_ns: int, now_ns: int) -> int:
-        """The time of a frame on this host's clock.
-
-        Parameters
-        ----------
-        driver_ns : int
-            Stamp of the driver; 0: none.
-        now_ns : int
-            This host's clock at the arrival of the frame.
-        """
-        mapped = self._mapped(driver_ns, now_ns) if driver_ns else now_ns
+        """The time of a frame on this host's clock, by the driver (0: none) and at its arrival."""
+        mapped_ns = now_ns
+        if driver_ns:
+            raw = self._unwrapped(driver_ns, now_ns)
+            self._take(raw, now_ns)
+            mapped_ns = self(raw) if self.ready else now_ns
         # in the order of the bus, also where the map begins or ends; not if this host's was set
-        self._last_ns = min(now_ns, max(mapped, self._last_ns))
+        self._last_ns = min(now_ns, max(mapped_ns, self._last_ns))
         return self._last_ns
 
-    def _mapped(self, driver_ns: int, now_ns: int) -> int:
-        raw = self._unwrapped(driver_ns, now_ns)
+    def _unwrapped(self, driver_ns: int, now_ns: int) -> int:
+        """The stamp of a counter that has not wrapped: a step back is one where it is the range of
+        a counter, after the time since the last frame."""
+        back_ns = self._newest_ns - driver_ns - self._wrapped_ns
+        if self._heard_ns and back_ns > STEP_NS:
+            range_ns = back_ns + now_ns - self._heard_ns
+            wrap_ns = min(WRAPS_NS, key=lambda wrap_ns: abs(wrap_ns - range_ns))
+            if abs(wrap_ns - range_ns) < wrap_ns // 64:  # the nearest other one is a third off
+                self._wrapped_ns += wrap_ns
+        return driver_ns + self._wrapped_ns
+
+    def _take(self, raw: int, now_ns: int) -> None:
+        """Learn from a frame; the pair with the least delay of a segment counts."""
         step_ns = raw - self._newest_ns
         if self._heard_ns:
             # a float of seconds since 1970 has 0.2 µs
@@ -196,20 +191,6 @@ class DriverClock(ClockModel):
         if not 0 <= now_ns - self._begun_ns < SEGMENT_NS:
             self.learn(*self._best)
             self._begun_ns, self._best = now_ns, None
-        return self(raw) if self.ready else now_ns
-
-    def _unwrapped(self, driver_ns: int, now_ns: int) -> int:
-        """The stamp of a counter that has not wrapped: a step back is one where it is the range of
-        a counter, after the time since the last frame."""
-        raw = driver_ns + self._wrapped_ns
-        back_ns = self._newest_ns - raw
-        if self._heard_ns and back_ns > STEP_NS:
-            range_ns = back_ns + now_ns - self._heard_ns
-            wrap_ns = min(WRAPS_NS, key=lambda wrap_ns: abs(wrap_ns - range_ns))
-            if abs(wrap_ns - range_ns) < wrap_ns // 64:  # the nearest other one is a third off
-                self._wrapped_ns += wrap_ns
-                raw += wrap_ns
-        return raw
 
 
 def _turns_right(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:

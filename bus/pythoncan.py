@@ -37,8 +37,13 @@ _SLICE_S = 0.1
 _PATIENCE_S, _RETRY_S = 0.05, 0.001
 """Timeout of `send` for room in a full transmit queue, and interval of attempts."""
 _RECEIVE_BUFFER = 8 << 20
-_SO_RCVBUFFORCE, _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 33, 49, 29
-"""Options of Linux that Python's socket module lacks."""
+_SOCKET_OPTIONS = (
+    (socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER),  # up to the system's limit
+    (socket.SOL_SOCKET, 33, _RECEIVE_BUFFER),  # SO_RCVBUFFORCE, beyond it
+    (socket.IPPROTO_IP, 49, 0),  # IP_MULTICAST_ALL
+    (socket.IPPROTO_IPV6, 29, 0),  # IPV6_MULTICAST_ALL
+)
+"""Options of a socket that are set where they can be; Python lacks names of Linux's."""
 
 _NO_BITRATE = ("socketcan", "socketcand", "virtual", "udp_multicast", "serial")
 """Interfaces whose bit rate is not set through python-can."""
@@ -69,11 +74,6 @@ class PythonCanTransport(Transport):
     index : int
         Written to `bus` of every received frame.
 
-    Attributes
-    ----------
-    receive_buffer_bytes : int or None
-        Size of the socket's receive queue as granted; None without a socket.
-
     Raises
     ------
     BusOpenError
@@ -88,12 +88,10 @@ class PythonCanTransport(Transport):
         # echo by default.
         self._knows_echoes = bus.interface != "socketcan"
         self._mark = secrets.token_hex(8) if bus.interface in _UNMARKED_ECHOES else None
-        self.clock = self._own_clock = (
-            None if bus.interface in _KERNEL_STAMPS else DriverClock()
-        )
+        self.clock = self._own_clock = None if bus.interface in _KERNEL_STAMPS else DriverClock()
         self._error_mask = _EFF_MASK if bus.interface in _LINUX_ERRORS else 0
         self._descriptor = self._can.fileno() if bus.interface == "socketcan" else -1
-        self.receive_buffer_bytes = _enlarge(self._can)
+        _enlarge(self._can)
         self._receiving, self._sending = threading.Lock(), threading.Lock()
         self._is_closed = False
         self._fault: Exception | None = None
@@ -342,31 +340,22 @@ def _switch_on(bus: Bus) -> str:
     return f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate}{fd}"
 
 
-def _enlarge(opened: can.BusABC) -> int | None:
-    """Request a receive queue for a pause of this process, and only the groups that the socket has
-    joined itself: else all on its port. Returns the granted size."""
+def _enlarge(opened: can.BusABC) -> None:
+    """Request a receive queue for a pause of this process, and only the multicast group that the
+    socket has joined itself: else a second bus on its port would be heard as well."""
     try:
         descriptor = os.dup(opened.fileno())
     except (NotImplementedError, OSError):  # no descriptor at all
-        return None
+        return
     try:
         sock = socket.socket(fileno=descriptor)
     except OSError:  # that of something else, such as a serial line
         os.close(descriptor)
-        return None
+        return
     with sock:
-        for level, option in (
-            (socket.IPPROTO_IP, _IP_MULTICAST_ALL), (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL),
-        ):  # fmt: skip
-            with suppress(OSError):  # of another family, or not on Linux
-                sock.setsockopt(level, option, 0)
-        for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):
-            try:
-                sock.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
-                break
-            except OSError:  # no permission to exceed the system's limit: up to it
-                continue
-        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        for level, option, value in _SOCKET_OPTIONS:
+            with suppress(OSError):  # no permission, of another family, or not on Linux
+                sock.setsockopt(level, option, value)
 
 
 def _number(error: BaseException | None) -> int | None:

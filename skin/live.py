@@ -43,11 +43,9 @@ _log = logging.getLogger("skin")
 Sync = Literal["host", "bus"]
 Wait = Literal["event", "deadline"]
 QUIET_S = 5.0
-"""Time without a single answer after which this is said, or ends the loop where nobody can answer
-[assumed]."""
+"""Time without any answer after which that is said, or an error if nobody can answer [assumed]."""
 JUMP_NS = 1_000_000_000
-"""Change of a bus's stamps against the monotonic clock that shows a clock that was set [assumed:
-more than frames wait to be read]."""
+"""Jump of stamps by which a clock was set [assumed: more than frames wait to be read]."""
 
 
 @dataclass
@@ -385,12 +383,10 @@ class Skin(Moving, Attachable):
         """Fill the batch with received frames, waiting as `wait` says."""
         self._batch.clear()
         self._waiter.receive(self._batch, wait_ns)
-        if self._has_system_time and self._batch.count:
-            self._look_at_clock(self._batch.records[self._batch.count - 1])
-
-    def _look_at_clock(self, frame: np.void) -> None:
-        """Log that the stamps of a bus have jumped, ahead or back."""
-        bus, ahead_ns = int(frame["bus"]), int(frame["stamp_ns"]) - self._stamp_ns()
+        if not self._has_system_time or not self._batch.count or not self._batch.room:
+            return  # frames still wait to be read
+        bus, ahead_ns = self._batch.records[self._batch.count - 1][["bus", "stamp_ns"]].item()
+        ahead_ns -= self._stamp_ns()
         jump_ns = ahead_ns - self._ahead_ns.setdefault(bus, ahead_ns)
         if abs(jump_ns) > JUMP_NS:
             self._ahead_ns[bus] = ahead_ns

@@ -72,8 +72,8 @@ class BoardSettings:
             at = cycle - self._left_out[bus]
             self._base[asked] += at // self._rate[asked] - at // order.value
             self._rate[asked] = order.value
-            rate, base = self._rate[self._rows[bus]], self._base[self._rows[bus]]
-            self._as_made[bus] = not ((rate != 1) | (base != 0) & self._counts[self._rows[bus]]).any()
+            other = (self._rate != 1) | (self._base != 0) & self._counts
+            self._as_made[bus] = not other[self._rows[bus]].any()
         else:
             carried = self._topology.frames.units[asked]
             units = np.unique(carried[carried >= 0])
