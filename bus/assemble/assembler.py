@@ -111,12 +111,12 @@ class Assembler:
     @property
     def pending(self) -> bool:
         """Whether a cycle is open: with SYNC, one that awaits frames; without, always."""
-        return bool(self._state.is_open[0])
+        return bool(self._state["is_open"])
 
     @property
     def waiting(self) -> int:
         """Frames that the open cycle awaits; 0 without SYNC."""
-        return int(self._state.waiting[0]) if self.pending else 0
+        return int(self._state["waiting"]) if self.pending else 0
 
     def by_frame(self, kind: str) -> np.ndarray:
         """Running totals of one kind (a name of `FrameCounters`) by frame of the topology.
@@ -232,7 +232,7 @@ class Assembler:
             None where the frames end first.
         """
         row = self._feed(row, rows, *self._arrays)
-        return row, self.cycle() if self._state.closed_by[0] else None
+        return row, self.cycle() if self._state["closed_by"] else None
 
     def cycle(self) -> RawCycle:
         """The cycle that closed last; for callers of the kernels."""
