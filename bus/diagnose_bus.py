@@ -117,7 +117,18 @@ class BusRules:
         if self.bus.sync_id is None:
             return
         survey, b = self.survey, self.index
-        foreign = int(survey.foreign_syncs[b])
+        foreign, syncs = int(survey.foreign_syncs[b]), int(survey.syncs[b])
+        empty = sum(n for kind, n in self.here.items()
+                    if kind.can_id == self.bus.sync_id and not kind.length)  # fmt: skip
+        if 0 < empty < syncs:
+            foreign, syncs = foreign - empty, syncs - empty
+            yield Finding(
+                "foreign-sync", "warning", self.name, empty,
+                f"{some(empty, 'SYNC')} ({hex_id(self.bus.sync_id)}) without a counter, which "
+                "cycles leave out",
+                "a CANopen master, whose SYNC has this identifier and which units may answer too: "
+                "give one of them another (`sync_id` of the bus, or object 1005h)",
+            )  # fmt: skip
         if unsent := int(survey.unsent[b]):
             yield Finding(
                 "unsent-sync", "error", self.name, unsent,
@@ -132,14 +143,14 @@ class BusRules:
                 "another host, or a second program on this one, sends SYNC too; listen with "
                 "--sync bus, or stop the other",
             )  # fmt: skip
-        elif not survey.syncs[b] and survey.traffic[b] and not unsent:
+        elif not syncs and survey.traffic[b] and not unsent:
             yield Finding(
                 "no-sync", "error", self.name, 0,
                 f"no SYNC ({hex_id(self.bus.sync_id)}), which units answer to",
                 "nobody sends it (--sync host does), or its identifier is another one",
             )  # fmt: skip
-        elif survey.syncs[b] and not survey.sends_sync:
-            yield from self._sync_rate(int(survey.syncs[b]))
+        elif syncs and not survey.sends_sync:
+            yield from self._sync_rate(syncs)
 
     def _sync_rate(self, syncs: int) -> Iterator[Finding]:
         if self.survey.cycles < LONG_SILENCE or not self.survey.seconds:

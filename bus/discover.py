@@ -21,6 +21,7 @@ from bus.frame import CAN_ERR, CAN_RTR, ECHO, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.state import read_error_frame
 from bus.status import Status
 from bus.transport import Transport
+from bus.wait import Waiter
 from topology import Topology
 
 __all__ = ["Heard", "Listener", "Survey", "listen"]
@@ -261,7 +262,7 @@ def listen(
     int
         Counter of the next SYNC, for another call: units continue counting.
     """
-    skin, batch = survey.topology, FrameBatch(4096)
+    skin, batch, waiter = survey.topology, FrameBatch(4096), Waiter(transports)
     period_ns = round(1e9 / skin.cycle_rate_hz)
     sends = sync == "host" and skin.buses[0].sync_id is not None
     survey.sends_sync = sends
@@ -277,12 +278,7 @@ def listen(
                 due = max(due + period_ns, now)
             wait_ns = min(end, due if sends else now + period_ns) - clock()
             batch.clear()
-            for transport in transports:
-                transport.receive(batch)
-            if not batch.count and wait_ns > 0:
-                share_ns = wait_ns if len(transports) == 1 else min(wait_ns, 1_000_000)
-                for transport in transports:
-                    transport.receive(batch, share_ns * 1e-9)
+            waiter.receive(batch, wait_ns)
             if len(transports) > 1:
                 batch.merge()
             survey.feed(batch.frames)

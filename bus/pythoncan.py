@@ -9,11 +9,13 @@ import socket
 import struct
 import threading
 import time
+from contextlib import suppress
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bus.clock import DriverClock
 from bus.errors import BusClosedError, BusOpenError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.state import BusState
@@ -29,17 +31,26 @@ _HEAD = struct.Struct("<qIBBBB")
 _SIZE = FRAME_DTYPE.itemsize
 _EFF_MASK, _SFF_MASK = 0x1FFF_FFFF, 0x7FF
 
+_GONE = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.EBADF, errno.ESHUTDOWN)
 _SLICE_S = 0.1
 """Longest wait within python-can, which limits the delay of `close`."""
 _PATIENCE_S, _RETRY_S = 0.05, 0.001
 """Timeout of `send` for room in a full transmit queue, and interval of attempts."""
 _RECEIVE_BUFFER = 8 << 20
-_SO_RCVBUFFORCE = 33  # missing in Python's socket module
+_SOCKET_OPTIONS = (
+    (socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER),  # up to the system's limit
+    (socket.SOL_SOCKET, 33, _RECEIVE_BUFFER),  # SO_RCVBUFFORCE, beyond it
+    (socket.IPPROTO_IP, 49, 0),  # IP_MULTICAST_ALL
+    (socket.IPPROTO_IPV6, 29, 0),  # IPV6_MULTICAST_ALL
+)
+"""Options of a socket that are set where they can be; Python lacks names of Linux's."""
 
 _NO_BITRATE = ("socketcan", "socketcand", "virtual", "udp_multicast", "serial")
 """Interfaces whose bit rate is not set through python-can."""
 _LINUX_ERRORS = ("socketcan", "socketcand", "virtual", "udp_multicast")
 """Interfaces with Linux error frames; others have formats of their own."""
+_KERNEL_STAMPS = ("socketcan", "virtual", "udp_multicast")
+"""Interfaces whose stamps are by this host's clock."""
 _UNMARKED_ECHOES = ("udp_multicast",)
 """Interfaces that return own frames as received ones, but with their `channel`."""
 _PCAN_BITRATES = (5, 10, 20, 33, 47, 50, 83, 95, 100, 125, 250, 500, 800, 1000)
@@ -53,8 +64,8 @@ class PythonCanTransport(Transport):
     """One end of a bus, through python-can.
 
     Configuration files and environment variables have no effect, only the topology. Time stamps are
-    those of the driver, with the precision of a float of seconds (0.2 µs), and with the driver's
-    own epoch.
+    those of the driver, with the precision of a float of seconds (0.2 µs), mapped to this host's
+    clock; those of arrival until the map is known, and where the driver has no clock.
 
     Parameters
     ----------
@@ -62,11 +73,6 @@ class PythonCanTransport(Transport):
         `options` are additional keyword arguments of the interface.
     index : int
         Written to `bus` of every received frame.
-
-    Attributes
-    ----------
-    receive_buffer_bytes : int or None
-        Size of the socket's receive queue as granted; None without a socket.
 
     Raises
     ------
@@ -82,9 +88,10 @@ class PythonCanTransport(Transport):
         # echo by default.
         self._knows_echoes = bus.interface != "socketcan"
         self._mark = secrets.token_hex(8) if bus.interface in _UNMARKED_ECHOES else None
+        self.clock = self._own_clock = None if bus.interface in _KERNEL_STAMPS else DriverClock()
         self._error_mask = _EFF_MASK if bus.interface in _LINUX_ERRORS else 0
         self._descriptor = self._can.fileno() if bus.interface == "socketcan" else -1
-        self.receive_buffer_bytes = _enlarge(self._can)
+        _enlarge(self._can)
         self._receiving, self._sending = threading.Lock(), threading.Lock()
         self._is_closed = False
         self._fault: Exception | None = None
@@ -98,7 +105,7 @@ class PythonCanTransport(Transport):
         start = batch.count
         until = time.monotonic() + timeout_s
         wait_s = min(timeout_s, _SLICE_S) if timeout_s > 0 else 0.0
-        view = batch.records.view(np.uint8).data
+        view, stamps = batch.records.view(np.uint8).data, batch.records["stamp_ns"]
         while batch.room:
             message = self._receive(wait_s, batch.count > start)
             if message is not None:
@@ -106,6 +113,10 @@ class PythonCanTransport(Transport):
                 if self._is_echo(message):
                     continue
                 from_message(message, view, batch.count, self.index, self._error_mask)
+                if self._own_clock is not None:
+                    stamps[batch.count] = self._own_clock.stamp(
+                        round(message.timestamp * 1e9), time.time_ns()
+                    )
                 batch.count += 1
                 continue
             remaining_s = until - time.monotonic()
@@ -126,26 +137,21 @@ class PythonCanTransport(Transport):
         return self._knows_echoes and not message.is_rx
 
     def _receive(self, wait_s: float, has_frames: bool) -> can.Message | None:
-        import can
-
         with self._receiving:
             self._check()
             try:
                 return self._can.recv(wait_s)
-            except (can.CanError, OSError, ValueError) as error:
+            except Exception as error:  # drivers raise any class, see `_open`
                 if _number(error) == errno.ENETDOWN:
                     self._enter(BusState.DOWN, str(error))
                     return None
-                self._enter(BusState.GONE, str(error))
-                self._fault = error
+                self._lose(error)
                 if has_frames:  # those first; the next call raises the error
                     return None
                 raise self._gone(error) from error
 
     def send(self, records: np.ndarray) -> int:
         """Send frames one by one; waits a little where the transmit queue is full."""
-        import can
-
         taken, patience_s = 0, _PATIENCE_S
         with self._sending:
             self._check()
@@ -154,10 +160,9 @@ class PythonCanTransport(Transport):
                 message.channel = self._mark
                 try:
                     self._can.send(message, timeout=_PATIENCE_S)
-                except (can.CanError, OSError, ValueError) as error:
-                    if _number(error) in (errno.ENODEV, errno.ENXIO):
-                        self._enter(BusState.GONE, str(error))
-                        self._fault = error
+                except Exception as error:
+                    if _number(error) in _GONE:
+                        self._lose(error)
                         break
                     if _number(error) != errno.ENOBUFS or patience_s <= 0:
                         break
@@ -169,6 +174,10 @@ class PythonCanTransport(Transport):
         self._counters.sent += taken
         self._counters.send_failures += records.size - taken
         return taken
+
+    def _lose(self, error: Exception) -> None:
+        self._enter(BusState.GONE, str(error))
+        self._fault = error
 
     def _check(self) -> None:
         if self._is_closed:
@@ -185,7 +194,13 @@ class PythonCanTransport(Transport):
             return
         self._is_closed = True
         with self._receiving, self._sending:
-            self._can.shutdown()
+            try:
+                self._can.shutdown()
+            except Exception as error:  # an adapter that is gone does not hear that it is closed
+                self._lose(error)
+                import can
+
+                can.BusABC.shutdown(self._can)
 
 
 def from_message(
@@ -325,30 +340,31 @@ def _switch_on(bus: Bus) -> str:
     return f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate}{fd}"
 
 
-def _enlarge(opened: can.BusABC) -> int | None:
-    """Request a receive queue for a pause of this process; returns the granted size."""
+def _enlarge(opened: can.BusABC) -> None:
+    """Request a receive queue for a pause of this process, and only the multicast group that the
+    socket has joined itself: else a second bus on its port would be heard as well."""
     try:
         descriptor = os.dup(opened.fileno())
     except (NotImplementedError, OSError):  # no descriptor at all
-        return None
+        return
     try:
         sock = socket.socket(fileno=descriptor)
     except OSError:  # that of something else, such as a serial line
         os.close(descriptor)
-        return None
+        return
     with sock:
-        for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):
-            try:
-                sock.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
-                break
-            except OSError:  # no permission to exceed the system's limit: up to it
-                continue
-        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        for level, option, value in _SOCKET_OPTIONS:
+            with suppress(OSError):  # no permission, of another family, or not on Linux
+                sock.setsockopt(level, option, value)
 
 
-def _number(error: Exception) -> int | None:
-    """The system's error number, if there is one."""
-    return getattr(error, "error_code", None) or getattr(error, "errno", None)
+def _number(error: BaseException | None) -> int | None:
+    """The system's error number, of the error or of its cause, if there is one."""
+    number = None
+    while error is not None and not number:
+        number = getattr(error, "error_code", None) or getattr(error, "errno", None)
+        error = error.__cause__ or error.__context__
+    return number
 
 
 def _must_be(bus: Bus, where: str, expected: str, got: str) -> BusOpenError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from inspect import GEN_CLOSED, getgeneratorstate
 from itertools import chain
@@ -41,6 +42,10 @@ _log = logging.getLogger("skin")
 
 Sync = Literal["host", "bus"]
 Wait = Literal["event", "deadline"]
+QUIET_S = 5.0
+"""Time without any answer after which that is said, or an error if nobody can answer [assumed]."""
+JUMP_NS = 1_000_000_000
+"""Jump of stamps by which a clock was set [assumed: more than frames wait to be read]."""
 
 
 @dataclass
@@ -105,6 +110,10 @@ class Skin(Moving, Attachable):
         )
         self._sync_frames = sync_frames(topology)
         self._wire_ns = sync_ns(topology) if nodes is None else 0 * sync_ns(topology)
+        # frames that this host has not asked for have the system's clock
+        self._has_system_time = not self._sends_sync and not any(e.keeps_stamps for e in transports)
+        self._ahead_ns: dict[int, int] = {}
+        self._quiet_s, self._began_ns = QUIET_S, 0
         self._started_ns, self._epoch_ns = time.monotonic_ns(), time.time_ns()
         self._number = 0
         self._cycles: Generator[State] | None = None
@@ -142,21 +151,25 @@ class Skin(Moving, Attachable):
 
     @property
     def clocks(self) -> dict[str, dict[str, Any]]:
-        """Source of the frame stamps of each bus, by its name: ``by`` is "interface" where its
-        driver stamps, else "kernel"; ``error_ns``, one sigma of the map from the interface's clock
-        to the kernel's, and its ``drift_ppm``; ``steps`` counts how often one of the clocks was
-        set."""
+        """Source of the frame stamps of each bus, by its name: ``by`` is "interface" where it has a
+        clock of its own, else "kernel"; through python-can "driver" where its driver has, else
+        "host". ``error_ns``, one sigma of the map from the own clock to this host's, and its
+        ``drift_ppm``; ``steps`` counts how often one of the clocks was set."""
         pairs = zip(self.topology.buses, self.transports, strict=True)
         own = {bus.name: end.clock for bus, end in pairs}
-        return {name: c.report() if c and c.ready else {"by": "kernel"} for name, c in own.items()}
+        return {name: c.report() if c else {"by": "kernel"} for name, c in own.items()}
 
     def realtime_ns(self, stamp_ns: int) -> int:
-        """A stamp of a cycle that this host has begun, on the system's clock as it is now.
+        """A stamp of a cycle on the system's clock: as it is now, or, without SYNC of this host, as
+        it was at the cycle.
 
-        `State.stamp_ns` and `State.sampled_ns` are of a clock that is never set: it starts at the
-        system's time and runs with the monotonic clock, so that steps of the system's clock do not
-        affect forces or contacts. Cameras and other programs stamp by the system's clock.
+        `State.stamp_ns` and `State.sampled_ns` of cycles that this host has begun are of a clock
+        that is never set: it starts at the system's time and runs with the monotonic clock, so that
+        steps of the system's clock do not affect forces or contacts. Cameras and other programs
+        stamp by the system's clock.
         """
+        if self._has_system_time:
+            return stamp_ns
         return stamp_ns + time.time_ns() - self._stamp_ns()
 
     def configure(self, command: Command, *, node: int = 0, value: int = 0) -> None:
@@ -221,17 +234,15 @@ class Skin(Moving, Attachable):
         May be called from any thread: a loop over the skin then ends without an error.
         """
         self._closed = True
-        with self._closing:
-            announcer().finish()
+        with self._closing, ExitStack() as ending:  # a full disk of the log must not keep zeros
+            ending.callback(self.pipeline.close)  # from their own, nor an adapter both
+            if self._recording is not None:
+                ending.callback(self._recording.close)
+            for transport in reversed(self.transports):
+                ending.callback(transport.close)
             if self.nodes is not None:
-                self.nodes.close()
-            for transport in self.transports:
-                transport.close()
-            try:
-                if self._recording is not None:
-                    self._recording.close()
-            finally:  # a full disk of the log must not keep zeros from their own
-                self.pipeline.close()
+                ending.callback(self.nodes.close)
+            announcer().finish()
 
     def __iter__(self) -> Iterator[State]:
         """One state a cycle; a later loop continues where the one before ended.
@@ -239,10 +250,13 @@ class Skin(Moving, Attachable):
         Raises
         ------
         SkinError
-            Another iterator is live.
+            Another iterator is live; the skin is closed; nobody else is on a bus within this
+            process for 5 s (`QUIET_S`), while no unit has answered.
         BusClosedError
-            A bus is closed or unplugged.
+            A bus is unplugged.
         """
+        if self._closed:
+            raise SkinError("iter(skin): must be an open skin; got one that is closed")
         self.pipeline.warmup()
         return self._states()
 
@@ -252,7 +266,9 @@ class Skin(Moving, Attachable):
             raise SkinError("iter(skin): must be the only live iterator of a skin; got a second")
         try:
             if self._cycles is None:
-                self._warn_if_alone()
+                self._began_ns = time.monotonic_ns()
+                if alone := self._alone():
+                    _log.warning(alone)
             if self._cycles is None or getgeneratorstate(self._cycles) == GEN_CLOSED:
                 self._cycles = self._host_cycles() if self._sends_sync else self._bus_cycles()
             first = next(self._cycles, None)
@@ -261,6 +277,8 @@ class Skin(Moving, Attachable):
                 if self._is_watched:
                     self._latest = state.copy()
                 yield state
+                if self._quiet_s:
+                    self._expect_answers()
         except BusClosedError:
             if not self._closed:
                 raise
@@ -288,16 +306,28 @@ class Skin(Moving, Attachable):
         """Whether simulated units have a scene that is over at this time of it."""
         return self.nodes is not None and 1e-9 * time_ns >= self.nodes.ends_s
 
-    def _warn_if_alone(self) -> None:
-        """Log that nobody can answer, where no other end of a bus within the process is open."""
+    def _alone(self) -> str:
+        """That nobody can answer, where no other end of a bus within the process is open."""
         for i, (bus, end) in enumerate(zip(self.topology.buses, self.transports, strict=True)):
             if isinstance(end, MemoryTransport) and end.is_alone:
-                _log.warning(
-                    "nobody can answer: %s: buses[%d] %r: interface: must be one that other "
-                    "processes can reach, or units must be simulated (simulate=True, --simulate); "
-                    "got 'memory'", self.topology.name, i, bus.name,
-                )  # fmt: skip
-                return
+                return (
+                    f"nobody can answer: {self.topology.name}: buses[{i}] {bus.name!r}: interface: "
+                    "must be one that other processes can reach, or units must be simulated "
+                    "(simulate=True, --simulate); got 'memory'"
+                )
+        return ""
+
+    def _expect_answers(self) -> None:
+        """Until a unit has answered: say that none does, less and less often."""
+        quiet_s = 1e-9 * (time.monotonic_ns() - self._began_ns)
+        if self.counters.data:
+            self._quiet_s = 0.0
+        elif quiet_s > self._quiet_s:
+            if alone := self._alone():
+                raise SkinError(alone)
+            self._quiet_s *= 2.0
+            _log.warning("%s: no unit has answered for %.0f s; skin doctor finds out why",
+                         self.topology.name, quiet_s)  # fmt: skip
 
     def _answers(self) -> Iterator[State]:
         """Receive until the cycle is closed; sleep while arrivals cannot complete it."""
@@ -353,6 +383,15 @@ class Skin(Moving, Attachable):
         """Fill the batch with received frames, waiting as `wait` says."""
         self._batch.clear()
         self._waiter.receive(self._batch, wait_ns)
+        if not self._has_system_time or not self._batch.count or not self._batch.room:
+            return  # frames still wait to be read
+        bus, ahead_ns = self._batch.records[self._batch.count - 1][["bus", "stamp_ns"]].item()
+        ahead_ns -= self._stamp_ns()
+        jump_ns = ahead_ns - self._ahead_ns.setdefault(bus, ahead_ns)
+        if abs(jump_ns) > JUMP_NS:
+            self._ahead_ns[bus] = ahead_ns
+            _log.warning("bus %r: stamps jump by %+.6g s: a clock was set",
+                         self.topology.buses[bus].name, 1e-9 * jump_ns)  # fmt: skip
 
     def _feed(self, frames: np.ndarray) -> Iterator[State]:
         if self._recording is not None and frames.size:

@@ -7,7 +7,9 @@ its CRC is counted as such; then its sequence number decides. Every frame is cou
 of the host that sends SYNC, a SYNC is also counted as an echo.
 
 With SYNC. A SYNC opens a cycle. Its 8-bit counter is unwrapped to the cycle's number, so that lost
-SYNCs leave a gap in the numbers; the same counter on several buses is one cycle. The cycle closes
+SYNCs leave a gap in the numbers; the same counter on several buses is one cycle. Once one has had a
+counter, those without are foreign: a CANopen master sends them by the same identifier. The cycle
+closes
 when all awaited frames are in, on the next SYNC, or at the deadline. It awaits the frames of
 enabled units, except one that has been missing for `stale_cycles` cycles; when it returns it is
 awaited again from the next cycle on, and one that answers every k-th SYNC in the cycle in which its

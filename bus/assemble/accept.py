@@ -59,13 +59,20 @@ def lose(f, gap, limit, memory):
 
 
 @jitable
-def cycles_behind(sequence, expected, number):
+def cycles_behind(sequence, expected, state):
     """Cycles from that of a frame to the newest one: 0 where the sequence number is not the counter
     of a SYNC."""
     if sequence < 0 or not expected["echoes"]:
         return np.int64(0)
     size = min(np.int64(expected["sequence"]["mask"]) + 1, 256)
-    return (number - sequence) & (size - 1)
+    return (state["number"] - state["base"] - sequence) & (size - 1)
+
+
+@jitable
+def position(expected, state):
+    """The open cycle as the sender counts it: where it has its own count, numbers without a SYNC
+    are left out, for nobody asked it."""
+    return state["number"] - (0 if expected["echoes"] else state["left_out"])
 
 
 @jitable
@@ -84,7 +91,6 @@ def accept_echo(f, behind, row, data, tables, memory):
             asked = number - source["heard"] - 1 - source["unasked"]
             lose(f, asked, max(size // 2, 1), memory)
         source["heard"] = number
-        source["unasked"] = 0
         return True
     elif behind == 0:
         # The cycle was closed without it: the next one awaits it again.
@@ -143,11 +149,11 @@ def is_old(f, sequence, expected, memory):
         return False
     if source["heard"] < 0 or source["missed"] >= state["stale_cycles"]:
         return False
-    if source["calm"] >= CALM and state["number"] - source["came_at"] <= source["every"]:
+    if source["calm"] >= CALM and position(expected, state) - source["came_at"] <= source["every"]:
         return False
     mask = np.int64(expected["sequence"]["mask"])
     step = (sequence - source["heard"]) & mask
-    behind = step * source["every"] < state["number"] - source["taken_at"]
+    behind = step * source["every"] < state["number"] - source["taken_at"] - source["unasked"]
     return 0 < step < (mask + 1) // 2 and behind
 
 

@@ -20,21 +20,6 @@ _KINDS = tuple(field.name for field in fields(FrameCounters))
 _CLOSED_BY = (None, ClosedBy.COMPLETE, ClosedBy.SYNC, ClosedBy.DEADLINE, ClosedBy.END)
 
 
-class _State:
-    """The fields of a STATE record, each as a view of shape (1,): faster than the record."""
-
-    def __init__(self, state: np.ndarray) -> None:
-        self.number, self.is_open, self.waiting = (
-            state[name] for name in ("number", "is_open", "waiting")
-        )
-        self.is_free, self.is_busy, self.has_clock = (
-            state[name] for name in ("is_free", "is_busy", "has_clock")
-        )
-        self.closed_by, self.closed_number, self.closed_stamp, self.stamp = (
-            state[name] for name in ("closed_by", "closed_number", "closed_stamp", "stamp")
-        )
-
-
 class Assembler:
     """Frames in, cycles out.
 
@@ -82,9 +67,8 @@ class Assembler:
         self.deadline_ns = max(1, round(seconds * 1e9))
 
         table = FrameTable(topology)
-        self._units = table.units
         self._memory = new_memory(topology, table, stale_cycles)
-        self._state = _State(self._memory.state)
+        self._state = self._memory.state[0]
         self._shown = new_shown(topology.n)
         self._arrays = (table.tables, self._memory, self._shown)
         self._since_ns: int | None = None
@@ -127,12 +111,12 @@ class Assembler:
     @property
     def pending(self) -> bool:
         """Whether a cycle is open: with SYNC, one that awaits frames; without, always."""
-        return bool(self._state.is_open[0])
+        return bool(self._state["is_open"])
 
     @property
     def waiting(self) -> int:
         """Frames that the open cycle awaits; 0 without SYNC."""
-        return int(self._state.waiting[0]) if self.pending else 0
+        return int(self._state["waiting"]) if self.pending else 0
 
     def by_frame(self, kind: str) -> np.ndarray:
         """Running totals of one kind (a name of `FrameCounters`) by frame of the topology.
@@ -143,18 +127,6 @@ class Assembler:
             Order of `Topology.frames`. Kinds that do not apply to data frames are 0.
         """
         return self._memory.tallies[:, _KINDS.index(kind)].copy()
-
-    def by_unit(self, kind: str) -> np.ndarray:
-        """Running totals of one kind over all frames that carry each unit.
-
-        Returns
-        -------
-        ndarray, shape (n,), int64
-        """
-        frame, slot = np.nonzero(self._units >= 0)
-        totals = np.zeros(self._shown.age.size, np.int64)
-        np.add.at(totals, self._units[frame, slot], self.by_frame(kind)[frame])
-        return totals
 
     def feed(self, frames: np.ndarray) -> Iterator[RawCycle]:
         """Take frames, in the order of the bus, and yield every cycle as it closes.
@@ -175,11 +147,11 @@ class Assembler:
         rows = views(frames)
         row = 0
         while row < frames.size:
-            number = state.number[0]
+            number = state["number"]
             row = self._feed(row, rows, *self._arrays)
-            if state.number[0] != number and not state.is_free[0]:
+            if state["number"] != number and not state["is_free"]:
                 self._since_ns = self._clock()
-            if state.closed_by[0]:
+            if state["closed_by"]:
                 yield self.cycle()
 
     def expire(self, now_ns: int) -> RawCycle | None:
@@ -194,8 +166,8 @@ class Assembler:
             The assembler's clock.
         """
         state = self._state
-        if state.is_free[0]:
-            state.has_clock[0] = 1
+        if state["is_free"]:
+            state["has_clock"] = 1
             if self._since_ns is None:
                 self._since_ns = now_ns
             periods = (now_ns - self._since_ns) // self._period_ns
@@ -203,7 +175,7 @@ class Assembler:
                 return None
             self._since_ns += periods * self._period_ns
             self._close(BY_DEADLINE, *self._arrays)
-            state.number[0] += periods - 1
+            state["number"] += periods - 1
             return self.cycle()
         if not self.pending or now_ns - (self._since_ns or 0) < self.deadline_ns:
             return None
@@ -223,7 +195,7 @@ class Assembler:
             The assembler's clock.
         """
         state = self._state
-        if state.is_free[0] or self.pending:
+        if state["is_free"] or self.pending:
             return None
         if self._since_ns is None:
             self._since_ns = now_ns
@@ -231,15 +203,15 @@ class Assembler:
             return None
         periods = (now_ns - self._since_ns - self._silence_ns) // self._period_ns + 1
         self._since_ns += periods * self._period_ns
-        state.number[0] += periods
-        state.stamp[0] += periods * self._period_ns
+        state["number"] += periods
+        state["stamp"] += periods * self._period_ns
         self._close(BY_DEADLINE, *self._arrays)
         return self.cycle()
 
     def flush(self) -> RawCycle | None:
         """Close the open cycle, at the end of a log or of a session; None if none is."""
         state = self._state
-        if not self.pending or (state.is_free[0] and not state.is_busy[0]):
+        if not self.pending or (state["is_free"] and not state["is_busy"]):
             return None
         self._close(BY_END, *self._arrays)
         return self.cycle()
@@ -260,15 +232,15 @@ class Assembler:
             None where the frames end first.
         """
         row = self._feed(row, rows, *self._arrays)
-        return row, self.cycle() if self._state.closed_by[0] else None
+        return row, self.cycle() if self._state["closed_by"] else None
 
     def cycle(self) -> RawCycle:
         """The cycle that closed last; for callers of the kernels."""
         state, shown = self._state, self._shown
         return RawCycle(
-            int(state.closed_number[0]),
-            int(state.closed_stamp[0]),
-            _CLOSED_BY[state.closed_by[0]],
+            int(state["closed_number"]),
+            int(state["closed_stamp"]),
+            _CLOSED_BY[state["closed_by"]],
             *shown[:-2],
             self.counters,
             shown.stuck,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.assemble.accept import ENOUGH
+from bus.assemble.accept import ENOUGH, position
 from bus.assemble.gather import tear
 from bus.assemble.memory import BELIEVED, BY_END, CALM, IN_DOUBT, NO_DOUBT
 from bus.compiled.jit import jitable
@@ -57,6 +57,8 @@ def open_cycle(number, stamp, tables, memory):
     stale_cycles = state["stale_cycles"]
     has_restarted = number - state["number"] > stale_cycles
     unasked = number - state["number"] - 1
+    state["number"] = number
+    state["left_out"] += unasked
     waiting = 0
     for f in range(memory.sources.size):
         expected, source = tables.frames[f], memory.sources[f]
@@ -65,12 +67,12 @@ def open_cycle(number, stamp, tables, memory):
             source["heard"] = -1
             source["dropped"] = 0
         source["is_awaited"] = 0
-        is_due = source["came_at"] >= 0 and number - source["came_at"] == source["every"]
+        since = position(expected, state) - source["came_at"]
+        is_due = source["came_at"] >= 0 and since == source["every"]
         returns = source["missed"] < stale_cycles or source["doubt"] == BELIEVED
         if expected["is_awaited"] and (returns or is_due):
             source["is_awaited"] = 1
             waiting += 1
-    state["number"] = number
     state["synced"] = number
     state["is_open"] = 1
     state["waiting"] = waiting
@@ -118,13 +120,13 @@ def close_cycle_python(why, tables, memory, shown):
 
 
 @jitable
-def doubt(number, source):
+def doubt(here, number, source):
     """After an outage a link may deliver buffered frames at once, whose sequence numbers are
     ambiguous. A source is trusted again once `CALM` cycles with frames had no more of them than
     usual, at its usual rate: buffered frames come in a burst."""
     came = source["came"]
     if came == 0:
-        silent = number - source["came_at"]
+        silent = here - source["came_at"]
         if source["came_at"] >= 0 and silent >= max(source["outage"], 2 * source["every"] + 1):
             source["doubt"] = IN_DOUBT
             source["calm"] = 0
@@ -162,7 +164,7 @@ def close_sources(why, tables, memory):
             source["missed"] = 0
         else:
             source["missed"] += 1
-        doubt(state["number"], source)
+        doubt(position(tables.frames[f], state), state["number"], source)
         evidence = min(source["evidence"], 2 * ENOUGH)
         if evidence >= ENOUGH:
             source["is_duplicate"] = 1

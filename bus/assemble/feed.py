@@ -16,6 +16,7 @@ from bus.assemble.accept import (
     cycles_behind,
     drop,
     is_old,
+    position,
 )
 from bus.assemble.cycles import close_cycle_python, is_tick, open_cycle, sync_number
 from bus.assemble.gather import stage
@@ -84,7 +85,16 @@ def take_sync(bus, row, views, tables, memory):
     if length > 1 or (header >> 40) & FD_FDF:
         memory.totals[Outcome.SHORT.value] += 1
         return True
-    counter = np.int64(views.data[row, PAYLOAD]) if length else np.int64(-1)
+    if length == 0 and state["is_counted"]:  # such as that of a CANopen master
+        memory.totals[Outcome.FOREIGN.value] += 1
+        return True
+    counter = np.int64(-1)
+    if length:
+        if not state["is_counted"]:
+            state["is_counted"] = 1
+            if state["synced"] >= 0:
+                state["base"] = state["synced"] + 1 - views.data[row, PAYLOAD]
+        counter = (views.data[row, PAYLOAD] + state["base"]) & 0xFF
     stamp = state["last_stamp"]
     number = sync_number(bus, counter, stamp, memory)
     is_new = number > state["synced"]
@@ -115,9 +125,9 @@ def take_data(f, row, views, tables, memory):
     sequence = np.int64(-1)
     if expected["sequence"]["mask"]:
         sequence = np.int64(read_bits(data, row, expected["sequence"]))
-    behind = cycles_behind(sequence, expected, state["number"])
+    behind = cycles_behind(sequence, expected, state)
     source["came"] += 1
-    source["sent_at"] = max(source["sent_at"], state["number"] - behind)
+    source["sent_at"] = max(source["sent_at"], position(expected, state) - behind)
     if is_old(f, sequence, expected, memory):
         drop(memory, f, Outcome.LATE.value)
         state["is_busy"] = 1  # the cycle is closed later, which may end the doubt
@@ -135,7 +145,7 @@ def take_data(f, row, views, tables, memory):
     if state["stamp"] < 0:
         state["stamp"] = stamp
     state["is_busy"] = 1
-    source["dropped"] = 0
+    source["dropped"] = source["unasked"] = 0
     source["taken_at"] = state["number"]
     for k in range(np.int64(expected["size"])):
         memory.last[f, k] = data[row, PAYLOAD + k]

@@ -25,6 +25,9 @@ def _integers(*names: str) -> np.dtype:
 STATE = _integers(
     "number",  # of the open cycle, or of the last one; -1 before the first SYNC
     "synced",  # largest number of a SYNC
+    "is_counted",  # whether SYNCs have a counter: others are foreign
+    "base",  # number minus counter of the first one that has, modulo 256
+    "left_out",  # numbers without a SYNC so far
     "is_open",
     "waiting",  # frames that the open cycle awaits
     "stamp",  # time stamp of the open cycle, -1: none yet
@@ -45,7 +48,7 @@ SYNC = _integers("identifier", "number", "stamp")
 """The SYNC of a bus: identifier (-1: none), last number, its time stamp."""
 SOURCE = _integers(
     "heard",  # sequence of the last frame taken (SYNC number where it echoes that), -1: none
-    "unasked",  # cycles since then without a SYNC
+    "unasked",  # cycles without a SYNC since a frame was last taken
     "dropped",  # frames since then that were not taken
     "missed",  # cycles in a row without a frame taken
     "is_awaited",  # whether the open cycle awaits it
@@ -53,8 +56,8 @@ SOURCE = _integers(
     "back",  # sequence of the last frame that stepped back, -1: none
     "came",  # frames that came in this cycle, taken or not
     "before",  # in the last cycle before in which any came
-    "sent_at",  # newest cycle to which a frame that came belongs, -1: none
-    "came_at",  # newest cycle in which frames came, -1: none
+    "sent_at",  # newest cycle to which a frame that came belongs, as `position`, -1: none
+    "came_at",  # newest cycle in which frames came, as `position`, -1: none
     "every",  # interval of cycles with frames
     "usual",  # largest number of frames in such a cycle without buffered ones
     "steady",  # consecutive such cycles with equally many frames

@@ -38,7 +38,13 @@ class BoardSettings:
         """Added to the number of a frame, so that a change of rate leaves no gap."""
         self._tare = np.zeros((len(CHANNELS), topology.n), np.int32)
         self._rows = [frames.bus == bus for bus in range(len(topology.buses))]
-        self._synced = [bus.sync_id is not None for bus in topology.buses]
+        synced = np.array([bus.sync_id is not None for bus in topology.buses])[frames.bus]
+        own = np.array([layout.sequence == "own" for layout in topology.layouts])[frames.layout]
+        self._counts = own | ~synced
+        """Whether the number of a frame is its board's own count, not that of the SYNC."""
+        self._asks = [bool((own & synced)[rows].any()) for rows in self._rows]
+        self._last, self._left_out = [-1] * len(self._rows), [0] * len(self._rows)
+        """Of each bus with such counts: its last cycle, and cycles so far without a SYNC."""
         self._as_made = [True] * len(topology.buses)
         """Of each bus: whether all its boards answer every cycle, with its number."""
         self._scratch = FrameBatch(max(1, len(frames)))
@@ -63,10 +69,11 @@ class BoardSettings:
         if not asked.any() or (order.command == Command.TARE and not len(recent)):
             return False
         if order.command == Command.RATE:
-            self._base[asked] += cycle // self._rate[asked] - cycle // order.value
+            at = cycle - self._left_out[bus]
+            self._base[asked] += at // self._rate[asked] - at // order.value
             self._rate[asked] = order.value
-            rate, base = self._rate[self._rows[bus]], self._base[self._rows[bus]]
-            self._as_made[bus] = bool(np.all(rate == 1) and (self._synced[bus] or not base.any()))
+            other = (self._rate != 1) | (self._base != 0) & self._counts
+            self._as_made[bus] = not other[self._rows[bus]].any()
         else:
             carried = self._topology.frames.units[asked]
             units = np.unique(carried[carried >= 0])
@@ -102,12 +109,17 @@ class BoardSettings:
     ) -> None:  # fmt: skip
         """Append the frames of the boards of a bus that are due."""
         counts = self.counts(counts)
-        if self._as_made[bus]:
-            packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)
+        if self._asks[bus]:
+            self._left_out[bus] += cycle - self._last[bus] - 1 if self._last[bus] >= 0 else 0
+            self._last[bus] = cycle
+        itself = self._counts[self._rows[bus]]
+        at = cycle - self._left_out[bus] * itself
+        if self._as_made[bus] and (at == at[:1]).all():
+            packer(counts, out, sequence=at.min(initial=cycle) & 0xFF, stamp_ns=stamp_ns, bus=bus)
             return
         rate, base = self._rate[self._rows[bus]], self._base[self._rows[bus]]
-        due = cycle % rate == 0
-        own = np.full(rate.size, cycle) if self._synced[bus] else base + cycle // rate
+        due = at % rate == 0
+        own = np.where(itself, base + at // rate, cycle)
         chosen = np.empty(rate.size, out.records.dtype)
         for number in np.unique(own[due] & 0xFF).tolist():
             self._scratch.clear()

@@ -27,7 +27,7 @@ WORKS = 5000
 """Cycles over which working times are evaluated."""
 NOTHING = (np.nan, np.nan, np.nan)
 RATE_S = 2.0
-"""Duration over which rates are evaluated."""
+"""Duration over which rates and losses are evaluated, or more where snapshots come seldom."""
 SILENT_S = 1.0
 """Time without a cycle after which a live skin has stopped [assumed: cycles take milliseconds]."""
 SLOW, SLOWEST = 0.9, 0.5
@@ -101,16 +101,23 @@ class Health:
         self._patch = np.zeros(len(names), np.intp) if patch is None else patch
         self._patch_names = patch_names
         self._work_us: deque[float] = deque(maxlen=WORKS)
-        self._recent: deque[_Recent] = deque(maxlen=round(30 * RATE_S))
+        self._recent: deque[_Recent] = deque()
 
     def add(self, snapshot: np.void) -> None:
         """Add a snapshot."""
         self._work_us.extend(snapshot["work_us"][: int(snapshot["works"])].tolist())
         counters = dict(zip(COUNTERS, snapshot["counters"].tolist(), strict=True))
-        self._recent.append(_Recent(
-            int(snapshot["stamp_ns"]), int(snapshot["cycles"]), counters["data"],
+        recent, stamp_ns = self._recent, int(snapshot["stamp_ns"])
+        if not stamp_ns:
+            return
+        if recent and stamp_ns <= recent[-1].stamp_ns:  # a clock was set
+            recent.clear()
+        recent.append(_Recent(
+            stamp_ns, int(snapshot["cycles"]), counters["data"],
             sum(counters[name] for name in WRONG_FRAMES), int(snapshot["overruns"]),
         ))  # fmt: skip
+        while len(recent) > 2 and stamp_ns - recent[0].stamp_ns > 1e9 * RATE_S:
+            recent.popleft()
 
     def work_us(self) -> tuple[float, float] | None:
         """Median and 99th percentile of a cycle's working time, µs; None where unknown."""
@@ -121,8 +128,8 @@ class Health:
 
     def rates_hz(self) -> tuple[float, float, float]:
         """Cycles, data frames and snapshots a second; NaN before there are two snapshots."""
-        recent = [one for one in self._recent if one.stamp_ns]
-        if len(recent) < 2 or recent[-1].stamp_ns <= recent[0].stamp_ns:
+        recent = self._recent
+        if len(recent) < 2:
             return NOTHING
         first, last = recent[0], recent[-1]
         seconds = 1e-9 * (last.stamp_ns - first.stamp_ns)
@@ -156,12 +163,13 @@ class Health:
         if cycles < SLOW * self._nominal_hz:
             level = Level.POOR if cycles < SLOWEST * self._nominal_hz else Level.IMPAIRED
             found.append((level, f"{cycles:.0f} Hz of {self._nominal_hz:.0f}"))
-        recent = [one for one in self._recent if one.stamp_ns]
-        if len(recent) > 1:
-            if wrong := recent[-1].wrong - recent[0].wrong:
-                found.append((Level.IMPAIRED, f"{wrong} frames lost or wrong in {RATE_S:g} s"))
-            if late := recent[-1].overruns - recent[0].overruns:
-                found.append((Level.IMPAIRED, f"{late} periods left out in {RATE_S:g} s"))
+        if len(self._recent) > 1:
+            first, last = self._recent[0], self._recent[-1]
+            within = f"in {1e-9 * (last.stamp_ns - first.stamp_ns):.2g} s"
+            if wrong := last.wrong - first.wrong:
+                found.append((Level.IMPAIRED, f"{wrong} frames lost or wrong {within}"))
+            if late := last.overruns - first.overruns:
+                found.append((Level.IMPAIRED, f"{late} periods left out {within}"))
         if not record["whole"]:
             found.append((Level.IMPAIRED, "the wrench is not whole"))
         if beyond := int(record["untracked"]):

@@ -374,7 +374,6 @@ def test_every_missing_frame_is_counted_where_it_is_missing(layout, missing):
         parts.append(cycle_frames(small, number))
     run(assembler, *parts)
     assert assembler.by_frame("lost").tolist() == [0, sum(missing), 0]
-    assert assembler.by_unit("lost").tolist() == [0, sum(missing), 0]
     assert assembler.counters.lost == sum(missing)
 
 
@@ -852,3 +851,52 @@ def test_the_counters_of_kernels_and_cycles_are_in_one_order():
     names = [field.name for field in fields(FrameCounters)]
     assert [outcome.name.lower() for outcome in Outcome] == names
     assert list(Outcome) == list(range(15))
+
+
+# -- SYNCs of others, and SYNCs that were left out -------------------------------------------------
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])
+@pytest.mark.parametrize("before", [0, 1, 300])
+@pytest.mark.parametrize("buses", [1, 2])
+def test_a_sync_without_a_counter_is_foreign_once_ours_have_one(layout, before, buses):
+    """A CANopen master, which may have begun before this host, and sends more often."""
+    small = make_topology(layout, units=4, buses=buses)
+    assembler = Assembler(small)
+    empty = frame(SYNC_ID, b"")
+    run(assembler, *before * [empty], end=False)
+    parts = []
+    for i in range(57, 157):
+        ours = cycle_frames(small, i)
+        parts += [ours[: buses + 1], empty, ours[buses + 1 :], empty]
+    cycles = run(assembler, *parts, end=False)[min(before, 1) :]
+    assert [cycle.number for cycle in cycles] == list(
+        range(cycles[0].number, cycles[0].number + 100)
+    )
+    assert cycles[0].number == (before or 57)
+    assert all(cycle.valid.all() for cycle in cycles)
+    kinds = assembler.counters
+    assert (kinds.foreign, kinds.sync) == (200, 100 * buses + before)
+    assert (kinds.lost, kinds.late, kinds.repeated) == (0, 0, 0)
+
+
+def test_a_sync_that_never_has_a_counter_opens_cycles():
+    small = make_topology(counting("f3t-classic"), units=4)
+    assembler = Assembler(small)
+    parts = [p for i in range(50) for p in (frame(SYNC_ID, b""), data_frames(small, i, i))]
+    assert all(cycle.valid.all() for cycle in run(assembler, *parts))
+    assert (assembler.counters.sync, assembler.counters.foreign) == (50, 0)
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])
+def test_what_no_sync_asked_for_is_neither_lost_nor_old(layout):
+    """A host that is late leaves SYNCs out; a number that is the board's own counts answers."""
+    small, number, rng = make_topology(layout, units=4), 0, np.random.default_rng(5)
+    assembler, parts = Assembler(small), []
+    for answer in range(300):
+        number += 1 + int(rng.choice([0, 4, 5, 12, 600], p=[0.3, 0.3, 0.2, 0.15, 0.05]))
+        sequence = answer if small.layouts[0].sequence == "own" else number
+        parts += [sync(number), data_frames(small, answer, sequence)]
+    cycles = run(assembler, *parts, end=False)
+    assert all(cycle.valid.all() for cycle in cycles)
+    assert assembler.counters == FrameCounters(data=4 * 300, sync=300)

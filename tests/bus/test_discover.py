@@ -18,7 +18,7 @@ from bus.faults.payload import frames_of
 from bus.frame import CAN_EFF, CAN_ERR, ECHO, FD_FDF, FRAME_DTYPE
 from bus.transport import Transport
 from skin.sim.node import SimulatedUnits
-from tests.fixtures.bus import data_frames, frame, join, make_topology, sync, with_data_ids
+from tests.fixtures.bus import SYNC_ID, data_frames, frame, join, make_topology, sync, with_data_ids
 from tests.topology.test_messages import check_golden
 
 PERIOD_NS = 10_000_000
@@ -272,6 +272,21 @@ def test_the_own_sync_and_disabled_units_are_no_finding():
     skin = make_topology("f3t-fd16", 4, enabled=[True, False, True, True])
     records = hurt(skin, traffic(skin, own=True), kinds.Kill(units=("patch/1",)))
     assert diagnose(survey_of(skin, records, sends_sync=True)) == []
+
+
+@pytest.mark.parametrize("sends", [False, True])
+def test_a_canopen_master_beside_ours_is_named_and_nothing_else(sends):
+    skin = make_topology("f3t-fd16", 4)
+    records = traffic(skin)
+    is_ours = records["id"] == SYNC_ID
+    records["origin"][is_ours] = ECHO * sends
+    empty = records[is_ours].copy()
+    empty["length"] = empty["origin"] = 0
+    place = np.flatnonzero(is_ours)
+    findings = diagnose(survey_of(skin, np.insert(records, place + 2, empty), sends_sync=sends))
+    assert [finding.code for finding in findings] == ["foreign-sync"]
+    assert findings[0].count == 100
+    assert "CANopen master" in findings[0].likely_cause
 
 
 def test_a_second_sender_of_sync_is_found():

@@ -43,9 +43,9 @@ def port():
     return number
 
 
-def open_end(port, index=0):
+def open_end(port, index=0, group=GROUP):
     bus = Bus(
-        name="air", interface="udp_multicast", channel=GROUP, data_bitrate=5_000_000,
+        name="air", interface="udp_multicast", channel=group, data_bitrate=5_000_000,
         options={"port": port},
     )  # fmt: skip
     return PythonCanTransport(bus, index)
@@ -100,6 +100,17 @@ def test_equal_frames_of_both_ends_come_once_at_each(port):
         for end in (near, far):
             assert content(receive(end, 3)) == content(same)
             assert end.receive(FrameBatch(1), 0.05) == 0
+
+
+def test_two_groups_on_one_port_are_two_buses(port):
+    with (
+        open_end(port) as left,
+        open_end(port) as hears,
+        open_end(port, 1, "239.74.163.3") as right,
+    ):
+        left.send(numbered(3))
+        assert numbers(receive(hears, 3)) == [0, 1, 2]
+        assert right.receive(FrameBatch(1), 0.05) == 0
 
 
 def test_the_channel_must_be_a_group():

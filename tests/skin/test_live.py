@@ -13,7 +13,9 @@ import bus
 import skin
 import skin.sim
 import topology
+from bus import BusClosedError, FrameBatch
 from bus.configure import IDENTIFIER, Command
+from bus.frame import FRAME_DTYPE
 from bus.logs import read_all
 from bus.memory import MemoryTransport
 from bus.status import Status
@@ -316,6 +318,108 @@ def test_a_bus_without_anybody_else_is_said_to_be_one(caplog):
     with MemoryTransport(loaded.buses[0].channel), skin.open(loaded, want="force") as strip:
         next(iter(strip))
     assert "nobody" not in caplog.text
+
+
+def test_a_bus_on_which_nobody_can_answer_ends_the_loop(monkeypatch):
+    monkeypatch.setattr("skin.live.QUIET_S", 0.01)
+    with (
+        skin.open("gripper", want="force") as gripper,
+        pytest.raises(
+            SkinError, match=r"^nobody can answer: gripper: buses\[0\] 'main': interface"
+        ),
+    ):
+        for _ in gripper:
+            pass
+
+
+def test_units_that_never_answer_are_said_to_be_silent_less_and_less_often(monkeypatch, caplog):
+    monkeypatch.setattr("skin.live.QUIET_S", 0.01)
+    near, far = MemoryTransport.pair()
+    with far, skin.open("strip", want="force", transports=[near]) as strip:
+        while (count := caplog.text.count("no unit has answered for")) < 3:
+            next(iter(strip))
+        assert strip._quiet_s == pytest.approx(0.01 * 2**count)
+    caplog.clear()
+    with skin.open("strip", want="force", simulate=True) as strip:
+        take(strip, 20)
+        assert strip._quiet_s == 0.0
+    assert "answered" not in caplog.text
+
+
+def test_a_closed_skin_is_no_empty_one():
+    with skin.open("strip", simulate=True, pace=False) as strip:
+        started = iter(strip)
+        next(started)
+    with pytest.raises(
+        SkinError, match=r"iter\(skin\): must be an open skin; got one that is closed"
+    ):
+        iter(strip)
+    assert list(started) == [], "a loop that runs ends"
+
+
+class Pulled(MemoryTransport):
+    """An adapter that is pulled out."""
+
+    closing = False
+
+    def receive(self, batch, timeout_s=0.0):
+        if self.closing:
+            raise BusClosedError("bus 'main': no such device")
+        return super().receive(batch, timeout_s)
+
+    def close(self):
+        super().close()
+        if self.closing:
+            raise OSError("no such device")
+
+
+@pytest.mark.parametrize("pulled", [(0,), (1,), (0, 1)])
+def test_of_an_adapter_that_is_pulled_out_everything_else_is_closed_and_kept(tmp_path, pulled):
+    loaded = topology.load("hand")
+    nodes = SimulatedUnits(loaded)
+    ends = in_process(nodes)
+    log, zeros = tmp_path / "run.log", tmp_path / "zeros.toml"
+    opened = skin.open(loaded, transports=ends, log=log, zeros=zeros, pace=False)
+    seen = []
+    for at in pulled:
+        ends[at].__class__, ends[at].closing = Pulled, False
+
+    def run():
+        with opened:
+            for state in opened:
+                seen.append(state.cycle)
+                if len(seen) == 400:
+                    for at in pulled:
+                        ends[at].closing = True
+
+    with pytest.raises(OSError, match="no such device") as error:
+        run()
+    assert isinstance(error.value.__context__, BusClosedError | OSError)
+    assert len(seen) == 400
+    for end in ends:
+        with pytest.raises(BusClosedError):
+            end.send(np.zeros(0, FRAME_DTYPE))
+    assert np.count_nonzero(read_all(log, loaded)["id"] == 0x80) >= 400
+    assert zeros.exists()
+
+
+@pytest.mark.parametrize("jump_s", [1.7e9, -5.0])
+def test_stamps_that_jump_are_said_to_and_stay_those_of_the_system(tmp_path, caplog, jump_s):
+    """As those of the kernel do, of units that send freely, where NTP sets the clock."""
+    free = topology_of(tmp_path, ("sync_id = 0x080\n", ""))
+    near, far = MemoryTransport.pair()
+    near.keeps_stamps = False
+    nodes, out = SimulatedUnits(free), FrameBatch(256)
+    with far, skin.open(free, want="force", transports=[near]) as strip:
+        for cycle, state in zip(range(40), strip, strict=False):
+            out.clear()
+            now_ns = time.time_ns() + round(1e9 * jump_s) * (cycle >= 20)
+            nodes.tick(cycle, out, stamp_ns=now_ns)
+            far.send(out.frames)
+            assert strip.realtime_ns(state.stamp_ns) == state.stamp_ns
+    (said,) = [text for text in caplog.messages if "jump" in text]
+    assert said.startswith(f"bus 'main': stamps jump by {'+' if jump_s > 0 else '-'}")
+    assert said.endswith(": a clock was set")
 
 
 @pytest.mark.parametrize(

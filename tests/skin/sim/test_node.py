@@ -339,6 +339,22 @@ def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
         assert ids == sorted(ids)
 
 
+def test_own_counts_count_answers_not_syncs_that_were_left_out() -> None:
+    """Nor the cycles between the answers of a board that answers seldom."""
+    layouts = tuple(msgspec.structs.replace(one, sequence="own") for one in STRIP.layouts)
+    nodes, out = SimulatedUnits(replace(STRIP, layouts=layouts)), FrameBatch(64)
+    numbers: list[int] = []
+    for answer, cycle in enumerate(np.cumsum([7] + [1, 5, 13, 1] * 15).tolist()):
+        if answer in (20, 41):
+            nodes.respond(pack(Command.RATE, value=3 if answer == 20 else 1), out)
+        out.clear()
+        nodes.respond(sync(cycle), out)
+        numbers += [field(r["data"], 59, 4) for r in data_frames(out.frames)[:1]]
+    assert numbers[0] == 7
+    assert len(numbers) == 20 + 7 + 20
+    assert np.all(np.diff(numbers) % 16 == 1)
+
+
 def test_free_boards_count_on_over_a_change_of_rate() -> None:
     nodes, out = SimulatedUnits(free_running(STRIP)), FrameBatch(64)
     numbers: list[int] = []

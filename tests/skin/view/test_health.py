@@ -85,6 +85,23 @@ def test_losses_of_long_ago_no_longer_count(health):
     assert ("losses", "lost 50") in health.rows(record)
 
 
+@pytest.mark.parametrize(
+    ("apart_s", "late", "named"), [(0.02, 196, "2"), (0.3, 180, "1.8"), (5.0, 500, "5")]
+)
+def test_losses_are_those_of_the_time_that_is_named(health, apart_s, late, named):
+    """Of a loop that is slow, or of a clock that was set within."""
+    records = snapshots(200, N)
+    k = np.arange(200)
+    records["stamp_ns"] = 10**18 + np.round(1e9 * apart_s * k) + 10**17 * (k > 100)
+    records["cycles"] = records["cycle"] = 10 * k
+    records["overruns"] = np.round(100 * apart_s * k)
+    records["whole"] = 1
+    for record in records:
+        health.add(record)
+    assert f"{late} periods left out in {named} s" in [why for _, why in health.judged(record)[1]]
+    assert health.rates_hz()[0] == pytest.approx(10 / apart_s, rel=0.01)
+
+
 def test_units_switched_off_are_no_fault_also_as_a_whole_patch(health):
     off = status_of(**{f"u{i}": Status.DISABLED for i in range(4)})
     assert health.judged(fed(health, status=off)) == (Level.GOOD, [])
