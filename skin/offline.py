@@ -126,6 +126,12 @@ class DecodedLog(Attachable):
         return self._reader.left_out
 
     @property
+    def skipped(self) -> dict[str, int]:
+        """Counts of what else the log holds, by kind: events, lines that are no frames."""
+        found = self._reader.skipped.items()
+        return {kind: count for kind, count in found if not kind.startswith("frame of ")}
+
+    @property
     def read_bytes(self) -> int:
         """Uncompressed bytes read so far; 0 where a library reads the file."""
         return self._reader.read_bytes

@@ -52,7 +52,7 @@ def decode_file(
         "left_out": left_out,
         "options": states.pipeline.options.report(),
         "damage": damage,
-        "left_out": getattr(states, "left_out", {}),
+        "skipped": getattr(states, "skipped", {}),
         "faults": states.faults,
         "output": str(output.resolve()) if output is not None and cycles else None,
     }
@@ -63,8 +63,8 @@ def decode_file(
         if left_out:
             print(f"frames of other channels: {counted(left_out)}")
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
-        if report["left_out"]:
-            print(f"not decoded: {counted(report['left_out'])}")
+        if report["skipped"]:
+            print(f"not decoded: {counted(report['skipped'])}")
         if report["output"]:
             print(f"written: {report['output']}")
     if damage:
