@@ -39,8 +39,7 @@ class Stride:
         pipeline = self._pipeline
         if pipeline.watched or pipeline.cycle.stage is None:
             return 0
-        zeros = pipeline.zeros
-        return zeros.idle if zeros is not None and zeros.active else 1 << 40
+        return 1 << 40 if pipeline.zeros is None else pipeline.zeros.idle
 
     def run(self, row: int, rows: FrameViews, gather: Gather, most: int) -> int:
         """Take frames from a row on, and copy the results.
@@ -76,7 +75,7 @@ class Stride:
         gather.count, gather.contact_count = int(now["count"]), int(now["contacts"])
         if pipeline.contacts is not None:
             pipeline.contacts.resume()
-        if pipeline.zeros is not None and pipeline.zeros.active:
+        if pipeline.zeros is not None:
             pipeline.zeros.idle -= gather.count - first
         return int(now["row"])
 

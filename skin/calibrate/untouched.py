@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri
 
 from bus.status import INVALID, Status
 from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology, UnitModel
 from topology.gel import gel_temperature
 
-__all__ = ["LEAST_CYCLES", "Look", "Readings", "Zeros"]
+__all__ = ["LEAST_CYCLES", "Look", "Readings", "Zeros", "lowest_hz"]
 
 LEAST_CYCLES = 100
 """Good readings that a mean needs [assumed]."""
@@ -25,7 +26,10 @@ WARMED_C = 0.5
 """Change of temperature between both halves, °C [assumed]."""
 DRIFTED_HZ = 60.0
 """How far the frequency at rest drifts, 0.1 N [assumed]. A unit as made may be off by its spread as
-well: a press of 0.25 N that stands still passes for rest there."""
+well: a press of 0.25 N that stands still passes for rest there, on that unit alone."""
+BY_CHANCE = 1e-3
+"""Share of untouched skins some of whose units are lower together than counts as rest [assumed].
+Units differ from each other independently, so a load on many shows in their mean."""
 DRIFTED_UT = 200.0
 """The same of the lateral field [assumed: as `skin.decode.ambient` follows it]."""
 SPREAD = np.sqrt(3.0)
@@ -68,6 +72,8 @@ class Readings:
     expected_ut : ndarray, shape (3, n), optional
         Field of resting neighbours in theory, where nobody said that the skin is untouched: then a
         lateral field that units as made do not have indicates shear, not only one that no unit has.
+    least_hz : ndarray, shape (n,), optional
+        Frequency below which a unit is pressed; `lowest_hz` of the topology if not given.
     """
 
     def __init__(
@@ -78,8 +84,10 @@ class Readings:
         rest_ut: np.ndarray | None = None,
         *,
         expected_ut: np.ndarray | None = None,
+        least_hz: np.ndarray | None = None,
     ) -> None:
         self.topology, self.counts, self.status = topology, counts, status
+        self._least_hz = lowest_hz(topology) if least_hz is None else least_hz
         room_ut = OFFSET_BLIND_UT if rest_ut is None else OFFSET_UT
         self._room_ut = np.full(topology.n, room_ut)
         self._rest_ut = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
@@ -107,8 +115,50 @@ class Readings:
         self._offset_ut[:, i] = unit.offsets(self._own_ut[:, i])
         beyond = self._offset_ut[2, i] - unit.p["hall_offset_z_ut"]
         self._axial_rest_ut[i] = beyond / unit.gain - self._own_axial_ut[i]
-        pressed = [*unit.moves(), *unit.loaded(self._there_ut[:, i], self._room_ut[i])]
+        pressed = [
+            *unit.moves(),
+            *unit.loaded(self._there_ut[:, i], self._room_ut[i], float(self._least_hz[i])),
+        ]
         return Look([*pressed, *unit.faults()], bool(pressed))
+
+    def pressed_together(
+        self, which: np.ndarray, near: tuple[np.ndarray, np.ndarray]
+    ) -> dict[int, str]:
+        """Units that seem at rest one by one, but are lower together than by `BY_CHANCE`: those
+        near one, those of a patch, or all.
+
+        The most powerful test of one load on all of them is the mean of the falls, weighted by
+        their variances: sum(f_i / s_i^2) / sqrt(sum(1 / s_i^2)), f_i being normal with s_i, which
+        has the spread of units as made, or what a bench has left of it, and of their drift.
+
+        Parameters
+        ----------
+        which : ndarray, shape (n,), bool
+            Units that were looked at.
+        near : tuple of ndarray, shape (m,)
+            Pairs of units that are near each other.
+        """
+        topology, p, units = self.topology, self.topology.parameters, np.arange(self.topology.n)
+        variance = p["frequency_sigma_hz"] ** 2 + DRIFTED_HZ**2 / 3.0
+        weight = np.where(which, 1.0 / variance, 0.0)
+        share = weight * np.where(which, p["frequency_rest_hz"] - self._mean[FREQUENCY], 0.0)
+        own, other = (np.concatenate([*pair, units]) for pair in (near, near[::-1]))
+        groups = ((own, other), (topology.patch, units), (np.zeros_like(units), units))
+        found: dict[int, str] = {}
+        for group, unit in groups:
+            fall, total = (np.bincount(group, each[unit]) for each in (share, weight))
+            tests = len(groups) * max(np.count_nonzero(total), 1)
+            room = -ndtri(BY_CHANCE / tests) / np.sqrt(np.maximum(total, 1e-30))
+            mean = fall / np.maximum(total, 1e-30)
+            count = np.bincount(group, which[unit])
+            for i in np.flatnonzero((mean > room)[group] & which[unit]):
+                g = group[i]
+                found.setdefault(int(unit[i]), (
+                    f"frequency: must be within {room[g]:.3g} Hz of rest in the mean of "
+                    f"{count[g]:.0f} units together where nothing presses; got {mean[g]:.3g} Hz "
+                    "less (if nothing does: skin tare)"
+                ))  # fmt: skip
+        return found
 
     def zeros(self, taken: np.ndarray) -> Zeros:
         """The zeros of units that were looked at.
@@ -144,6 +194,15 @@ class Readings:
         pressed = self._own_axial_ut * p["field_growth_per_mm"] * moved_mm
         found = np.sqrt(own**2 + sigma[BZ] ** 2 + pressed**2)
         return np.maximum(found, p["axial_rest_sigma_ut"])
+
+
+def lowest_hz(topology: Topology) -> np.ndarray:
+    """Frequency below which a unit is pressed, shape (n,): farther off than by drift and spread."""
+    return topology.parameters["frequency_rest_hz"] - _room_hz(topology.parameters)
+
+
+def _room_hz(p: dict[str, np.ndarray]) -> np.ndarray:
+    return DRIFTED_HZ + SPREAD * p["frequency_sigma_hz"]
 
 
 def _spread_ut(topology: Topology, rest_ut: np.ndarray) -> np.ndarray:
@@ -250,13 +309,13 @@ class _Unit:
             if abs(warmed) > WARMED_C:
                 yield f"temperature: must be steady; changed by {warmed:.2g} °C from half to half"
 
-    def loaded(self, rest_ut: np.ndarray, room_ut: float) -> Iterator[str]:
+    def loaded(self, rest_ut: np.ndarray, room_ut: float, least_hz: float) -> Iterator[str]:
         """What indicates a press, a pull or shear, given the field of resting neighbours, shape
-        (3,), and how far the lateral field may be from that."""
-        rest = self.p["frequency_rest_hz"]
-        room = DRIFTED_HZ + SPREAD * self.p["frequency_sigma_hz"]
-        if abs(self.mean[FREQUENCY] - rest) > room:
-            yield (f"frequency: must be within {room:.4g} Hz of {rest:.6g} Hz where nothing "
+        (3,), how far the lateral field may be from that, and the lowest frequency at rest."""
+        rest, room = self.p["frequency_rest_hz"], _room_hz(self.p)
+        room, middle = 0.5 * (rest + room - least_hz), 0.5 * (rest + room + least_hz)
+        if abs(self.mean[FREQUENCY] - middle) > room:
+            yield (f"frequency: must be within {room:.4g} Hz of {middle:.6g} Hz where nothing "
                    f"presses or pulls; got {self.mean[FREQUENCY]:.6g} Hz")  # fmt: skip
         for name, channel, there in (("bx", BX, rest_ut[0]), ("by", BY, rest_ut[1])):
             if abs(self.mean[channel] - there) > room_ut:

@@ -3,7 +3,8 @@
 Units whose zeros were not taken in their places (`Topology.tared`) are looked at in windows of a
 good second, the first from the first cycle on. Those that nothing touches are tared (see
 `skin.calibrate.tare`); one that something presses is refused, as are those near it, which read its
-film, and is looked at again later, at longer and longer intervals. The ambient field of that second
+film, and is looked at again when the load is taken away, or later, at longer and longer intervals.
+The ambient field of that second
 goes into the offsets, as of every tare; of units that are tared after others, what is followed of
 it by then does not.
 
@@ -12,13 +13,18 @@ on its board, at its temperature: it is taken up if the board reports the same s
 temperature is the same within `SAME_C`, and the calibration has not changed. Zeros of boards that
 report no serial number, or several as one node, are not taken up.
 
-A press that stands still from the first cycle on and is smaller than units as made differ from each
-other (0.25 N; 0.1 N where a bench has measured the frequency at rest) cannot be distinguished from
-rest.
+**Limit:** a press of one unit that stands still from the first cycle on and is smaller than units
+as made differ from each other (0.25 N; 0.1 N where a bench has measured the frequency at rest)
+cannot be distinguished from rest. A press of many can: in their mean, units differ by as much less
+as the root of their number says (`Readings.pressed_together`). Units that are lower together than
+that keep the zeros of bench or model, UNTARED, with their sigma, until they are higher, or somebody
+says that nothing touches them (`skin tare`, `retake`). What the first second took for rest and was
+none shows when it is lifted: a unit then reads as pulled, its zero is given up, and taken again.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import os
 from collections.abc import Iterator
@@ -31,7 +37,9 @@ from bus.boards import Boards
 from bus.configure import node_numbers
 from bus.status import INVALID
 from skin.calibrate.tare import Tare
-from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings
+from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings, lowest_hz
+from skin.decode.ambient_model import LOADED_SIGMAS
+from skin.decode.limits import PULL_SIGMAS, STEP_SIGMA
 from skin.errors import CalibrationError
 from skin.physics.rest import inverse_map
 from skin.physics.stencil import neighbours_at_rest
@@ -55,10 +63,17 @@ LONGEST_WAIT_S = 60.0
 """Between two looks at a unit that was refused [assumed]."""
 NEAR_M = 0.03
 """A film that is pressed is felt this far [assumed: as `skin.decode.ambient`]."""
+GLANCE_S = 1.0
+"""Between two glances at loads while nothing is recorded; a unit that is above its zero in two of
+them has lost it [assumed]."""
+RISEN_SIGMAS = 0.5
+"""Averaged pull, over the sigma of a reading, beyond which no zero is followed [assumed: as
+`skin.decode.ambient`]; without an ambient field there is one reading, and it is `PULL_SIGMAS`."""
+FOREVER = 1 << 40
 SAME_C = 5.0
 """Difference of temperatures at which a zero still is the same [assumed]."""
 
-GEL, CHIP = CHANNELS.index("gel"), CHANNELS.index("hall_temperature")
+GEL, FREQUENCY, CHIP = (CHANNELS.index(name) for name in ("gel", "frequency", "hall_temperature"))
 FORMAT = 1
 ZEROS = arrays_of("zeros of a run", "units", "known", "calibration", "frequency_hz", "offset_ut")
 KINDS = {"known": "b", "calibration": "U", "serial": "i", "bodies": "U"}
@@ -86,7 +101,9 @@ class Zeros:
     taken, taken_up : list of str
         Units that were tared in this run, and those that have the zeros of the run before.
     refused : dict of str to str
-        Units that could not be tared yet, and why.
+        Units that could not be tared yet, or are not any more, and why.
+    active : bool
+        Whether zeros are still to be taken.
     idle : int
         Cycles to come that need not be looked at; who leaves them out takes them off.
     """
@@ -98,7 +115,9 @@ class Zeros:
         self.taken_up: list[str] = []
         self.refused: dict[str, str] = {}
         known = topology.tared | ~topology.enabled | topology.counts_only
-        self._pending = ~known & tare
+        self._pending, self._tares = ~known & tare, tare
+        self._of_run = np.zeros(topology.n, bool)  # whose zero is of this run, or taken up in it
+        self._is_told = False  # that nothing touches the skin
         self._file: str | os.PathLike[str] | None = None
         self._before: dict[str, np.ndarray] = {}
         self._saved: dict[str, np.ndarray] | None = None
@@ -106,7 +125,10 @@ class Zeros:
         rate = topology.cycle_rate_hz
         self._cycles = max(round(WINDOW_S * rate), round(SPARE * LEAST_CYCLES))
         self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)
-        self.idle = 0
+        self._glance = max(round(GLANCE_S * rate), 1)
+        noise, step = topology.parameters["frequency_noise_hz"], topology.scale[FREQUENCY]
+        self._sigma_hz = np.hypot(noise, step * STEP_SIGMA)
+        self.active, self.idle = False, FOREVER
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # views, written each cycle
         self._records = self._owes = False
         rest_ut = decoder.rest_ut
@@ -116,22 +138,18 @@ class Zeros:
         if self._pending.any():
             self._begin()
 
-    @property
-    def active(self) -> bool:
-        """Whether cycles are to be looked at."""
-        return self._steps is not None
-
     def report(self) -> dict[str, Any]:
         """What was taken, for people and for JSON."""
         return {"tared": self.taken, "taken_up": self.taken_up, "refused": self.refused}
 
     def retake(self) -> None:
         """Look at all units from the next cycle on, and tare those that nothing touches. Others
-        keep the zeros that they have; of those that were never tared it goes on as before."""
+        keep the zeros that they have; of those that were never tared it goes on as before. The
+        caller says that nothing rests on the skin: units that are lower together are believed."""
         topology = self._decoder.topology
         self._pending = topology.enabled & ~topology.counts_only
         self.taken, self.refused = [], {}
-        self._wait, self.idle = self._cycles, 0
+        self._wait, self._is_told = self._cycles, True
         self._begin()
 
     def hear(self, frames: np.ndarray) -> None:
@@ -163,8 +181,7 @@ class Zeros:
         wait = None if self._steps is None else next(self._steps, None)
         if wait is None:
             self._steps = None
-        else:
-            self.idle = wait
+        self.idle = FOREVER if wait is None else wait
 
     # -- window by window -------------------------------------------------------------------------
 
@@ -173,16 +190,23 @@ class Zeros:
         wait for its pages."""
         n = self._filed.n
         self._records, self._owes = True, False
+        self.active, self.idle = True, 0
         self._steps = self._windows(
             np.full((self._cycles, len(CHANNELS), n), 0, np.int16),
             np.full((self._cycles, n), 0, np.uint16),
         )
 
     def _windows(self, counts: np.ndarray, status: np.ndarray) -> Iterator[int]:
-        """One step a cycle, until nothing is left to be taken; yields how many cycles after the
-        next one need no step. The window is recorded into `counts`, shape (t, c, n), and `status`,
-        shape (t, n)."""
-        while self._pending.any() or self._saved is not None:
+        """One step a cycle, until nothing is left to be taken or given up; yields how many cycles
+        after the next one need no step. The window is recorded into `counts`, shape (t, c, n), and
+        `status`, shape (t, n)."""
+        while True:
+            self.active = bool(self._pending.any()) or self._saved is not None
+            if not self.active:
+                if not self._of_run.any():
+                    return
+                yield from self._watch(FOREVER)
+                continue
             ambient, followed = self._decoder.ambient, np.zeros((3, self._filed.n))
             for t in range(self._cycles):
                 if self._last is not None:
@@ -197,20 +221,79 @@ class Zeros:
                 if self._pending.any():
                     yield 0
                 continue
+            # a rise is measured by what is known without the zeros of this run, a fall by both
+            least_hz = np.maximum(lowest_hz(self._filed), lowest_hz(self._decoder.topology))
             readings = Readings(
-                self._decoder.topology, counts, status, self._rest_ut,
-                expected_ut=self._rest_ut,
+                self._filed, counts, status, self._rest_ut, expected_ut=self._rest_ut,
+                least_hz=least_hz,
             )  # fmt: skip
             looks = {}
             for k, i in enumerate(np.flatnonzero(self._pending).tolist()):
                 looks[i] = readings.look(i)
                 if k % UNITS_A_CYCLE:
                     yield 0
+            if not self._is_told:
+                alone = np.zeros(self._filed.n, bool)
+                alone[[i for i, look in looks.items() if not look.faults]] = True
+                found = readings.pressed_together(alone, self._near)
+                looks |= {i: Look([why], True) for i, why in found.items()}
+            self._is_told = False
             yield from self._tare(readings, looks, followed)
             if self._pending.any():
-                self._records = True
-                yield self._wait - 1
+                yield from self._watch(self._wait)
                 self._wait = min(2 * self._wait, self._longest)
+
+    def _watch(self, cycles: int) -> Iterator[int]:
+        """Let cycles pass, until a load is taken away of a unit whose zero is to be taken. A zero
+        above which a unit stays was taken under a load: it is given up."""
+        first, was_above = self._load_hz(), np.zeros(self._filed.n, bool)
+        ambient = self._decoder.ambient
+        most_hz = self._sigma_hz * (PULL_SIGMAS if ambient is None else RISEN_SIGMAS)
+        least_hz = LOADED_SIGMAS * self._sigma_hz
+        while cycles > 0:
+            self._records, wait = False, min(self._glance, cycles)
+            cycles -= wait
+            yield wait - 1
+            load = self._load_hz()
+            # beside a press an elastomer bulges
+            above = (load < -most_hz) & self._of_run & (self._beside(load > least_hz) < 0)
+            if (lost := above & was_above).any():
+                self._give_up(lost, -load)
+            was_above = above
+            if (self._pending & ((first - load > least_hz) | lost)).any():
+                break
+        self._records = True
+        yield 0
+
+    def _load_hz(self) -> np.ndarray:
+        """By how much frequencies are lower than at rest, shape (n,); NaN where nothing is known."""
+        decoder = self._decoder
+        if decoder.ambient is not None:
+            return decoder.ambient.load_hz
+        load = decoder.topology.parameters["frequency_slope_hz_per_mm"]
+        load = load * decoder.whole.displacement_mm[2]
+        return np.where(decoder.whole.valid, load, np.nan)
+
+    def _give_up(self, lost: np.ndarray, above_hz: np.ndarray) -> None:
+        """Let units have the zeros of their files, or of their model, again."""
+        topology, filed, names = self._decoder.topology, self._filed, self._filed.unit_names
+        parameters = {name: np.where(lost, filed.parameters[name], now)
+                      for name, now in topology.parameters.items()}  # fmt: skip
+        tared = np.where(lost, filed.tared, topology.tared)
+        self._decoder.retare(dataclasses.replace(topology, parameters=parameters, tared=tared))
+        if self._decoder.ambient is not None:
+            self._decoder.ambient.forget(lost, field=False)
+        self._of_run &= ~lost
+        self._pending |= lost & self._tares
+        self._wait = self._cycles
+        self.refused = self.refused | {
+            names[i]: f"frequency: must not be above its zero where nothing pulls; got "
+            f"{above_hz[i]:.3g} Hz above: the zero was taken under a load, and is given up"
+            for i in np.flatnonzero(lost)
+        }
+        gone = {names[i] for i in np.flatnonzero(lost)}
+        self.taken = [name for name in self.taken if name not in gone]
+        self.taken_up = [name for name in self.taken_up if name not in gone]
 
     def _tare(
         self, readings: Readings, looks: dict[int, Look], followed_ut: np.ndarray
@@ -221,10 +304,10 @@ class Zeros:
         pressed = np.zeros(topology.n, bool)
         pressed[[i for i, look in looks.items() if look.is_pressed]] = True
         if pressed.any():
-            for unit, other in self._beside(pressed):
-                if unit in looks:
-                    fault = f"must have nothing pressed near it; got {names[other]}"
-                    faults.setdefault(unit, fault)
+            beside = self._beside(pressed)
+            for unit in np.flatnonzero((beside >= 0) & self._pending).tolist():
+                fault = f"must have nothing pressed near it; got {names[beside[unit]]}"
+                faults.setdefault(unit, fault)
         taken = self._pending.copy()
         taken[list(faults)] = False
         refused = {names[i]: fault for i, fault in sorted(faults.items())}
@@ -248,16 +331,18 @@ class Zeros:
         self.taken += [names[i] for i in np.flatnonzero(taken)]
         self.refused = refused  # with those that were taken, for whoever looks between cycles
 
-    def _beside(self, pressed: np.ndarray) -> list[tuple[int, int]]:
-        """Units near pressed ones, each with one that is."""
-        one, other = self._near
-        pairs = np.concatenate([np.stack([one, other]), np.stack([other, one])], axis=1)
-        return [(int(a), int(b)) for a, b in pairs[:, pressed[pairs[1]]].T]
+    def _beside(self, pressed: np.ndarray) -> np.ndarray:
+        """Of each unit a pressed one near it, -1 where there is none; shape (n,), int."""
+        found = np.full(pressed.size, -1)
+        for one, other in (self._near, self._near[::-1]):
+            found[one[pressed[other]]] = other[pressed[other]]
+        return found
 
     def _apply(self, found: Tare) -> None:
         """Let the decoder have new zeros."""
         self._decoder.retare(found.applied(self._decoder.rest_beyond_ut))
         self._pending &= ~found.taken
+        self._of_run |= found.taken
 
     # -- from run to run --------------------------------------------------------------------------
 

@@ -197,6 +197,14 @@ class Ambient:
         return self._data.zero.copy()
 
     @property
+    def load_hz(self) -> np.ndarray:
+        """Fall of each frequency beyond its zero, shape (n,): the larger of its averages over 0.05
+        and 1 s; NaN of units that were not usable for so long."""
+        memory = self._data.memory
+        load = np.maximum(memory.fast_hz, memory.slow_hz)
+        return np.where(memory.age_s >= self._model.slow_s, load, np.nan)
+
+    @property
     def followed(self) -> np.ndarray:
         """Whose zero was followed in the last cycle, shape (n,), bool."""
         return self._data.marks & kernels.FOLLOWED != 0
