@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import topology as topology_package
-from bus.cycle import FrameCounters
+from bus.cycle import WRONG_FRAMES, FrameCounters
 from bus.frame import CAN_ERR, CAN_RTR
 from bus.logs import LogReader, buses_of, read
 from bus.processors import processors
 from skin.compiling import announcer
 from skin.options import Options
 from skin.sinks import Attachable
+from skin.state import INVALID
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -25,6 +26,11 @@ if TYPE_CHECKING:
     from skin.state import State
 
 __all__ = ["DecodedLog", "decode_log"]
+
+LEAST_PERIODS = 10
+"""Of a batch of frames, for a median [assumed]."""
+RATE_SHARE = 0.05
+"""Difference from the cycle rate of the topology that is worth a note [assumed]."""
 
 
 def decode_log(
@@ -91,6 +97,7 @@ class DecodedLog(Attachable):
         self.pipeline = pipeline
         self._reader = reader
         self._watch = _Watch(self.topology)
+        self._cycles, self._has_valid = 0, not self.topology.feels.any()
 
     @property
     def counters(self) -> FrameCounters:
@@ -104,8 +111,22 @@ class DecodedLog(Attachable):
 
     @property
     def faults(self) -> list[str]:
-        """Faults of the log so far, as messages: missing SYNC, stamps that run back."""
-        return [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
+        """Faults of the log so far, as messages: missing SYNC, stamps that run back, no valid
+        reading."""
+        found = [*self._watch.faults()]
+        if self._cycles and not self._has_valid:
+            found.append(_nothing_valid(self.pipeline, self._cycles))
+        return [f"{self._reader.path}: {fault}" for fault in found]
+
+    @property
+    def notes(self) -> list[str]:
+        """What is unusual, but no fault: another cycle rate than that of the topology."""
+        return [f"{self._reader.path}: {note}" for note in self._watch.notes()]
+
+    def _count(self, of: State | Block, cycles: int) -> None:
+        """Look whether a state or block has a valid reading."""
+        self._cycles += cycles
+        self._has_valid = self._has_valid or bool(of.units.valid.any())
 
     @property
     def frames(self) -> int:
@@ -122,9 +143,12 @@ class DecodedLog(Attachable):
             self.pipeline.warmup()
         try:
             for frames in self._batches():
-                yield from self.pipeline.feed(frames)
+                for state in self.pipeline.feed(frames):
+                    self._count(state, 1)
+                    yield state
             last = self.pipeline.flush()
             if last is not None:
+                self._count(last, 1)
                 yield last
         finally:
             self.pipeline.sinks.stop()
@@ -158,9 +182,12 @@ class DecodedLog(Attachable):
             batches = prefetch(frames.copy() for frames in batches)
         try:
             for frames in batches:
-                yield from blocks.feed(frames)
+                for block in blocks.feed(frames):
+                    self._count(block, len(block))
+                    yield block
             last = blocks.flush()
             if last is not None:
+                self._count(last, len(last))
                 yield last
         finally:
             self.pipeline.sinks.stop()
@@ -185,6 +212,8 @@ class _Watch:
         self._data = np.zeros(count, np.int64)
         self._syncs = np.zeros(count, np.int64)
         self._newest_ns = np.full(count, np.iinfo(np.int64).min)
+        self._beats = [bus.sync_id for bus in self._buses]
+        self._periods_ns: list[list[float]] = [[] for _ in self._buses]
         self._back = ""
 
     def take(self, frames: np.ndarray) -> None:
@@ -198,6 +227,11 @@ class _Watch:
             self._syncs[index] += syncs
             self._data[index] += here.size - syncs
             stamps = frames["stamp_ns"][here]
+            if self._beats[index] is None:  # units send freely: one of their frames a cycle
+                self._beats[index] = int(frames["id"][here[0]])
+            steps = np.diff(stamps[frames["id"][here] == self._beats[index]])
+            if steps.size >= LEAST_PERIODS:
+                self._periods_ns[index].append(float(np.median(steps)))
             newest = np.maximum.accumulate(np.maximum(stamps, self._newest_ns[index]))
             back = np.flatnonzero(newest - stamps > self._period_ns)
             if back.size and not self._back:
@@ -219,3 +253,24 @@ class _Watch:
                 )
         if self._back:
             yield self._back
+
+    def notes(self) -> Iterator[str]:
+        """Notes, as messages."""
+        for bus, periods in zip(self._buses, self._periods_ns, strict=True):
+            period_ns = float(np.median(periods)) if periods else float(self._period_ns)
+            if abs(period_ns / self._period_ns - 1.0) > RATE_SHARE:
+                yield (
+                    f"bus {bus.name!r}: should have {bus.cycle_rate_hz:g} cycles a second, as the "
+                    f"topology says; got {1e9 / max(period_ns, 1.0):.4g}"
+                )
+
+
+def _nothing_valid(pipeline: Pipeline, cycles: int) -> str:
+    """The fault of a log without a valid reading, with what the assembler and the units say."""
+    skin, counters = pipeline.topology, pipeline.counters
+    why = [f"{count} {name} frames" for name in WRONG_FRAMES if (count := getattr(counters, name))]
+    status = pipeline.decoder.reading.status[skin.feels] & int(INVALID)
+    why += [f"{count} units flagged {str(flag.name).lower()}" for flag in INVALID
+            if (count := np.count_nonzero(status & int(flag)))]  # fmt: skip
+    return (f"must hold valid readings of {skin.name!r}; got none in {cycles} cycles: "
+            f"{', '.join(why)}")  # fmt: skip

@@ -129,7 +129,7 @@ class Zeros:
         """Look at all units from the next cycle on, and tare those that nothing touches. Others
         keep the zeros that they have; of those that were never tared it goes on as before."""
         topology = self._decoder.topology
-        self._pending = topology.enabled & ~topology.counts_only
+        self._pending = topology.feels
         self.taken, self.refused = [], {}
         self._wait, self.idle = self._cycles, 0
         self._begin()

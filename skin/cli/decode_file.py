@@ -45,7 +45,7 @@ def decode_file(
         "topology": topology.name,
         "units": topology.n,
         "cycles": cycles,
-        "valid_share": valid / max(1, cycles * int(topology.enabled.sum())),
+        "valid_share": options.share_of(valid, cycles, topology),
         "peak_force_n": peak,
         "counters": counters,
         "options": states.pipeline.options.report(),
@@ -57,9 +57,11 @@ def decode_file(
         print(json_text.dumps(report))
     else:
         print(f"{cycles} cycles of {topology.n} units; frames: {counted(counters)}")
-        print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
+        print(f"valid readings {options.percent(report['valid_share'])}, peak force {peak:.2f} N")
         if report["output"]:
             print(f"written: {report['output']}")
+    for note in getattr(states, "notes", []):
+        print(f"note: {note}", file=sys.stderr)
     if damage:
         print(f"{damage}; what stands before it was decoded", file=sys.stderr)
     for fault in states.faults:
