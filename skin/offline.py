@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import topology as topology_package
-from bus.cycle import FrameCounters
+from bus.cycle import WRONG_FRAMES, FrameCounters
 from bus.frame import CAN_ERR, CAN_RTR
 from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, beating_nodes
 from bus.logs import LogReader, buses_of, read
@@ -18,6 +18,7 @@ from bus.processors import processors
 from skin.compiling import announcer
 from skin.options import Options
 from skin.sinks import Attachable
+from skin.state import INVALID
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -32,6 +33,11 @@ LONGEST_SILENCE_NS = 365 * 86_400 * 1_000_000_000
 """No log is silent for a year [assumed]."""
 UPTIME_UNCERTAIN_S = 2.0
 """A board counts whole seconds; as much again for a logger that stamps late [assumed]."""
+
+LEAST_PERIODS = 10
+"""Of a batch of frames, for a median [assumed]."""
+RATE_SHARE = 0.05
+"""Difference from the cycle rate of the topology that is worth a note [assumed]."""
 
 
 def decode_log(
@@ -101,6 +107,7 @@ class DecodedLog(Attachable):
         self.pipeline = pipeline
         self._reader = reader
         self._watch = LogWatch(self.topology)
+        self._cycles, self._has_valid = 0, not self.topology.feels.any()
 
     @property
     def counters(self) -> FrameCounters:
@@ -115,10 +122,22 @@ class DecodedLog(Attachable):
     @property
     def faults(self) -> list[str]:
         """Faults of the log so far, as messages: bus or SYNC missing, stamps that run back or jump
-        ahead, frames that the logger lost."""
+        ahead, frames that the logger lost, no valid reading."""
         found = [*self._watch.faults(), *([self._reader.loss] if self._reader.lost else [])]
+        if self._cycles and not self._has_valid:
+            found.append(_nothing_valid(self.pipeline, self._cycles))
         found = [f"{self._reader.path}: {fault}" for fault in found]
         return [self._reader.lacking, *found] if self._reader.lacking else found
+
+    @property
+    def notes(self) -> list[str]:
+        """What is unusual, but no fault: another cycle rate than that of the topology."""
+        return [f"{self._reader.path}: {note}" for note in self._watch.notes()]
+
+    def _count(self, of: State | Block, cycles: int) -> None:
+        """Look whether a state or block has a valid reading."""
+        self._cycles += cycles
+        self._has_valid = self._has_valid or bool(of.units.valid.any())
 
     @property
     def left_out(self) -> dict[str, int]:
@@ -141,9 +160,12 @@ class DecodedLog(Attachable):
             self.pipeline.warmup()
         try:
             for frames in self._batches():
-                yield from self.pipeline.feed(frames)
+                for state in self.pipeline.feed(frames):
+                    self._count(state, 1)
+                    yield state
             last = self.pipeline.flush()
             if last is not None:
+                self._count(last, 1)
                 yield last
         finally:
             self.pipeline.sinks.stop()
@@ -177,9 +199,12 @@ class DecodedLog(Attachable):
             batches = prefetch(frames.copy() for frames in batches)
         try:
             for frames in batches:
-                yield from blocks.feed(frames)
+                for block in blocks.feed(frames):
+                    self._count(block, len(block))
+                    yield block
             last = blocks.flush()
             if last is not None:
+                self._count(last, len(last))
                 yield last
         finally:
             self.pipeline.sinks.stop()
@@ -207,6 +232,8 @@ class LogWatch:
         self._nodes = [beating_nodes(topology, index) for index in range(count)]
         self._beats: dict[tuple[int, int], tuple[float, int]] = {}
         self._back = self._ahead = ""
+        self._pulse = [bus.sync_id for bus in self._buses]
+        self._periods_ns: list[list[float]] = [[] for _ in self._buses]
 
     def take(self, frames: np.ndarray) -> None:
         """Check frames, shape (m,), in the order of the log."""
@@ -219,6 +246,11 @@ class LogWatch:
             self._syncs[index] += syncs
             self._data[index] += here.size - syncs
             stamps = frames["stamp_ns"][here]
+            if self._pulse[index] is None:  # units send freely: one of their frames a cycle
+                self._pulse[index] = int(frames["id"][here[0]])
+            steps = np.diff(stamps[frames["id"][here] == self._pulse[index]])
+            if steps.size >= LEAST_PERIODS:
+                self._periods_ns[index].append(float(np.median(steps)))
             newest = np.maximum.accumulate(np.maximum(stamps, self._newest_ns[index]))
             back = np.flatnonzero(newest - stamps > self._period_ns)
             if back.size and not self._back:
@@ -248,7 +280,10 @@ class LogWatch:
         for k in np.flatnonzero((nodes > 0) & (nodes <= LAST_ID - FIRST_ID)):
             i, key = int(here[k]), (index, int(nodes[k]))
             if key[1] in self._nodes[index] and frames["length"][i] == LAYOUT.size:
-                stamp_s, uptime_s = 1e-9 * float(newest[k]), LAYOUT.unpack(bytes(frames["data"][i, :8]))[1]
+                stamp_s, uptime_s = (
+                    1e-9 * float(newest[k]),
+                    LAYOUT.unpack(bytes(frames["data"][i, :8]))[1],
+                )
                 before_s, counted_s = self._beats.get(key, (stamp_s, uptime_s))
                 self._beats[key] = stamp_s, uptime_s
                 ahead_s = stamp_s - before_s - (uptime_s - counted_s)
@@ -269,3 +304,24 @@ class LogWatch:
     def jumps(self) -> list[str]:
         """Steps of the stamps, the first one back and the first one ahead, as messages."""
         return [text for text in (self._back, self._ahead) if text]
+
+    def notes(self) -> Iterator[str]:
+        """Notes, as messages."""
+        for bus, periods in zip(self._buses, self._periods_ns, strict=True):
+            period_ns = float(np.median(periods)) if periods else float(self._period_ns)
+            if abs(period_ns / self._period_ns - 1.0) > RATE_SHARE:
+                yield (
+                    f"bus {bus.name!r}: should have {bus.cycle_rate_hz:g} cycles a second, as the "
+                    f"topology says; got {1e9 / max(period_ns, 1.0):.4g}"
+                )
+
+
+def _nothing_valid(pipeline: Pipeline, cycles: int) -> str:
+    """The fault of a log without a valid reading, with what the assembler and the units say."""
+    skin, counters = pipeline.topology, pipeline.counters
+    why = [f"{count} {name} frames" for name in WRONG_FRAMES if (count := getattr(counters, name))]
+    status = pipeline.decoder.reading.status[skin.feels] & int(INVALID)
+    why += [f"{count} units flagged {str(flag.name).lower()}" for flag in INVALID
+            if (count := np.count_nonzero(status & int(flag)))]  # fmt: skip
+    return (f"must hold valid readings of {skin.name!r}; got none in {cycles} cycles: "
+            f"{', '.join(why)}")  # fmt: skip

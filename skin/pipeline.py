@@ -149,7 +149,7 @@ class Pipeline:
     def _lacks_zeros(self) -> bool:
         """Whether units have no tare that the decoder needs."""
         topology = self.topology
-        lacking = topology.enabled & ~topology.counts_only & ~topology.tared
+        lacking = topology.feels & ~topology.tared
         return bool(lacking.any()) and not self.decoder.want <= {"temperature", "sigma"}
 
     def take_zeros(self, file: str | os.PathLike[str] | None = None) -> None:
@@ -226,7 +226,7 @@ class Pipeline:
             rate_hz=topology.cycle_rate_hz,
             false_contacts_per_day=self.options.false_contacts_per_day,
             capacity=self.options.capacity,
-            unit_names=topology.unit_names, feels=topology.enabled & ~topology.counts_only,
+            unit_names=topology.unit_names, feels=topology.feels,
             most_n=topology.parameters["normal_max_n"],
         )  # fmt: skip
 

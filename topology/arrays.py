@@ -168,6 +168,16 @@ class Topology:
         found[carried[carried >= 0]] = True
         return found
 
+    @property
+    def feels(self) -> np.ndarray:
+        """Units that are switched on and whose counts have a meaning; shape (n,), bool."""
+        return self.enabled & ~self.counts_only
+
+    @property
+    def in_process(self) -> bool:
+        """Whether no bus leads out of this process: its units are simulated."""
+        return all(bus.interface == "memory" for bus in self.buses)
+
     def exact(self) -> Topology:
         """The same skin with units whose constants equal its parameters, as simulated ones."""
         none, known = np.zeros(self.n), np.ones(self.n, bool)

@@ -7,6 +7,7 @@
     date = "2026-03-01"                 # optional, as is `bench`
     bench = "six-axis reference cell, 25 °C"
     tared = ["r3c4"]                    # optional: zeros taken in place
+    simulated = ["r3c4"]                # optional: these are of simulated units
 
     [units.r3c4]                        # any parameter of `UnitModel`
     frequency_rest_hz = 4512.5
@@ -78,6 +79,11 @@ def read_calibration(
                    line=source.line(key), file=source.shown, got=repr(table.patch))  # fmt: skip
     if report.sound(calibration, (), "bench") and table.bench.endswith(NEIGHBOURS_INCLUDED):
         report.add("tared-with-neighbours", calibration, ("bench",))
+    if table.simulated and any(
+        isinstance(bus, dict) and bus.get("interface", "memory") != "memory"
+        for bus in source.data["buses"]
+    ):
+        report.add("simulated-zeros", calibration, ("simulated",), file=source.shown)
     known = {name: index for index, name in enumerate(units)}
     parameters, kind = {}, f"a unit of patch {patch!r}"
     tared = [

@@ -51,6 +51,9 @@ class CalibrationFile(Table, frozen=True, kw_only=True):
     tared: Annotated[
         tuple[str, ...], Meta(description="Units whose zeros were taken in their places")
     ] = ()
+    simulated: Annotated[
+        tuple[str, ...], Meta(description="Units whose zeros are those of simulated ones")
+    ] = ()
     units: Annotated[
         dict[str, Overrides], Meta(description="Unit (`r3c4`) to the parameters that differ")
     ] = field(default_factory=dict)

@@ -117,7 +117,9 @@ class CandumpReader(LogReader):
         """The fault at a place in the current line."""
         begin, place = int(self._state["position"][0]), int(self._state["start"][0])
         rest = buffer[place : buffer.index(b"\n", place)]
-        return f"{self.path}:{self._line}: column {place - begin + 1}: {message}; got {_shown(rest)}"
+        return (
+            f"{self.path}:{self._line}: column {place - begin + 1}: {message}; got {_shown(rest)}"
+        )
 
 
 def _shown(text: bytes | bytearray) -> str:

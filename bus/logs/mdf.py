@@ -242,7 +242,9 @@ class _Group:
         names = {name.removeprefix(f"{self._kind}.") for name in rows.dtype.names}
         has_data = self._kind == "CAN_DataFrame"
         if self._kind != "CAN_ErrorFrame" and not (
-            "ID" in names and names & {"DataLength", "DLC"} and ("DataBytes" in names or not has_data)
+            "ID" in names
+            and names & {"DataLength", "DLC"}
+            and ("DataBytes" in names or not has_data)
         ):
             raise ValueError(f"{self._kind} of {', '.join(sorted(names))} alone")
         number = column("ID") & _IDENTIFIER

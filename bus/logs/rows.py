@@ -284,10 +284,15 @@ class RowReader(LogReader):
             while line := file.readline(_LONGEST_LINE):
                 self.read_bytes += len(line)
                 is_endless = len(line) == _LONGEST_LINE and line[-1:] != b"\n"
-                yield line[:_HEAD_BYTES].decode("utf-8", "replace") + "\0" if is_endless else (
-                    line.decode("utf-8", "replace")
+                yield (
+                    line[:_HEAD_BYTES].decode("utf-8", "replace") + "\0"
+                    if is_endless
+                    else (line.decode("utf-8", "replace"))
                 )
-                while is_endless and (line := file.readline(_LONGEST_LINE))[-1:] not in (b"", b"\n"):
+                while is_endless and (line := file.readline(_LONGEST_LINE))[-1:] not in (
+                    b"",
+                    b"\n",
+                ):
                     pass
         except (OSError, EOFError, zlib.error) as error:
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
@@ -302,7 +307,9 @@ class RowReader(LogReader):
             with closing(sqlite3.connect(place, uri=True)) as database:
                 found = database.execute("SELECT type FROM sqlite_master WHERE name = 'messages'")
                 if (kind := found.fetchone()) != ("table",):
-                    raise ValueError(f"messages: must be a table; got {kind[0] if kind else 'none'}")
+                    raise ValueError(
+                        f"messages: must be a table; got {kind[0] if kind else 'none'}"
+                    )
                 for number, row in enumerate(database.execute(
                     "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
                 ), 1):  # fmt: skip

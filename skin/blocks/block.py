@@ -59,6 +59,8 @@ class Block:
         Contacts beyond the capacity.
     whole : ndarray, shape (t,), bool
         See `State`.
+    counts : ndarray, shape (t, c, n), int16
+        Of a skin with sensors of which nothing else is known (``counts_only``).
     """
 
     topology: Topology
@@ -81,6 +83,7 @@ class Block:
     sampled_ns: np.ndarray = UNWANTED
     whole: np.ndarray = UNWANTED
     untracked: np.ndarray = UNWANTED
+    counts: np.ndarray = UNWANTED
 
     def __len__(self) -> int:
         return self.cycle.size

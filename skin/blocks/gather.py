@@ -142,4 +142,6 @@ def _sources(pipeline: Pipeline) -> dict[str, np.ndarray]:
         "totals": pipeline.assembler.totals,
         "sampled_ns": pipeline.assembler.sampled_ns,
     }
+    if pipeline.topology.counts_only.any():
+        found["counts"] = pipeline.counts
     return {name: array for name, array in found.items() if array is not None}

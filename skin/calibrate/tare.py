@@ -146,7 +146,11 @@ class Tare:
         )
 
     def write(
-        self, out: str | os.PathLike[str] | None = None, *, date: str | None = None
+        self,
+        out: str | os.PathLike[str] | None = None,
+        *,
+        date: str | None = None,
+        simulated: bool = False,
     ) -> dict[str, Path]:
         """Write calibration files that keep every other value of those which the topology names, or
         which are there from a call before, and their comments.
@@ -157,6 +161,8 @@ class Tare:
             As of `calibration_files`.
         date : str, optional
             Today if not given.
+        simulated : bool
+            Whether the units were simulated: a topology with a real bus refuses the files.
 
         Returns
         -------
@@ -170,19 +176,20 @@ class Tare:
             source = None if source is None or missing(source) else source
             before, units = read_calibration(source)
             here = self.topology.patch == self.topology.patch_names.index(patch)
-            tared = {*before.get("tared", ())}
+            tared, of_none = {*before.get("tared", ())}, {*before.get("simulated", ())}
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
                 known = units.setdefault(unit, [])
                 known.append(self._fit(int(i), known, beyond_ut))
                 tared.add(unit)
+                (of_none.add if simulated else of_none.discard)(unit)
             path.parent.mkdir(parents=True, exist_ok=True)
             bench = TARED.sub("", before.get("bench", ""))
             write_calibration(
                 path, patch, units, date=date or datetime.date.today().isoformat(),
                 bench=f"{bench}; {HOW}" if bench else HOW, tangential_max_mm=0.0,
                 before="" if source is None else source.read_text(encoding="utf-8"),
-                of_units=OfUnits(tared, before.get("measured", {})),
+                of_units=OfUnits(tared, of_none, before.get("measured", {})),
             )  # fmt: skip
         return files
 
@@ -211,7 +218,7 @@ class Tare:
 
 def chosen(topology: Topology, leave_out: Collection[str] = ()) -> np.ndarray:
     """Units that are tared, shape (n,), bool; see `tare`."""
-    taken = topology.enabled & ~topology.counts_only
+    taken = topology.feels
     for name in leave_out:
         if name not in topology.unit_names:
             raise OptionError.unknown("leave_out", name, topology.unit_names)
@@ -233,7 +240,7 @@ def calibration_files(
         Units that are tared.
     out : str or path, optional
         A file where one patch is tared, or a folder for a file of each; if not given, the files
-        that the topology names, or ``<patch>.calibration.toml`` next to it.
+        that the topology names, or ``<topology>.<patch>.calibration.toml`` next to it.
 
     Raises
     ------
@@ -275,7 +282,7 @@ def _own_file(topology: Topology, patch: str) -> Path | None:
     named = named_file(topology, patch)
     if named is not None or topology.path is None or is_builtin(topology.path):
         return named
-    return topology.path.with_name(f"{patch}.calibration.toml")
+    return topology.path.with_name(f"{topology.path.stem}.{patch}.calibration.toml")
 
 
 def tare(

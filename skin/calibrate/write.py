@@ -34,6 +34,8 @@ class OfUnits(NamedTuple):
 
     tared: Collection[str] = ()
     """Units whose zeros were taken in their places."""
+    simulated: Collection[str] = ()
+    """Those of them that were simulated."""
     measured: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
     """Unit to its table of `topology.calibration_schema.Measured`."""
 
@@ -98,6 +100,7 @@ def write_calibration(
     lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
     known = OfUnits() if of_units is None else of_units
     lines += [f"tared = {_value(sorted(known.tared))}"] if known.tared else []
+    lines += [f"simulated = {_value(sorted(known.simulated))}"] if known.simulated else []
     for unit, fits in units.items():
         found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
         lines += ["", f"[units.{_key(unit)}]"]

@@ -147,7 +147,7 @@ class Zeros:
         keep the zeros that they have; of those that were never tared it goes on as before. The
         caller says that nothing rests on the skin: units that are lower together are believed."""
         topology = self._decoder.topology
-        self._pending = topology.enabled & ~topology.counts_only
+        self._pending = topology.feels
         self.taken, self.refused = [], {}
         self._wait, self._is_told = self._cycles, True
         self._begin()

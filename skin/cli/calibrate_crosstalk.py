@@ -67,6 +67,8 @@ def calibrate_crosstalk(
     announcer()
     loaded = load(file, allow_no_calibration=True).on(interface=interface, channel=channel)
     taken = chosen(loaded)
+    if simulate:
+        options.refuse_simulated(loaded, output)
     calibration_files(loaded, taken, output)  # refused before, not after
     estimate = StrayEstimate(loaded)
     most_s = seconds or 2.0 * WINDOW_S * int(taken.sum()) + 2.0 * UNTOUCHED_S
@@ -86,8 +88,8 @@ def calibrate_crosstalk(
             loaded, json,
         )  # fmt: skip
     learned = estimate.stencil()
-    files = found.leaving_out(tared.rest_ut).write(output)
-    learned.save(stencil)
+    files = found.leaving_out(tared.rest_ut).write(output, simulated=simulate)
+    learned.save(stencil, simulated=simulate)
     names = [loaded.unit_names[i] for i in missing]
     print(f"{stencil}: stray fields within {estimate.sigma_ut().mean():.1f} µT, of "
           f"{loaded.n - len(names)} units from their own touch")  # fmt: skip

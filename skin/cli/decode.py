@@ -108,6 +108,9 @@ def decode(
     mapped = options.mapped(map, *logs)
     asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
     into_file = output is not None and output.suffix != "" and not output.is_dir()
+    for log in logs:
+        if log.is_dir():
+            raise OptionError(f"{log}: must be a log; got a folder: name its logs, as {log}/*.log")
     if len(logs) == 1 and (output is None or into_file):
         _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
                            shard=shard, cluster=cluster, force=force)  # fmt: skip
@@ -185,6 +188,9 @@ def _into_folder(
     bar.end()
     report["output"] = str(output.resolve())
     print(json_text.dumps(report) if json else _table(report))
+    for one in report["logs"]:
+        for note in one.get("notes", ()):
+            print(f"note: {note}", file=sys.stderr)
     for fault in report["faults"]:
         print(fault, file=sys.stderr)
     return int(bool(report["faults"]))
@@ -197,7 +203,7 @@ def _table(report: dict[str, Any]) -> str:
     for one in report["logs"]:
         text = f"{one['log']}: {one['state']}: {one.get('cycles', 0)} cycles"
         if "valid_share" in one:
-            text += (f", valid {100 * one['valid_share']:.2f} %, {one['contacts']} contacts, "
+            text += (f", valid {options.percent(one['valid_share'])}, {one['contacts']} contacts, "
                      f"{one['slips']} slips")  # fmt: skip
         if one.get("cycles_missing"):
             text += f", {one['cycles_missing']} cycles missing"

@@ -46,7 +46,7 @@ def decode_file(
         "topology": topology.name,
         "units": topology.n,
         "cycles": cycles,
-        "valid_share": valid / max(1, cycles * int(topology.enabled.sum())),
+        "valid_share": options.share_of(valid, cycles, topology),
         "peak_force_n": peak,
         "counters": counters,
         "left_out": left_out,
@@ -62,11 +62,13 @@ def decode_file(
         print(f"{cycles} cycles of {topology.n} units; frames: {counted(counters)}")
         if left_out:
             print(f"frames of other channels: {counted(left_out)}")
-        print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
+        print(f"valid readings {options.percent(report['valid_share'])}, peak force {peak:.2f} N")
         if report["skipped"]:
             print(f"not decoded: {counted(report['skipped'])}")
         if report["output"]:
             print(f"written: {report['output']}")
+    for note in getattr(states, "notes", []):
+        print(f"note: {note}", file=sys.stderr)
     if damage:
         print(damage, file=sys.stderr)
     for fault in states.faults:

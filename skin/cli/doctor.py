@@ -118,8 +118,14 @@ def _of_log(frames: LogReader, watch: LogWatch) -> Iterator[Finding]:
         if fault:
             yield Finding(code, "error", "log", 1, fault, cause)
     if frames.lacking and frames.left_out:
-        yield Finding("other-channels", "error", "log", sum(frames.left_out.values()), frames.lacking,
-                      "a logger that counts or names the channels otherwise than the topology")
+        yield Finding(
+            "other-channels",
+            "error",
+            "log",
+            sum(frames.left_out.values()),
+            frames.lacking,
+            "a logger that counts or names the channels otherwise than the topology",
+        )
 
 
 def _of_this_host() -> Iterator[Finding]:

@@ -60,7 +60,12 @@ def export_lerobot(
         tuple[str, ...],
         tyro.conf.arg(metavar="TEXT [TEXT ...]", help="what was done: for all logs, or for each"),
     ],
-    fps: Annotated[int, tyro.conf.arg(metavar="INT", help="frames a second of the camera")] = 30,
+    fps: Annotated[
+        int | None,
+        options.quiet(
+            "frames a second of the camera; otherwise as they come", metavar="INT", constructor=int
+        ),
+    ] = None,
     window: Annotated[
         int, tyro.conf.arg(metavar="INT", help="samples of the skin in a window")
     ] = 8,

@@ -73,13 +73,14 @@ patch = "{name}"
 
 
 class _Patch(NamedTuple):
+    skin: str
     name: str
     rows: int
     columns: int
 
     @property
     def calibration(self) -> str:
-        return f"{self.name}.calibration.toml"
+        return f"{self.skin}.{self.name}.calibration.toml"
 
 
 def new(
@@ -120,8 +121,8 @@ def new(
     check_numbers(1.0, 500.0, pitch_mm=pitch_mm)
     check_numbers(0.1, 1e5, rate_hz=rate_hz)
     interface, _, channel = bus.partition(":")
-    wanted = [_patch(text) for text in patches]
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
+    wanted = [_patch(file.stem, text) for text in patches]
     files = [file, *(file.with_name(patch.calibration) for patch in wanted)]
     for path in files:
         options.check_folder("NAME", path, NO_KIND)
@@ -173,13 +174,13 @@ def _aligned(text: str) -> str:
     )
 
 
-def _patch(text: str) -> _Patch:
+def _patch(skin: str, text: str) -> _Patch:
     from skin.errors import OptionError
 
     found = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)=([1-9]\d{0,2})x([1-9]\d{0,2})", text)
     if found is None:
         raise OptionError(f"--patches: must be NAME=ROWSxCOLUMNS, as in palm=8x8; got {text!r}")
-    return _Patch(found[1], int(found[2]), int(found[3]))
+    return _Patch(skin, found[1], int(found[2]), int(found[3]))
 
 
 def _patches(wanted: list[_Patch], layout: str, pitch_m: float) -> str:

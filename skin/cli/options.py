@@ -66,7 +66,7 @@ Calibration = Annotated[
     Path | None,
     quiet(
         "calibration file to write, or a folder of one for each patch; otherwise those that the "
-        "topology names, or PATCH.calibration.toml next to it",
+        "topology names, or TOPOLOGY.PATCH.calibration.toml next to it",
         metavar="FILE|DIR",
         aliases=["-o"],
     ),
@@ -270,12 +270,34 @@ def uncalibrated(topology: Topology) -> list[str]:
 
 def _lacking(topology: Topology, known: np.ndarray) -> list[str]:
     """Units of a real bus that are not among those `known`."""
-    if all(bus.interface == "memory" for bus in topology.buses):
+    if topology.in_process:
         return []
-    lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~known
+    lacking: np.ndarray = topology.feels & ~known
     return [
         name for name, is_missing in zip(topology.unit_names, lacking, strict=True) if is_missing
     ]
+
+
+def refuse_simulated(topology: Topology, output: Path | None) -> None:
+    """Refuse zeros of simulated units in place of those that a real bus has given."""
+    from skin.errors import SkinError
+
+    if output is None and not topology.in_process:
+        raise SkinError(
+            f"--output: must be given with --simulate, since {topology.name!r} is on a real bus, "
+            "whose zeros simulated ones would replace; got none"
+        )
+
+
+def share_of(valid: int, cycles: int, topology: Topology) -> float | None:
+    """Share of valid readings; None where no unit can have one (`counts_only` layouts)."""
+    readings = cycles * int(topology.feels.sum())
+    return valid / max(1, readings) if topology.feels.any() else None
+
+
+def percent(share: float | None) -> str:
+    """A share as text."""
+    return "none: the layout has counts only" if share is None else f"{100 * share:.2f} %"
 
 
 def hints(file: str, topology: Topology, *, will_tare: bool = False) -> list[str]:

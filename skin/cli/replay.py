@@ -78,6 +78,8 @@ def replay(
         "faults": played.faults,
     }
     print(json_text.dumps(report) if json else _table(report))
+    for note in getattr(played, "notes", []):
+        print(f"note: {note}", file=sys.stderr)
     for fault in played.faults:
         print(fault, file=sys.stderr)
     return 0 if tally.cycles and not played.faults else 1
@@ -109,7 +111,7 @@ def _table(report: dict[str, Any]) -> str:
         "cycles, complete": "{cycles}, {complete_cycles}",
         "left out": "{overruns} periods without a cycle",
         "the same as live": "{same_text}",
-        "valid readings": "{valid_percent:.2f} %",
+        "valid readings": "{valid_percent}",
         "frames": "{frames}",
         "peak force": "{peak_force_n:.2f} N",
         "contacts, slipped": "{contacts}, {contacts_slipped}",
@@ -117,7 +119,7 @@ def _table(report: dict[str, Any]) -> str:
     }
     same = report["same"]
     texts = {
-        "valid_percent": 100 * report["valid_share"],
+        "valid_percent": options.percent(report["valid_share"]),
         "frames": counted(report["counters"]),
         "same_text": "not known of a log" if same is None else f"{same} of {report['cycles']}",
     }

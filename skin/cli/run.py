@@ -93,7 +93,7 @@ def run(
 
     With `--simulate` a sphere presses, slides and lifts all over simulated units, or a scene is
     played to its end, with its own faults. `skin decode` takes the log as it is. Exits with 1 if no
-    unit ever answered.
+    unit ever answered, or no reading was valid.
     """
     from skin.physics.stencil import STENCIL_FILE
     from skin.view.terminal import LiveTable
@@ -141,7 +141,7 @@ def run(
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     print(json_text.dumps(report) if json else _table(report))
-    return 0 if report["units_heard"] else 1
+    return 0 if report["units_heard"] and report["valid_share"] != 0.0 else 1
 
 
 def _recorded(recorder: Recorder | None) -> dict[str, Any] | None:
@@ -212,7 +212,7 @@ def _table(report: dict[str, Any]) -> str:
         "silent": "{shown}",
         "cycles, complete": "{cycles}, {complete_cycles}",
         "left out": "{overruns} periods without a cycle",
-        "valid readings": "{valid_percent:.2f} %",
+        "valid readings": "{valid_percent}",
         "frames": "{frames}",
         "lost on this host": "{losses}",
         "SYNC not taken": "{unsent}",
@@ -224,7 +224,7 @@ def _table(report: dict[str, Any]) -> str:
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
     }
     texts = {
-        "valid_percent": 100 * report["valid_share"],
+        "valid_percent": options.percent(report["valid_share"]),
         "shown": shown or "none",
         "frames": counted(report["counters"]),
         "losses": _host_losses(report["buses"]),

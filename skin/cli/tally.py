@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skin.cli.options import share_of
+
 if TYPE_CHECKING:
     from skin.state import State
     from topology import Topology
@@ -65,7 +67,7 @@ class Tally:
             "cycles": self.cycles,
             "complete_cycles": int(self.complete),
             "overruns": self.overruns,
-            "valid_share": float(self.valid.sum() / max(1, self.cycles * int(enabled.sum()))),
+            "valid_share": share_of(int(self.valid.sum()), self.cycles, self.topology),
             "peak_force_n": self.load,
             "contacts": len(self.contacts),
             "contacts_slipped": len(self.slipped),

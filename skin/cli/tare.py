@@ -59,6 +59,8 @@ def tare(
     loaded = load(file, allow_no_calibration=True).on(interface=interface, channel=channel)
     for unit in leave_out:
         loaded.unit_index(unit)
+    if simulate:
+        options.refuse_simulated(loaded, output)
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
     counts, status = _listen(loaded, seconds, sync, simulate)
     try:
@@ -68,7 +70,9 @@ def tare(
     except ScanError as error:
         return refused(str(error), loaded, json)
     changes = found.changes()
-    files = {patch: path.resolve() for patch, path in found.write(output).items()}
+    files = {
+        patch: path.resolve() for patch, path in found.write(output, simulated=simulate).items()
+    }
     print(_table(changes))
     for patch, path in files.items():
         print(f"{patch}: written to {path}")

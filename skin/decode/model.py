@@ -359,7 +359,7 @@ def refuse_impossible(topology: Topology) -> None:
 def _refuse_short_table(topology: Topology, reach_mm: np.ndarray) -> None:
     """Raise for the first unit whose table does not give R from the angle over its whole range."""
     limit = topology.parameters["field_angle_max_mm"]
-    needed = topology.enabled & ~topology.counts_only
+    needed = topology.feels
     for unit in np.flatnonzero(needed & (reach_mm < limit)):
         known = topology.parameters["field_angle_mm"][:, unit].any()
         raise CalibrationError(

@@ -216,7 +216,7 @@ def _results(
 
 def _needed(topology: Topology) -> np.ndarray:
     """Units that are decoded."""
-    return topology.enabled & ~topology.counts_only
+    return topology.feels
 
 
 def _inversion(

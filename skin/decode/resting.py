@@ -209,7 +209,7 @@ def check_zeros(topology: Topology, beyond_ut: np.ndarray) -> None:
     """
     p = topology.parameters
     off_ut = beyond_ut - np.stack([p["tare_rest_x_ut"], p["tare_rest_y_ut"]])
-    taken = topology.tared & topology.enabled & ~topology.counts_only
+    taken = topology.tared & topology.feels
     for number, patch in enumerate(topology.patch_names):
         units = taken & (topology.patch == number)
         if not units.any():

@@ -177,16 +177,16 @@ class Stencil:
         np.add.at(np.moveaxis(out, -1, 0), self.unit, np.moveaxis(each, -1, 0))
         return out
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, simulated: bool = False) -> None:
         """Write all of it to a file, as numpy's .npz, whole or not at all; over no file but a
-        stencil."""
+        stencil. One of simulated units is refused by skins on a real bus."""
         with whole_file(Path(path), over=STENCIL_FILE) as file:
-            self.write(file)
+            self.write(file, simulated=simulated)
 
-    def write(self, file: IO[bytes]) -> None:
+    def write(self, file: IO[bytes], *, simulated: bool = False) -> None:
         """Write all of it to an open file; see `save`."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        np.savez_compressed(file, format=FORMAT, **values)
+        np.savez_compressed(file, format=FORMAT, simulated=simulated, **values)
 
     @classmethod
     def load(cls, path: str | Path, topology: Topology) -> Stencil:
@@ -216,6 +216,9 @@ class Stencil:
             found._check()
         except (OSError, LookupError, AttributeError, ValueError, TypeError) as error:
             raise SkinError(f"{path}: must be a stencil that was saved; got {error}") from None
+        if bool(saved.get("simulated", False)) and not topology.in_process:
+            raise SkinError(f"{path}: must be the stencil of real units, as {topology.name} is on "
+                            "a real bus; got one of simulated units")  # fmt: skip
         if found.n != topology.n:
             raise SkinError(
                 f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "

@@ -98,7 +98,7 @@ class Outcome:
                     tared.discard(name.removeprefix(head))
             write_calibration(
                 path, patch, units, date=self.bench.date or datetime.date.today().isoformat(),
-                bench=self.bench.bench, of_units=OfUnits(tared, measured),
+                bench=self.bench.bench, of_units=OfUnits(tared, measured=measured),
                 before=path.read_text(encoding="utf-8") if path.exists() else "",
             )  # fmt: skip
         return files

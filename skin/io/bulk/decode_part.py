@@ -67,6 +67,7 @@ def decode_part(job: Job, part: Part, *, threads: bool | None = None) -> dict[st
     except (BusError, SkinError, OSError) as error:
         return summary | sums.totals() | {"state": "failed", "error": _words(error)}
     summary |= sums.totals() | {"counters": asdict(source.counters), "faults": source.faults,
+                              "notes": getattr(source, "notes", []),
                               "options": source.pipeline.options.report(),
                               "left_out": getattr(source, "left_out", {}),
                               "damage": getattr(source, "damage", None)}  # fmt: skip
@@ -193,7 +194,7 @@ class _Sums:
         """Count a block."""
         self.cycles += len(block)
         self.valid += int(np.count_nonzero(block.units.valid))
-        self.readings += len(block) * int(block.topology.enabled.sum())
+        self.readings += len(block) * int(block.topology.feels.sum())
         self.overruns = int(block.overruns[-1])
         self.frames = int(block.totals[-1].sum())
         if self.first_ns is None:
@@ -209,7 +210,7 @@ class _Sums:
         """The totals, by name."""
         return {
             "cycles": self.cycles, "frames": self.frames, "cycles_missing": self.overruns,
-            "valid_share": self.valid / max(self.readings, 1), "contacts": self.contacts,
-            "slips": self.slips, "partitions": len(self.partitions),
+            "valid_share": self.valid / self.readings if self.readings else None,
+            "contacts": self.contacts, "slips": self.slips, "partitions": len(self.partitions),
             "first_ns": self.first_ns, "last_ns": self.last_ns,
         }  # fmt: skip

@@ -29,6 +29,12 @@ LATEST_NS = 2**63 - 1
 """Latest stamp [derived: the largest int64]."""
 
 
+LEAST_STEPS = 3
+"""Between frames, from which their rate is compared [assumed]."""
+RATE_SHARE = 0.02
+"""Largest difference of a camera from its nominal rate [assumed: a second in 50]."""
+
+
 class Frame(NamedTuple):
     """Data of a camera, and optionally of the robot, at one time.
 
@@ -94,6 +100,30 @@ class Alignment:
     jitter_s: float = 0.0
     """Largest timing error between two frames, without gaps."""
     ages_s: list[float] = field(default_factory=list, repr=False)
+    stamps_ns: list[int] = field(default_factory=list, repr=False)
+    """Of the frames."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the camera: of the steps between frames that have no gap, NaN without a step."""
+        steps = np.diff(np.array(self.stamps_ns, np.int64))
+        return 1e9 / float(steps[steps < 1.5 * np.median(steps)].mean()) if steps.size else np.nan
+
+    def judge(self, fps: int) -> None:
+        """Compare the frames with a nominal rate.
+
+        Raises
+        ------
+        SkinError
+            They come at another rate.
+        """
+        steps_s, period_s = 1e-9 * np.diff(np.array(self.stamps_ns, np.int64)), 1.0 / fps
+        if steps_s.size >= LEAST_STEPS and abs(self.rate_hz / fps - 1.0) > RATE_SHARE:
+            raise SkinError(f"fps: must be the rate of the camera, whose frames come at "
+                            f"{self.rate_hz:.4g} a second; got {fps}")  # fmt: skip
+        is_gap = steps_s >= 1.5 * period_s
+        self.camera_gaps = int(np.count_nonzero(is_gap))
+        self.jitter_s = float(np.abs(steps_s[~is_gap] - period_s).max(initial=0.0))
 
     def report(self) -> dict[str, Any]:
         """The same as JSON numbers."""
@@ -212,7 +242,6 @@ def aligned(
     frames: Iterable[Frame],
     history: History,
     alignment: Alignment,
-    fps: int,
 ) -> Iterator[tuple[Frame, Sample]]:
     """Each frame with the newest sample that is not later.
 
@@ -224,8 +253,6 @@ def aligned(
     history : History
     alignment : Alignment
         Updated.
-    fps : int
-        Nominal rate of the camera.
 
     Raises
     ------
@@ -240,12 +267,8 @@ def aligned(
         check_number(f"{where}: stamp_ns", frame.stamp_ns, 0, LATEST_NS, whole=True)
         if last_ns is not None:
             check_later(where, frame.stamp_ns, last_ns)
-            late_s = 1e-9 * (frame.stamp_ns - last_ns) - 1.0 / fps
-            if late_s >= 0.5 / fps:
-                alignment.camera_gaps += 1
-            else:
-                alignment.jitter_s = max(alignment.jitter_s, abs(late_s))
         last_ns = frame.stamp_ns
+        alignment.stamps_ns.append(last_ns)
         while state is not None and state.stamp_ns <= frame.stamp_ns:
             history.push(state)
             state = next(coming, None)

@@ -18,6 +18,7 @@ from skin.blocks.block import CLOSED_BY, Block
 from skin.contact.field import Quantity
 from skin.contact.record import AXES, CONTACT, LOAD_UNITS, LOADS, QUANTITIES
 from skin.state import Reading, if_wanted
+from topology import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -72,6 +73,8 @@ READINGS = (
     Quantity("status", "Flags, of bus.status.Status; 0 is a good reading.", "", (), "uint16",
              _reading("status")),
     Quantity("valid", "Whether it may be used.", "", (), "bool", _reading("valid")),
+    Quantity("counts", "As on the wire; of skins with sensors of `counts_only` layouts.", "",
+             tuple(f"counts_{name}" for name in CHANNELS), "int16", _array("counts")),
     Quantity("contact", "Identity of its contact, 0 for none.", "", (), "int64",
              lambda block: None if block.contacts is None else block.contact_of_units),
 )  # fmt: skip

@@ -11,6 +11,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Sequence
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,15 @@ import numpy as np
 from skin.arrow import arrow_for
 from skin.contact.record import LOADS
 from skin.errors import OptionError, SkinError, check_number, shown
-from skin.io.export.align import CONTACT_COLUMNS, Alignment, Frame, History, Sample, aligned
+from skin.io.export.align import (
+    CONTACT_COLUMNS,
+    RATE_SHARE,
+    Alignment,
+    Frame,
+    History,
+    Sample,
+    aligned,
+)  # fmt: skip
 from skin.io.export.images import TaxelGrid, encoded, pixels
 from skin.io.export.lerobot_files import COUNTED, Feature, Files
 from skin.io.export.single import as_single
@@ -41,6 +50,7 @@ KINDS = {
     "tactile.stamp_ns": "int64", "camera.stamp_ns": "int64",
 }  # fmt: skip
 """Types of the skin's features other than float32."""
+MOST_FPS = 1000
 SAMPLED = 16
 """Images of an episode used for its statistics [assumed]."""
 ROWS = 64
@@ -55,8 +65,9 @@ class Dataset:
     folder : path
         New or empty.
     topology : Topology
-    fps : int
-        Frames a second of the camera.
+    fps : int, optional
+        Frames a second of the camera; as the first episode has them if not given. Episodes whose
+        frames come at another rate are refused: `timestamp` would not be the time of the world.
     window : int
         Samples of the skin in a window, k.
     contacts : int
@@ -91,7 +102,7 @@ class Dataset:
         folder: str | os.PathLike[str],
         topology: Topology,
         *,
-        fps: int,
+        fps: int | None = None,
         window: int = 8,
         contacts: int = 8,
         max_age_s: float | None = None,
@@ -100,7 +111,8 @@ class Dataset:
         taxels: Sequence[str | TaxelGrid] = (),
     ) -> None:
         check_path("folder", folder, OptionError)
-        check_number("fps", fps, 1, 1000, whole=True)
+        if fps is not None:
+            check_number("fps", fps, 1, MOST_FPS, whole=True)
         check_number("window", window, 1, 1000, whole=True)
         check_number("contacts", contacts, 1, 64, whole=True)
         age_s = 2.0 / topology.cycle_rate_hz if max_age_s is None else max_age_s
@@ -110,7 +122,7 @@ class Dataset:
         grids = [one if isinstance(one, TaxelGrid) else TaxelGrid(topology, one) for one in taxels]
         self._taxels = {grid.patch: grid for grid in grids}
         # resolved: the folder is replaced by a sibling
-        self._folder, self._topology, self._fps = Path(os.path.realpath(folder)), topology, fps
+        self._folder, self._topology = Path(os.path.realpath(folder)), topology
         if not _is_text(str(self._folder)):
             raise OptionError(f"folder: must be a path in UTF-8; got {shown(str(folder))}")
         if self._folder == Path.cwd():
@@ -165,9 +177,11 @@ class Dataset:
         if not _is_text(task) or not task.strip():
             raise OptionError(f"task: must be words in UTF-8; got {shown(task)}")
         alignment, episode = Alignment(), _Episode(self._files, task)
-        for number, (frame, sample) in enumerate(
-            aligned(states, frames, History(*self._sizes), alignment, self._fps)
-        ):
+        pairs = aligned(states, frames, History(*self._sizes), alignment)
+        first = list(islice(pairs, ROWS))
+        if self._files.fps is None and first:
+            self._files.fps = _whole_rate(alignment)
+        for number, (frame, sample) in enumerate(chain(first, pairs)):
             row, shapes = self._row(number, frame, sample)
             if number == 0 and not self.episodes:
                 self._files.begin(_features(shapes, self._topology.unit_names))
@@ -181,6 +195,8 @@ class Dataset:
                 f"{alignment.frames} frames, none within {1e-9 * self._sizes[3]:g} s after a "
                 "sample (of two clocks?)"
             )
+        assert self._files.fps is not None
+        alignment.judge(self._files.fps)
         episode.finish(alignment)
         self.episodes.append(alignment)
         options = getattr(getattr(states, "pipeline", None), "options", None)
@@ -324,6 +340,16 @@ class _Episode:
         for name in self._sampled[0]:
             found[name] = of_images([pixels(name, images[name]) for images in self._sampled])
         self._files.end_episode(alignment.frames, found)
+
+
+def _whole_rate(alignment: Alignment) -> int:
+    """The rate of a camera, frames a second, from the first frames of an episode."""
+    rate_hz = alignment.rate_hz
+    fps = 0 if np.isnan(rate_hz) else round(rate_hz)
+    if not 1 <= fps <= MOST_FPS or abs(rate_hz / fps - 1.0) > RATE_SHARE:
+        raise SkinError(f"fps: must be given where frames do not come at a whole rate from 1 to "
+                        f"{MOST_FPS} a second; got none, and {rate_hz:.4g} a second")  # fmt: skip
+    return fps
 
 
 def _is_text(value: object) -> bool:

@@ -53,11 +53,12 @@ class Files:
     ----------
     library : Arrow
     folder : Path
-    fps : int
+    fps : int, optional
+        Known before rows are written.
     """
 
-    def __init__(self, library: Arrow, folder: Path, fps: int) -> None:
-        self._library, self._folder, self._fps = library, folder, fps
+    def __init__(self, library: Arrow, folder: Path, fps: int | None) -> None:
+        self._library, self._folder, self.fps = library, folder, fps
         self._features: dict[str, Feature] = {}
         self._tasks: dict[str, int] = {}
         self._episodes: list[dict[str, Any]] = []
@@ -111,7 +112,7 @@ class Files:
             if name not in COUNTED and one.dtype != "image"
         }
         numbers |= {
-            "timestamp": (frame / self._fps).astype(np.float32)[:, np.newaxis],
+            "timestamp": (frame / self.fps).astype(np.float32)[:, np.newaxis],
             "frame_index": frame[:, np.newaxis],
             "episode_index": np.full((count, 1), episode),
             "index": frame[:, np.newaxis] + self._first,
@@ -162,7 +163,7 @@ class Files:
             "codebase_version": VERSION, "robot_type": robot, "total_episodes": count,
             "total_frames": self._rows, "total_tasks": len(self._tasks), "chunks_size": CHUNK,
             "data_files_size_in_mb": FILE_MB, "video_files_size_in_mb": 2 * FILE_MB,
-            "fps": self._fps, "splits": {"train": f"0:{count}"}, "data_path": DATA,
+            "fps": self.fps, "splits": {"train": f"0:{count}"}, "data_path": DATA,
             "video_path": None,
             "features": {name: {"dtype": one.dtype, "shape": list(one.shape), "names": one.names}
                          for name, one in self._features.items()},

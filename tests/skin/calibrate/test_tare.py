@@ -381,7 +381,7 @@ def test_patch_without_a_file_has_one_next_to_the_topology(tmp_path):
     skin = pair(tmp_path, BEFORE)
     files = tare(skin, simulated(skin)).write()
     assert files == {name: tmp_path / file for name, file in
-                     (("left", "left.toml"), ("right", "right.calibration.toml"))}  # fmt: skip
+                     (("left", "left.toml"), ("right", "pair.right.calibration.toml"))}  # fmt: skip
     assert tomllib.loads(files["right"].read_text())["patch"] == "right"
 
 

@@ -141,7 +141,7 @@ def test_words_stand_in_the_file_as_they_are_written(tmp_path):
 def test_what_was_measured_of_units_stands_in_a_table_of_its_own(tmp_path):
     measured = {"r0c1": {"force_rmse_n": 0.01, "cycles": 40}}
     file = tmp_path / "row.toml"
-    write_calibration(file, "patch", {}, of_units=OfUnits({"r0c2", "r0c0"}, measured))
+    write_calibration(file, "patch", {}, of_units=OfUnits({"r0c2", "r0c0"}, measured=measured))
     found = tomllib.loads(file.read_text())
     assert found["measured"] == measured
     assert found["tared"] == ["r0c0", "r0c2"]

@@ -16,7 +16,7 @@ name = "hand"
 
 [[buses]]
 name = "main"
-interface = "socketcan"
+interface = "memory"
 channel = "can0"
 cycle_rate_hz = 250
 sync_id = 0x080
@@ -58,7 +58,7 @@ def test_the_first_tare_makes_the_files_and_prints_the_lines(hand, capsys):
     assert status == 0
     assert hand.read_text() == before
     assert report["lines"] == {
-        name: f'calibration = "{name}.calibration.toml"' for name in ("palm", "tip")
+        name: f'calibration = "palm.{name}.calibration.toml"' for name in ("palm", "tip")
     }
     for line in report["lines"].values():
         assert line in printed.out.splitlines()[-3] + printed.out.splitlines()[-2]
@@ -79,7 +79,7 @@ def test_the_lines_are_added_where_they_are_asked_for(hand, end, capsys):
     after = hand.read_bytes().decode()
     kept = [row for row in after.split(end) if not row.startswith("calibration = ")]
     assert end.join(kept) == before.replace("\n", end)
-    number = after.split(end).index('calibration = "tip.calibration.toml"') + 1
+    number = after.split(end).index('calibration = "palm.tip.calibration.toml"') + 1
     assert f"palm.toml:{number}: added to patch 'tip'" in printed.out
     status, printed, report = run(capsys, "tare", hand, "--write", *TARE)
     assert (status, report["lines"]) == (0, {})
@@ -99,7 +99,7 @@ def test_a_file_that_is_named_and_not_there_is_made(hand, capsys):
 
 def test_a_second_tare_keeps_what_stands_in_the_file_that_is_not_named_yet(hand, capsys):
     assert main(["tare", str(hand), *TARE]) == 0
-    file = hand.with_name("palm.calibration.toml")
+    file = hand.with_name("palm.palm.calibration.toml")
     text = file.read_text() + "normal_max_n = 9.5\n"
     unit = tomllib.loads(text)["units"]
     file.write_text(text)

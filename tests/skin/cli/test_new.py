@@ -18,11 +18,11 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("more", [[], ["--classic", "--rate-hz", "50"], ["--bus", "memory:hand"]])
 def test_a_new_hand_is_checked_simulated_and_tared(more, folder, capsys):
-    patches = ["--patches", "palm=3x4", "thumb=2x2"]
+    patches = ["--patches", "palm=3x4", "thumb=2x2", "--bus", "memory:hand"]
     assert main(["new", "my_hand", *patches, *more, "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert sorted(path.name for path in folder.iterdir()) == [
-        "my_hand.toml", "palm.calibration.toml", "thumb.calibration.toml",
+        "my_hand.palm.calibration.toml", "my_hand.thumb.calibration.toml", "my_hand.toml",
     ]  # fmt: skip
     loaded = topology.load("my_hand.toml")
     assert (loaded.name, loaded.n, report["units"]) == ("my_hand", 16, 16)
@@ -34,7 +34,7 @@ def test_a_new_hand_is_checked_simulated_and_tared(more, folder, capsys):
     assert topology.load("my_hand.toml").tared.all()
 
 
-@pytest.mark.parametrize("there", ["my_hand.toml", "palm.calibration.toml"])
+@pytest.mark.parametrize("there", ["my_hand.toml", "my_hand.palm.calibration.toml"])
 def test_what_is_there_stays(there, folder, capsys):
     (folder / there).write_text("Notes of the lab\n")
     assert main(["new", "my_hand"]) == 2
