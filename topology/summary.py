@@ -147,6 +147,7 @@ def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> PatchSummary:
 
 def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str]:
     """What may be meant, but is worth a second look."""
+    yield from topology.notes
     outward = -topology.rotation[:, 2]
     overlaps = overlapping(topology.position, outward, topology.parameters["radius_m"])
     if overlaps:

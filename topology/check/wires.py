@@ -50,6 +50,11 @@ def resolve_layouts(file: File, source: Source, report: Report) -> dict[str, Wir
                 _check_layout(wire, places, key, source, report)
         if layout.name is not None and first.get(layout.name) == key:
             layouts[layout.name] = wire if sound and report.sound(source, key) else None
+    for messages in files.values():
+        faults = [f for message in (messages or {}).values() for f in message.faults.values()]
+        if faults:
+            more = f", nor are {len(faults) - 1} more lines like it" if len(faults) > 1 else ""
+            report.notes.append(f"{faults[0]}; it is not read, as no layout uses it{more}")
     return layouts
 
 
