@@ -235,16 +235,16 @@ def unreachable(file: str, topology: Topology) -> str | None:
 
 def never_tared(topology: Topology) -> list[str]:
     """Units whose zeros were not taken in their places; none on buses within the process."""
-    return _lacking(topology, topology.tared)
+    return lacking(topology, topology.tared)
 
 
 def uncalibrated(topology: Topology) -> list[str]:
     """Units whose laws are those of their model; likewise."""
-    return _lacking(topology, topology.calibrated)
+    return lacking(topology, topology.calibrated)
 
 
-def _lacking(topology: Topology, known: np.ndarray) -> list[str]:
-    """Units of a real bus that are not among those `known`."""
+def lacking(topology: Topology, known: np.ndarray) -> list[str]:
+    """Units of a real bus, shape (n,), that are not among those `known`."""
     if all(bus.interface == "memory" for bus in topology.buses):
         return []
     lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~known
