@@ -99,13 +99,10 @@ class BoardRules:
         )
 
     def are_numbered(self, silent: np.ndarray, moved: np.ndarray) -> bool:
-        """Whether heartbeats can be those of silent boards: not where boards that talk, on other
-        identifiers too, account for all of them, as their numbers may be other ones.
+        """Whether heartbeats can be those of silent boards: not where boards that talk, perhaps on
+        other identifiers (`moved`), account for all of them, since their numbers may be others.
 
-        Parameters
-        ----------
-        silent, moved : ndarray, shape (f,), bool
-            Frames of this bus that are missing; those of them that may come on other identifiers.
+        Both masks are of the frames of this bus.
         """
         alive = {node for node in self.heard if not self._misses(node)}
         talking = set(self.nodes[~silent].tolist()) & (self._promised | self.heard.keys())

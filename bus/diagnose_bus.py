@@ -52,8 +52,10 @@ class BusRules:
         self.slow = np.zeros(self.rows.size, bool)
         """Frames at a constant but wrong rate: no losses."""
         self.boards = BoardRules(survey, index)
+        of_other = self.skin.frames.can_id[self.skin.frames.bus == instead].tolist()
+        self.known = {*self.ids, self.bus.sync_id, *_HEARTBEATS, *of_other}
         self.moved = self._moved()
-        """Identifiers that the file does not know, each with the missing one that it may be."""
+        """Unknown identifiers, each with the missing one that it may be."""
         moved = np.isin(self.ids, list(self.moved.values()))
         self.numbered = self.boards.are_numbered(self.never | self.fell, moved)
 
@@ -96,31 +98,20 @@ class BusRules:
     def _moved(self) -> dict[int, int]:
         """Each missing identifier at most once: the one with the fewest other digits first."""
         sizes = {(layout.size, layout.fd) for layout in self.skin.layouts}
+        known = self.known.union(self.skin.frames.can_id.tolist())
+        alike = {kind.can_id: n for kind, n in self.here.items()
+                 if kind.can_id not in known and (kind.length, kind.is_fd) in sizes}  # fmt: skip
         missing = np.unique(np.array(self.ids, np.int64)[self.gone])
-        elsewhere = set(self.skin.frames.can_id.tolist())
-        totals: dict[int, int] = {}
-        for kind, count in self.here.items():
-            is_alike = (kind.length, kind.is_fd) in sizes and kind.can_id not in elsewhere
-            if is_alike and self._is_unknown(kind.can_id):
-                totals[kind.can_id] = totals.get(kind.can_id, 0) + count
-        most = sorted(totals, key=lambda i: -totals[i])[: missing.size]
+        most = sorted(alike, key=lambda i: -alike[i])[: missing.size]
         heard = np.array(sorted(most), np.int64)
         digits = 4 * np.arange(8)
         other = ((heard[:, None, None] ^ missing[:, None]) >> digits & 15 > 0).sum(axis=-1)
         found: dict[int, int] = {}
         for place in np.argsort(other, axis=None, kind="stable").tolist():
-            here, there = divmod(place, missing.size)
-            if int(heard[here]) not in found and int(missing[there]) not in found.values():
-                found[int(heard[here])] = int(missing[there])
+            here, there = heard[place // missing.size], missing[place % missing.size]
+            if here not in found and there not in found.values():
+                found[int(here)] = int(there)
         return found
-
-    def _is_unknown(self, can_id: int) -> bool:
-        """Whether neither the file nor the protocol knows an identifier on this bus."""
-        if self.instead is not None and can_id in self.skin.frames.can_id[
-            self.skin.frames.bus == self.instead
-        ]:  # fmt: skip
-            return False
-        return can_id not in (*self.ids, self.bus.sync_id) and can_id not in _HEARTBEATS
 
     # -- rules ---------------------------------------------------------------------------------
 
@@ -202,7 +193,7 @@ class BusRules:
                 cause = "no power, a loose plug, or another address than the file says"
             yield Finding(
                 "missing-unit", "error", self._frame(place), count,
-                self._how(np.array([place])), self._alive([place]) or cause + self._instead([place]),
+                self._how(np.array([place])), self._cause([place], cause),
             )  # fmt: skip
 
     def _silent_bus(self) -> Iterator[Finding]:
@@ -212,9 +203,8 @@ class BusRules:
             yield Finding(
                 "silent-bus", "error", self.name, units,
                 f"none of {units} units is heard, though others send",
-                self._alive(np.flatnonzero(self.enabled))
-                or "units without power, another first_id than the file's, or the file of another "
-                "skin" + self._instead(np.flatnonzero(self.enabled)),
+                self._cause(np.flatnonzero(self.enabled), "units without power, another first_id "
+                            "than the file's, or the file of another skin"),
             )  # fmt: skip
         elif not errors and self.bus.interface == "memory":
             yield Finding(
@@ -254,25 +244,19 @@ class BusRules:
             "silent-branch", "error", self.name, units,
             f"{where}, {units} units on {hex_id(self.ids[places[0]])} to "
             f"{hex_id(self.ids[places[-1]])}: {self._how(places)}",
-            self._alive(places)
-            or "the cable or plug between the last unit that is heard and the first that is not, "
-            "or the power of that branch" + self._instead(places),
+            self._cause(places, "the cable or plug between the last unit that is heard and the "
+                        "first that is not, or the power of that branch"),
         )  # fmt: skip
 
-    def _alive(self, places: Any) -> str:
-        """The likely cause where boards with silent frames are alive; else empty."""
-        return (
-            self.boards.alive(np.isin(np.arange(self.rows.size), places)) if self.numbered else ""
-        )
-
-    def _instead(self, places: Any) -> str:
-        """End of a cause: what comes in place of these frames."""
-        missing = {self.ids[place] for place in places}
-        come = [hex_id(i) for i, instead_of in self.moved.items() if instead_of in missing]
-        if not come:
-            return ""
-        shown = come[0] if len(come) == 1 else f"{len(come)} identifiers, {come[0]} the first,"
-        return f"; {shown} {'comes' if len(come) == 1 else 'come'}, which the file does not know"
+    def _cause(self, places: Any, otherwise: str) -> str:
+        """The likely cause of silent frames, by what else comes."""
+        alive = self.boards.alive(np.isin(np.arange(self.rows.size), places))
+        if self.numbered and alive:
+            return alive
+        moved = {self.ids[place] for place in places} & {*self.moved.values()}
+        is_moved = len(moved) == len(places) > 1
+        where = "another address than the file's, as unknown identifiers come instead; else "
+        return f"{where if is_moved else ''}{otherwise}"
 
     def _how(self, places: np.ndarray) -> str:
         """Never received, or silent since when."""
@@ -285,7 +269,7 @@ class BusRules:
     def _unknown(self) -> Iterator[Finding]:
         ids: dict[int, list[tuple[Heard, int]]] = {}
         for kind, count in self.here.items():
-            if self._is_unknown(kind.can_id):
+            if kind.can_id not in self.known:
                 ids.setdefault(kind.can_id, []).append((kind, count))
         totals = {can_id: sum(n for _, n in kinds) for can_id, kinds in ids.items()}
         for can_id in sorted(totals, key=lambda i: -totals[i]):

@@ -63,14 +63,13 @@ _BASES = {
     "µA": (("pnum", 6, ("A", "amp", "amps", "ampere", "amperes")),),
     "Hz": (("mkMG", 0, ("Hz", "hertz", "1/s", "s-1", "s^-1")),),
     "µT": (("pnum", 6, ("T", "tesla")), ("unmk", 2, ("G", "Gs", "gauss", "Oe", "oersted"))),
-    "°C": (("m", 0, ("°C", "oC", "degC", "degreeC", "degreesC", "C", "Celsius", "degCelsius",
-                     "degreeCelsius", "degreesCelsius", "¡æ")),),
-}  # fmt: skip
+    "°C": (("m", 0, ("C", "celsius")),),
+}
 """Of each unit of our own: prefixes, power of ten without a prefix, and spellings. An oersted in
-air is a gauss. The last one of °C is its sign in GBK, as Latin text."""
+air is a gauss."""
 _SCALES = {
-    **dict.fromkeys(("K", "°K", "degK", "kelvin"), (1.0, -273.15)), "mK": (1e-3, -273.15),
-    **dict.fromkeys(("°F", "degF", "F", "Fahrenheit"), (5 / 9, -160 / 9)),
+    "K": (1.0, -273.15), "kelvin": (1.0, -273.15), "mK": (1e-3, -273.15),
+    "F": (5 / 9, -160 / 9), "fahrenheit": (5 / 9, -160 / 9),
 }  # fmt: skip
 """Other temperatures: factor and offset."""
 
@@ -102,14 +101,18 @@ def conversion(unit: str, own: str) -> tuple[float, float] | None:
     >>> conversion("mT", "µT"), conversion("deg C", "°C"), conversion("MHz", "µT")
     ((1000.0, 0.0), (1.0, 0.0), None)
     """
+    if not unit.strip():
+        return 1.0, 0.0
     # mojibake of UTF-8 first; NFKC makes one letter of both micro signs, and °C of ℃
-    text = unicodedata.normalize("NFKC", unit.replace("Â", "").replace("Î¼", "μ"))
-    text = re.sub(r"[\s_.()\[\]]", "", text)
+    text = unit.replace("Â", "").replace("Î¼", "μ").replace("¡æ", "C").replace("º", "°")
+    text = re.sub(r"[\s_.()\[\]]", "", unicodedata.normalize("NFKC", text))
     known = _KNOWN[own]
-    if not text or text in known:
-        return known.get(text, (1.0, 0.0))
+    if own == "°C":
+        text = re.sub("°|deg(rees?)?", "", text, flags=re.I)
+    if text in known:
+        return known[text]
     folded = {value for name, value in known.items() if name.casefold() == text.casefold()}
-    is_gram = own == "µT" and text[-1] == "g"
+    is_gram = own == "µT" and text.endswith("g")
     return folded.pop() if len(folded) == 1 and not is_gram else None
 
 

@@ -12,16 +12,7 @@ from topology.read import show
 from topology.report import Report
 from topology.schema import Layout
 from topology.source import Key, Source
-from topology.wire import (
-    CHANNELS,
-    FRAME_FIELDS,
-    LARGEST_SCALE,
-    QUANTITIES,
-    SMALLEST_SCALE,
-    UNIT_FIELDS,
-    Signal,
-    WireLayout,
-)
+from topology.wire import CHANNELS, FRAME_FIELDS, QUANTITIES, UNIT_FIELDS, Signal, WireLayout
 
 __all__ = ["DbcFiles", "from_dbc"]
 
@@ -167,20 +158,15 @@ class _Finder:
             self.report.add("dbc-signal", self.source, at, bits=LARGEST_BITS, name=repr(signal),
                             got=unfit, file=self.shown, line=found.line)  # fmt: skip
             return
-        factor, offset = 1.0, 0.0
+        factor, shift = 1.0, 0.0
         if name in CHANNELS and not self.counts_only:
-            own = QUANTITIES[name]
-            known = conversion(found.unit, own)
+            known = conversion(found.unit, QUANTITIES[name])
             if known is None:
-                self.report.add("dbc-unit", self.source, at, own=own, name=repr(signal),
-                                got=repr(found.unit), file=self.shown, line=found.line)  # fmt: skip
+                self.report.add("dbc-unit", self.source, at, own=QUANTITIES[name],
+                                name=repr(signal), got=repr(found.unit), file=self.shown,
+                                line=found.line)  # fmt: skip
                 return
-            factor, offset = known
-        scale, offset = factor * found.scale, factor * found.offset + offset
-        if not max(abs(scale), abs(offset)) <= LARGEST_SCALE:
-            self.report.add("scale", self.source, at, least=SMALLEST_SCALE, most=LARGEST_SCALE,
-                            got=max(scale, offset, key=abs))  # fmt: skip
-            return
+            factor, shift = known
         self.places.append(at)
         self.signals.append(
             Signal(
@@ -189,8 +175,8 @@ class _Finder:
                 length=found.length,
                 signed=found.signed,
                 order=found.order,
-                scale=scale,
-                offset=offset,
+                scale=factor * found.scale,
+                offset=factor * found.offset + shift,
                 slot=slot,
             )
         )

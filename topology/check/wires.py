@@ -159,7 +159,9 @@ def _check_signal(
                        limit=getattr(layout, limit), what=limit, got=got)  # fmt: skip
     if signal.name in FRAME_FIELDS and signal.slot:
         report.add("signal-field", source, (*at, "slot"), got=signal.slot)
-    if signal.name in CHANNELS and not (SMALLEST_SCALE <= abs(signal.scale) <= LARGEST_SCALE):
+    if signal.name in CHANNELS and not (
+        SMALLEST_SCALE <= abs(signal.scale) <= LARGEST_SCALE >= abs(signal.offset)
+    ):
         report.add("scale", source, (*at, "scale"), least=SMALLEST_SCALE, most=LARGEST_SCALE,
                    got=signal.scale)  # fmt: skip
     whole = {"little": 0, "big": 7}[signal.order]
