@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from bus.diagnose_boards import other_firmwares, same_serials
+from bus.diagnose_boards import other_firmwares, other_serials, same_serials
 from bus.diagnose_bus import LONG_SILENCE, BusRules
 from bus.discover import Survey
 from bus.finding import Finding, some
@@ -41,6 +41,7 @@ def diagnose(survey: Survey, transports: Sequence[Transport] = ()) -> list[Findi
         found += BusRules(survey, b, instead.get(b)).findings()
     found += _of_units(survey)
     found += same_serials(survey)
+    found += other_serials(survey)
     found += other_firmwares(survey)
     found = [finding for code in dict.fromkeys(f.code for f in found)
              for finding in _few([f for f in found if f.code == code])]  # fmt: skip

@@ -11,9 +11,10 @@ from bus.configure import node_numbers
 from bus.discover import Survey
 from bus.finding import Finding, hex_id, some
 from bus.heartbeat import FIRST_ID, PERIOD_S, beating_nodes
+from bus.serials import compare_serials, of_boards
 from topology.wire import LAYOUTS
 
-__all__ = ["BoardRules", "other_firmwares", "same_serials"]
+__all__ = ["BoardRules", "identities", "other_firmwares", "other_serials", "same_serials"]
 
 PATIENCE_S = 2.5 * PERIOD_S
 """Silence after which a heartbeat is missing."""
@@ -56,9 +57,10 @@ class BoardRules:
         talking = set(self.nodes[~gone].tolist())
         missing = [node for node in self.expected if node in talking and self._misses(node)]
         yield from self._missing(missing, len(talking.intersection(self.expected)))
+        left = iter(missing)
         for node, board in sorted(self.heard.items()):
             if node not in self.expected:
-                yield self._unknown(node, board, missing)
+                yield self._unknown(node, board, next(left, None))
             if len(board.serials) > 1:
                 yield Finding(
                     "duplicate-node", "error", self._named(node), len(board.serials),
@@ -96,6 +98,17 @@ class BoardRules:
             "sync_id or data identifier than the file's, or sampling that has stopped"
         )
 
+    def are_numbered(self, silent: np.ndarray, moved: np.ndarray) -> bool:
+        """Whether heartbeats can be those of silent boards: not where boards that talk, perhaps on
+        other identifiers (`moved`), account for all of them, since their numbers may be others.
+
+        Both masks are of the frames of this bus.
+        """
+        alive = {node for node in self.heard if not self._misses(node)}
+        talking = set(self.nodes[~silent].tolist()) & (self._promised | self.heard.keys())
+        idle = alive & set(self.nodes[silent].tolist())
+        return len(alive) - len(talking) - np.unique(self.nodes[moved]).size >= len(idle)
+
     def _misses(self, node: int) -> bool:
         board = self.heard.get(node)
         if board is None and node not in self._promised:
@@ -122,10 +135,10 @@ class BoardRules:
                 else "another node number than the file's, or an older firmware",
             )  # fmt: skip
 
-    def _unknown(self, node: int, board: Board, missing: list[int]) -> Finding:
+    def _unknown(self, node: int, board: Board, missing: int | None) -> Finding:
         cause = "a board that is not in the file, or that has another node number"
-        if missing:
-            cause = f"a board with another node number: node {missing[0]} is missing"
+        if missing is not None:
+            cause = f"a board with another node number: node {missing} is missing"
         return Finding(
             "unknown-board", "warning", self._named(node), board.heartbeats,
             f"{some(board.heartbeats, 'heartbeat')} of a board that the file does not know "
@@ -151,6 +164,26 @@ def same_serials(survey: Survey) -> Iterator[Finding]:
                 f"{len(names)} boards have it: {_listed(names)}",
                 "boards that were programmed with one image, or one board that is heard on two "
                 "identifiers or buses",
+            )  # fmt: skip
+
+
+def identities(survey: Survey) -> dict[str, str]:
+    """Units whose serial number is in their calibration file and in heartbeats; and what is wrong
+    with it, if anything."""
+    skin = survey.topology
+    given = {name: serial for name, serial in zip(skin.unit_names, skin.serials, strict=False)}
+    heard = of_boards(skin, survey.boards)
+    return compare_serials(given, heard, given, "the calibration file")
+
+
+def other_serials(survey: Survey) -> Iterator[Finding]:
+    """Units with the calibration of another unit."""
+    for name, wrong in identities(survey).items():
+        if wrong:
+            yield Finding(
+                "other-serial", "error", name, 1, wrong,
+                "boards that were exchanged, or set to each other's address: its readings are "
+                "decoded with the constants of another unit",
             )  # fmt: skip
 
 

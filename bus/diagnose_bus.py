@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator
 from typing import Any
 
@@ -53,6 +52,12 @@ class BusRules:
         self.slow = np.zeros(self.rows.size, bool)
         """Frames at a constant but wrong rate: no losses."""
         self.boards = BoardRules(survey, index)
+        of_other = self.skin.frames.can_id[self.skin.frames.bus == instead].tolist()
+        self.known = {*self.ids, self.bus.sync_id, *_HEARTBEATS, *of_other}
+        self.moved = self._moved()
+        """Unknown identifiers, each with the missing one that it may be."""
+        moved = np.isin(self.ids, list(self.moved.values()))
+        self.numbered = self.boards.are_numbered(self.never | self.fell, moved)
 
     def findings(self) -> Iterator[Finding]:
         """All findings of this bus."""
@@ -89,6 +94,24 @@ class BusRules:
         units = [self.skin.unit_names[u] for u in self._units(self.rows[place])]
         names = units[0] if len(units) == 1 else f"{units[0]} … {units[-1]}"
         return f"{names} ({hex_id(self.ids[place])})"
+
+    def _moved(self) -> dict[int, int]:
+        """Each missing identifier at most once: the one with the fewest other digits first."""
+        sizes = {(layout.size, layout.fd) for layout in self.skin.layouts}
+        known = self.known.union(self.skin.frames.can_id.tolist())
+        alike = {kind.can_id: n for kind, n in self.here.items()
+                 if kind.can_id not in known and (kind.length, kind.is_fd) in sizes}  # fmt: skip
+        missing = np.unique(np.array(self.ids, np.int64)[self.gone])
+        most = sorted(alike, key=lambda i: -alike[i])[: missing.size]
+        heard = np.array(sorted(most), np.int64)
+        digits = 4 * np.arange(8)
+        other = ((heard[:, None, None] ^ missing[:, None]) >> digits & 15 > 0).sum(axis=-1)
+        found: dict[int, int] = {}
+        for place in np.argsort(other, axis=None, kind="stable").tolist():
+            here, there = heard[place // missing.size], missing[place % missing.size]
+            if here not in found and there not in found.values():
+                found[int(here)] = int(there)
+        return found
 
     # -- rules ---------------------------------------------------------------------------------
 
@@ -181,7 +204,7 @@ class BusRules:
                 cause = "no power, a loose plug, or another address than the file says"
             yield Finding(
                 "missing-unit", "error", self._frame(place), count,
-                self._how(np.array([place])), self._alive([place]) or cause,
+                self._how(np.array([place])), self._cause([place], cause),
             )  # fmt: skip
 
     def _silent_bus(self) -> Iterator[Finding]:
@@ -191,9 +214,8 @@ class BusRules:
             yield Finding(
                 "silent-bus", "error", self.name, units,
                 f"none of {units} units is heard, though others send",
-                self._alive(np.flatnonzero(self.enabled))
-                or "units without power, another first_id than the file's, or the file of another "
-                "skin",
+                self._cause(np.flatnonzero(self.enabled), "units without power, another first_id "
+                            "than the file's, or the file of another skin"),
             )  # fmt: skip
         elif not errors and self.bus.interface == "memory":
             yield Finding(
@@ -233,14 +255,19 @@ class BusRules:
             "silent-branch", "error", self.name, units,
             f"{where}, {units} units on {hex_id(self.ids[places[0]])} to "
             f"{hex_id(self.ids[places[-1]])}: {self._how(places)}",
-            self._alive(places)
-            or "the cable or plug between the last unit that is heard and the first that is not, "
-            "or the power of that branch",
+            self._cause(places, "the cable or plug between the last unit that is heard and the "
+                        "first that is not, or the power of that branch"),
         )  # fmt: skip
 
-    def _alive(self, places: Any) -> str:
-        """The likely cause where boards with silent frames are alive; else empty."""
-        return self.boards.alive(np.isin(np.arange(self.rows.size), places))
+    def _cause(self, places: Any, otherwise: str) -> str:
+        """The likely cause of silent frames, by what else comes."""
+        alive = self.boards.alive(np.isin(np.arange(self.rows.size), places))
+        if self.numbered and alive:
+            return alive
+        moved = {self.ids[place] for place in places} & {*self.moved.values()}
+        is_moved = len(moved) == len(places) > 1
+        where = "another address than the file's, as unknown identifiers come instead; else "
+        return f"{where if is_moved else ''}{otherwise}"
 
     def _how(self, places: np.ndarray) -> str:
         """Never received, or silent since when."""
@@ -251,12 +278,9 @@ class BusRules:
         return f"silent for the last {age / self.bus.cycle_rate_hz:.1f} s"
 
     def _unknown(self) -> Iterator[Finding]:
-        known = {*self.ids, self.bus.sync_id}
-        if self.instead is not None:
-            known.update(self.skin.frames.can_id[self.skin.frames.bus == self.instead].tolist())
         ids: dict[int, list[tuple[Heard, int]]] = {}
         for kind, count in self.here.items():
-            if kind.can_id not in known and kind.can_id not in _HEARTBEATS:
+            if kind.can_id not in self.known:
                 ids.setdefault(kind.can_id, []).append((kind, count))
         totals = {can_id: sum(n for _, n in kinds) for can_id, kinds in ids.items()}
         for can_id in sorted(totals, key=lambda i: -totals[i]):
@@ -265,7 +289,7 @@ class BusRules:
                 "unknown-id", "warning", f"{hex_id(can_id)} on {self.name}", count,
                 f"{some(count, 'frame')}{self._at(count)} of {some(kind.length, 'byte')} that the "
                 "file does not know",
-                self._stranger(can_id, kind),
+                self._stranger(can_id),
             )  # fmt: skip
         if self.index == 0 and self.survey.more_kinds:
             yield Finding(
@@ -274,17 +298,15 @@ class BusRules:
                 "a device that sends with identifiers of chance: a babbling node or a fuzzer",
             )  # fmt: skip
 
-    def _stranger(self, can_id: int, kind: Heard) -> str:
+    def _stranger(self, can_id: int) -> str:
         frames = self.skin.frames
         for other in np.flatnonzero((frames.can_id == can_id) & (frames.bus != self.index)):
             name = self.skin.buses[frames.bus[other]].name
             return f"a unit on the wrong bus: bus {name!r} expects it"
-        missing = [hex_id(i) for i, gone in zip(self.ids, self.gone, strict=True) if gone]
-        sizes = {(layout.size, layout.fd) for layout in self.skin.layouts}
-        if missing and (kind.length, kind.is_fd) in sizes:
-            near = difflib.get_close_matches(hex_id(can_id), missing, 1, 0.0)[0]
+        if (near := self.moved.get(can_id)) is not None:
             return (
-                f"a unit with a wrong address: {near} is missing, and this is a frame of that size"
+                f"a unit with a wrong address: {hex_id(near)} is missing, and this is a frame of "
+                "that size"
             )
         if self.survey.seconds and sum(self.here.values()) < 4 * sum(
             n for k, n in self.here.items() if k.can_id == can_id

@@ -104,6 +104,10 @@ class Topology:
         Link of the robot of each patch; "" on the skin frame, which is that of the robot's base.
     robot : RobotModel or None
         The robot that carries the skin; `position` and `rotation` are those at its home.
+    serials : tuple of str, length n or 0
+        Serial number of each unit by its calibration file; "" without one.
+    notes : tuple of str
+        What the files have that is passed over.
     """
 
     name: str
@@ -129,6 +133,8 @@ class Topology:
     patch_frames: tuple[str, ...] = ()
     patch_links: tuple[str, ...] = ()
     robot: RobotModel | None = None
+    serials: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Contents in a line."""

@@ -39,7 +39,7 @@ every decoder subtracts: it would be subtracted twice."""
 
 def read_calibration(
     patch: str, units: tuple[str, ...], key: Key, source: Source, report: Report
-) -> tuple[Source | None, dict[int, dict[str, Any]], list[int]]:
+) -> tuple[Source | None, dict[int, dict[str, Any]], list[int], dict[int, str]]:
     """Read the calibration file that a patch names.
 
     Parameters
@@ -63,16 +63,18 @@ def read_calibration(
         Parameters by index of the unit in its patch.
     tared : list of int
         Units whose zeros were taken in place.
+    serials : dict of int to str
+        Serial numbers of the measured units.
     """
     given = source.data["patches"][key[1]]["calibration"]
     path = source.path.parent / given
     shown = str(Path(source.shown).parent / given)
     if missing(path):
         report.add("no-calibration", source, key, path=shown, file=source.shown)
-        return None, {}, []
+        return None, {}, [], {}
     calibration = open_source(path, shown, report)
     if calibration is None:
-        return None, {}, []
+        return None, {}, [], {}
     table = read(CalibrationFile, calibration, report)
     if report.sound(calibration, (), "patch") and table.patch != patch:
         report.add("calibration-patch", calibration, ("patch",), patch=repr(patch),
@@ -97,4 +99,6 @@ def read_calibration(
         given = given_parameters(entry, at, calibration, report)
         if given:
             parameters[known[name]] = given
-    return calibration, parameters, tared
+    serials = {known[name]: own.serial for name, own in table.measured.items()
+               if name in known and own is not None}  # fmt: skip
+    return calibration, parameters, tared, serials

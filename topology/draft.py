@@ -46,6 +46,7 @@ class Draft:
     model : list of str, length n
     parameters : dict of str to ndarray
         As in `Topology`.
+    serials : list of str, length n
     layouts : list of WireLayout
         Those in use.
     address : Address
@@ -76,6 +77,7 @@ class Draft:
         self._given: dict[int, list[tuple[Source, Key, dict[str, Any]]]] = {}
         self.calibrated = np.zeros(len(self.names), bool)
         self.tared = np.zeros(len(self.names), bool)
+        self.serials = [""] * len(self.names)
 
         self.layouts: list[WireLayout] = []
         nowhere = np.full(len(self.names), -1)
@@ -175,9 +177,11 @@ class Draft:
         if named is None or (self._allow_no_calibration and missing(source.path.parent / named)):
             return
         name, units = placed.patch.name, placed.units.names
-        calibration, parameters, tared = read_calibration(name, units, at, source, report)
+        calibration, parameters, tared, serials = read_calibration(name, units, at, source, report)
         if calibration is None:
             return
+        for unit, serial in serials.items():
+            self.serials[int(self.starts[index]) + unit] = serial
         self.tared[[int(self.starts[index]) + unit for unit in tared]] = True
         for unit, given in parameters.items():
             entry = (calibration, ("units", units[unit]), given)

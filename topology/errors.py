@@ -105,10 +105,11 @@ MESSAGES: dict[str, str] = {
     "data_bitrate; got {name} with FD frames",
     # -- wire layouts from a DBC file
     "dbc-line": "must be {expected}; got {got}",
-    "dbc-quote": "must close its quotes; got one that is open to the end of the file",
     "dbc-says": "must be absent, as the DBC says it; got one",
     "dbc-signal": "must be an integer of at most {bits} bits that is in every frame; got {name}, "
     "{got} ({file}:{line})",
+    "dbc-unit": "must be in {own}, or in a unit that is converted to it; got {name} in {got} "
+    "({file}:{line})",
     "dbc-twice": "must be a name used once; got {name}, also at line {first}",
     # -- robot models, and what hangs on them
     "library": "must have the library of the extra {extra!r} (pip install 'f3t-skin[{extra}]'); "

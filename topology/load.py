@@ -89,7 +89,7 @@ def load(
     if not allow_overload:
         _check_load(frames, draft, parts, report)
     report.raise_if_any()
-    return _finish(frames, draft, parts)
+    return _finish(frames, draft, parts, tuple(report.notes))
 
 
 def is_builtin(path: Path | None) -> bool:
@@ -154,7 +154,7 @@ def _check_load(frames: Frames, draft: Draft, parts: Parts, report: Report) -> N
                        load=found.load, frames=found.frames, advice=advice)  # fmt: skip
 
 
-def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
+def _finish(frames: Frames, draft: Draft, parts: Parts, notes: tuple[str, ...]) -> Topology:
     n = len(draft.names)
     reach = np.empty(n)
     for index, placed in enumerate(draft.placed):
@@ -193,6 +193,8 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
         patch_frames=carriers,
         patch_links=links,
         robot=parts.robot,
+        serials=tuple(draft.serials),
+        notes=notes,
     )
     seal(topology)
     return topology

@@ -53,6 +53,8 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
     patch_frames: tuple[str, ...]
     patch_links: tuple[str, ...] = ()
     robot: RobotModel | None = None
+    serials: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def to_arrays(topology: Topology) -> dict[str, np.ndarray]:

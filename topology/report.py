@@ -18,10 +18,13 @@ class Report:
     ----------
     issues : list of Issue
         In order of discovery.
+    notes : list of str
+        What is passed over, in words.
     """
 
     def __init__(self) -> None:
         self.issues: list[Issue] = []
+        self.notes: list[str] = []
         self._touched: set[tuple[str, Key]] = set()
 
     def about_file(
@@ -35,7 +38,7 @@ class Report:
         **values: object,
     ):
         """Report a file that cannot be read, or that is not TOML."""
-        self._enter(Issue(code, file, line, where, MESSAGES[code].format(**values) + hint))
+        self.enter(Issue(code, file, line, where, MESSAGES[code].format(**values) + hint))
 
     def add(
         self,
@@ -56,7 +59,7 @@ class Report:
             There are too many issues.
         """
         message = MESSAGES[code].format(**values) + hint
-        self._enter(Issue(code, source.shown, source.line(key), source.where(key), message))
+        self.enter(Issue(code, source.shown, source.line(key), source.where(key), message))
         key = key if part is None else (*key, part)
         self.spoil(source, key)
 
@@ -64,7 +67,10 @@ class Report:
         """Exclude a value from further checks, since another file's issue covers it."""
         self._touched.update((source.shown, key[: i + 1]) for i in range(len(key)))
 
-    def _enter(self, issue: Issue) -> None:
+    def enter(self, issue: Issue) -> None:
+        """Report an issue, once."""
+        if issue in self.issues:
+            return
         self.issues.append(issue)
         if len(self.issues) == MOST_ISSUES:
             message = MESSAGES["too-many-issues"].format(limit=MOST_ISSUES)

@@ -13,7 +13,11 @@ from topology.budget import bus_load
 from topology.check.places import overlapping
 from topology.neighbours import nearest_distance
 
-__all__ = ["BusSummary", "PatchSummary", "Summary", "summary"]
+__all__ = ["FAR_M", "BusSummary", "PatchSummary", "Summary", "summary"]
+
+FAR_M = 1.0
+"""Distance from everything else above which a place is likely in millimetres [assumed: from a
+link's frame to its skin, or to the next link's, no arm or humanoid has more]."""
 
 
 class BusSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -147,6 +151,12 @@ def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> PatchSummary:
 
 def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str]:
     """What may be meant, but is worth a second look."""
+    yield from topology.notes
+    for name, gap in _far_away(topology):
+        yield (
+            f"{name} is {gap:.3g} m from all else of the skin and from the "
+            f"{'origin' if topology.robot is None else 'links'}: lengths are metres"
+        )
     outward = -topology.rotation[:, 2]
     overlaps = overlapping(topology.position, outward, topology.parameters["radius_m"])
     if overlaps:
@@ -162,3 +172,30 @@ def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str
     for bus in buses:
         if bus.units == 0:
             yield f"bus {bus.name!r} carries no unit"
+
+
+def _far_away(topology: Topology) -> Iterator[tuple[str, float]]:
+    """Patches, and single units, that a chain of steps of `FAR_M` does not reach from the origin or
+    the links; and their distance from what it does."""
+    skin, robot = topology, topology.robot
+    group, names = skin.patch.copy(), [f"patch {name!r}" for name in skin.patch_names]
+    for index in range(len(names)):
+        units = np.flatnonzero(skin.patch == index)
+        lone = units[nearest_distance(skin.position[:, units]) > FAR_M] if units.size > 1 else []
+        for unit in lone:
+            group[unit] = len(names)
+            names.append(f"unit {skin.unit_names[unit]}")
+    inside = [skin.position[:, group == index] for index in range(len(names))]
+    low, high = (np.stack([at(places, axis=1, initial=sign * np.inf) for places in inside], axis=1)
+                 for at, sign in ((np.min, 1), (np.max, -1)))  # fmt: skip
+    known = np.zeros((1, 3)) if robot is None else robot.forward(robot.home)[:, :3, 3]
+    left = [(place, place) for place in known]
+    gap, reached = np.full(len(names), np.inf), np.array([not places.size for places in inside])
+    while left:
+        a, b = (place[:, np.newaxis] for place in left.pop())
+        gap = np.minimum(gap, np.linalg.norm(np.maximum(np.maximum(low - b, a - high), 0), axis=0))
+        new = np.flatnonzero((gap <= FAR_M) & ~reached)
+        reached[new] = True
+        left += [(low[:, index], high[:, index]) for index in new]
+    for index in np.flatnonzero(~reached):
+        yield names[index], float(gap[index])

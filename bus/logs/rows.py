@@ -1,7 +1,8 @@
 """RowReader: text formats with a frame a line, and tables of python-can's.
 
-A line is a frame only as a whole: python-can's readers also take one that is cut, short of bytes or
-joined to the next one, do not tell which frames of ASC are CAN FD, and end at a line of another kind.
+A line is a frame only as a whole. python-can's readers also take a line that is cut, short of bytes
+or joined to the next one, do not say which frames of ASC are CAN FD, and end at a line of another
+kind.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from base64 import b64decode
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, ClassVar
 
 from bus.errors import ChannelError, LogError
 from bus.frame import (
@@ -125,7 +126,7 @@ class _Asc:
         elif sort not in "dD":
             raise ValueError(f"{sort!r} where d or r must be")
         content = [self._byte(word) for word in data]
-        # Words come next, or a duration, 0 or of many digits: no byte, and no stamp of another line.
+        # Words come next, or a duration, 0 or of many digits: no byte, no stamp of another line.
         is_longer = more and not (in_fd and self._base == 10) and self._byte(more[0]) is not None
         if is_longer or None in content or way not in ("Rx", "Tx") or (
             re.search(r"\d\.\d", " ".join(more))
@@ -148,11 +149,11 @@ class _Trc:
     BEGINS, EXPECTED = re.compile(rb"\s*;"), "';'"
     COMMENT = re.compile(r"\s*(;|$)")
     # Before version 2 the direction stands in the place of the type.
-    _COLUMNS = {"1.0": "NOILD", "1.1": "NOdILD", "1.2": "NOBdILD", "1.3": "NOBdIRLD"}
+    _COLUMNS: ClassVar = {"1.0": "NOILD", "1.1": "NOdILD", "1.2": "NOBdILD", "1.3": "NOBdIRLD"}
     _HEAD = re.compile(r"\s*;\$(\w+)=(.*?)\s*$")
     _BEGIN = datetime(1899, 12, 30, tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)
     _EVENTS = ("Warng", "Error", "ST", "ER", "EC", "EV")
-    _FLAGS = {"Rx": 0, "Tx": 0, "DT": 0, "RR": 0, "FD": FD_FDF, "FB": FD_FDF | FD_BRS,
+    _FLAGS: ClassVar = {"Rx": 0, "Tx": 0, "DT": 0, "RR": 0, "FD": FD_FDF, "FB": FD_FDF | FD_BRS,
               "FE": FD_FDF | FD_BRS | FD_ESI, "BI": FD_FDF | FD_ESI}  # fmt: skip
 
     def __init__(self) -> None:
@@ -234,8 +235,8 @@ class RowReader(LogReader):
     """Reads ASC, TRC, CSV and SQLite logs.
 
     Stamps of ASC count from the start of the measurement; those of the others have the precision of
-    floats, and are rounded to 1 µs. Events are counted as skipped. CSV and SQLite have no FD flag; a
-    frame of more than 8 bytes is CAN FD.
+    floats, and are rounded to 1 µs. Events are counted as skipped. CSV and SQLite have no FD flag;
+    a frame of more than 8 bytes is CAN FD.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:

@@ -266,7 +266,7 @@ class Zeros:
         yield 0
 
     def _load_hz(self) -> np.ndarray:
-        """By how much frequencies are lower than at rest, shape (n,); NaN where nothing is known."""
+        """By how much frequencies are lower than at rest, shape (n,); NaN where unknown."""
         decoder = self._decoder
         if decoder.ambient is not None:
             return decoder.ambient.load_hz

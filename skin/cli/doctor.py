@@ -11,6 +11,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
+
 from skin.cli import options
 from skin.cli.table import counted
 
@@ -46,6 +48,7 @@ def doctor(
     with 0 if all is well, and with 1 if there are findings.
     """
     from bus.diagnose import diagnose
+    from bus.diagnose_boards import identities
     from bus.discover import Survey
     from bus.logs import buses_of, read
     from skin.compiling import announcer
@@ -73,6 +76,8 @@ def doctor(
     else:
         found = _listen(survey, seconds, sync) + found
     counters = {name: count for name, count in asdict(survey.counters).items() if count}
+    named = identities(survey)
+    unchecked = options.lacking(loaded, np.array([name in named for name in loaded.unit_names]))
     report = {
         "topology": loaded.name,
         "units": loaded.n,
@@ -82,13 +87,28 @@ def doctor(
         "left_out": {} if frames is None else frames.left_out,
         "never_tared": options.never_tared(loaded),
         "uncalibrated": options.uncalibrated(loaded),
+        "identity_unchecked": unchecked,
         "findings": [asdict(finding) for finding in found],
         "healthy": not found,
     }
-    print(_table(loaded, report, found, options.hints(file, loaded)))
+    hints = [*options.hints(file, loaded), *_unchecked(file, loaded, unchecked)]
+    print(_table(loaded, report, found, hints))
     if json:
         print(json_text.dumps(report))
     return 1 if found else 0
+
+
+def _unchecked(file: str, topology: Topology, names: list[str]) -> Iterator[str]:
+    """A line about units of which nothing shows that they are those of their addresses."""
+    if names:
+        units = f"unit {names[0]} is" if len(names) == 1 else f"{len(names)} units are"
+        how = "calibration files with serial numbers (skin calibrate), and heartbeats on the bus"
+        if any(topology.serials):
+            how = "heartbeats on the bus, or in the log, whose serial numbers the files have"
+        yield (
+            f"{units} known by address only, which two exchanged units keep: to have that checked, "
+            f"give {how}; or press one after the other in: skin view {file}"
+        )
 
 
 def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> list[Finding]:

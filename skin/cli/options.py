@@ -260,21 +260,21 @@ def unreachable(file: str, topology: Topology) -> str | None:
 
 def never_tared(topology: Topology) -> list[str]:
     """Units whose zeros were not taken in their places; none on buses within the process."""
-    return _lacking(topology, topology.tared)
+    return lacking(topology, topology.tared)
 
 
 def uncalibrated(topology: Topology) -> list[str]:
     """Units whose laws are those of their model; likewise."""
-    return _lacking(topology, topology.calibrated)
+    return lacking(topology, topology.calibrated)
 
 
-def _lacking(topology: Topology, known: np.ndarray) -> list[str]:
-    """Units of a real bus that are not among those `known`."""
+def lacking(topology: Topology, known: np.ndarray) -> list[str]:
+    """Units of a real bus, shape (n,), that are not among those `known`."""
     if topology.in_process:
         return []
-    lacking: np.ndarray = topology.feels & ~known
+    missing: np.ndarray = topology.feels & ~known
     return [
-        name for name, is_missing in zip(topology.unit_names, lacking, strict=True) if is_missing
+        name for name, is_missing in zip(topology.unit_names, missing, strict=True) if is_missing
     ]
 
 

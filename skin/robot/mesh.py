@@ -13,26 +13,28 @@ __all__ = ["primitive_mesh", "read_mesh"]
 
 
 def read_mesh(path: Path) -> np.ndarray:
-    """Triangles of a mesh, shape (f, 3, 3), float64: vertices of each, in the file's own unit.
+    """Triangles of a mesh, shape (f, 3, 3), float64: vertices of each, metre by a Collada file's
+    unit, else in the file's own.
 
     Raises
     ------
     LibraryError
-        trimesh is not installed.
+        trimesh, or what it needs for such a file, is not installed.
     SkinError
         The file does not exist, or is not a mesh.
     """
     if not path.is_file():
         raise SkinError(f"{path}: must be a mesh; got no such file")
     try:
-        trimesh = import_module("trimesh")
+        mesh = import_module("trimesh").load(path, force="mesh", process=False)
+        triangles = np.array(mesh.triangles, float)
+        if path.suffix.lower() == ".dae":
+            convert = import_module("trimesh.units").unit_conversion
+            triangles *= convert(mesh.units or "meters", "meters")
     except ImportError as error:
         raise LibraryError(
             f"trimesh: must be installed for meshes (pip install 'f3t-skin[mesh]'); got: {error}"
         ) from None
-    try:
-        mesh = trimesh.load(path, force="mesh", process=False)
-        triangles = np.array(mesh.triangles, float)
     except Exception as error:  # a damaged file may raise anything
         reason = str(error) or type(error).__name__
         raise SkinError(f"{path}: must be a mesh that trimesh reads; got: {reason}") from None

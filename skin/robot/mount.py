@@ -25,8 +25,9 @@ INVERTED_DEG = 150.0
 """Tilt above which a unit faces into its link [assumed]."""
 LARGEST_M = 10.0
 """Size above which a robot is in millimetres [assumed: no hand or humanoid is larger]."""
-LARGEST_MESH_M = 3.0
-"""The same for a mesh of a link [assumed]."""
+LARGEST_SHAPE_M, SMALLEST_M = 3.0, 0.001
+"""The same for a shape of a link; a robot or a mesh below the other was divided by 1000 in vain
+[assumed]."""
 
 
 class PatchMount(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,6 +58,11 @@ def check_model(robot: RobotModel) -> tuple[str, ...]:
             f"{_at(robot)}: lengths must be metres; got links {span:.4g} m apart: if they are "
             "millimetres, divide every xyz of the model by 1000"
         )
+    elif 0.0 < span < SMALLEST_M:
+        found.append(
+            f"{_at(robot)}: lengths must be metres; got links within {1e3 * span:.3g} mm: if they "
+            "were divided by 1000 twice, multiply every xyz of the model by 1000"
+        )
     carried = _carried(robot)
     for link, name in enumerate(robot.link_names):
         if robot.mass[link] < 0.0 or (robot.mass[link] == 0.0 and carried[link] <= 0.0):
@@ -67,9 +73,9 @@ def check_model(robot: RobotModel) -> tuple[str, ...]:
             )
     reported = set()
     for geom in robot.geoms:
-        if geom.mesh is not None and geom.mesh not in reported:
-            reported.add(geom.mesh)
-            found += _mesh_problems(robot, geom)
+        if geom.mesh is None or (geom.mesh, geom.scale) not in reported:
+            reported.add((geom.mesh, geom.scale))
+            found += _shape_problems(robot, geom)
     return tuple(found)
 
 
@@ -92,20 +98,27 @@ def _at(robot: RobotModel, line: int = 0) -> str:
     return f"{robot.path}:{line}" if line else str(robot.path)
 
 
-def _mesh_problems(robot: RobotModel, geom: Geom) -> list[str]:
-    where = f"{_at(robot, geom.line)}: link {robot.link_names[geom.link]!r} mesh"
-    try:
-        triangles = read_mesh(Path(geom.mesh or "")) * np.array(geom.scale)
-    except ImportError:
-        raise
-    except SkinError as error:
-        return [f"{where}: {error}: correct its filename, or bring the file"]
-    extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    if extent > LARGEST_MESH_M:
-        return [
-            f"{where}: must be in metres; got {extent:.4g} m across: if it is drawn in "
-            f'millimetres, give it scale="0.001 0.001 0.001"'
-        ]
+def _shape_problems(robot: RobotModel, geom: Geom) -> list[str]:
+    kind = "mesh" if geom.mesh is not None else geom.kind
+    where = f"{_at(robot, geom.line)}: link {robot.link_names[geom.link]!r} {kind}"
+    extent = 2.0 * max(geom.size, default=0.0)
+    advice = "divide its lengths by 1000"
+    if geom.mesh is not None:
+        try:
+            triangles = read_mesh(Path(geom.mesh)) * np.array(geom.scale)
+        except ImportError:
+            raise
+        except SkinError as error:
+            return [f"{where}: {error}: correct its filename, or bring the file"]
+        extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+        advice = 'give it scale="0.001 0.001 0.001"'
+        if extent < SMALLEST_M:
+            return [f"{where}: must be in metres; got {extent:.3g} m across: if it is drawn in "
+                    "metres, leave out its scale"]  # fmt: skip
+    # a floor may belong to the root
+    if extent > LARGEST_SHAPE_M and kind != "plane" and (geom.mesh is not None or geom.link):
+        return [f"{where}: must be in metres; got {extent:.4g} m across: if it is drawn in "
+                f"millimetres, {advice}"]  # fmt: skip
     return []
 
 

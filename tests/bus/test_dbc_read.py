@@ -19,7 +19,7 @@ from tests.fixtures.dbc import Unpacker, by_cantools
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, TopologyError, load
 from topology import dbc as reading
-from topology.dbc import read_dbc
+from topology.dbc import conversion, read_dbc
 from topology.report import Report
 
 ROW = 'kind = "grid"\nrows = 1\ncolumns = 2\npitch_m = 0.02\nfirst_id = 0x100\n'
@@ -308,6 +308,109 @@ def test_signals_of_no_message_are_passed_over(tmp_path):
         + 2 * ' SG_ Spare : 0|8@1+ (1,0) [0|0] "" Vector__XXX\n'
     )
     assert load_with(tmp_path, VENDOR + spare, PAIR).n == 2
+
+
+BESIDE = {
+    "a large offset": 'BO_ 9 Gps: 8 X\n SG_ Lon : 39|32@0+ (1,-2147483648) [0|0] "mas" X',
+    "a scale beyond all": 'BO_ 9 Far: 8 X\n SG_ A : 0|8@1+ (1e999,0) [0|0] "" X',
+    "a signal twice": 'BO_ 9 A: 8 X\n SG_ A : 0|8@1+ (1,0) [0|0] "" X\n' * 2,
+    "a decimal comma": 'BO_ 9 A: 8 X\n SG_ A : 0|8@1+ (0,5,0) [0|0] "" X',
+    "an open quote in a unit": 'BO_ 9 A: 8 X\n SG_ A : 0|8@1+ (1,0) [0|0] "mm X',
+    "no identifier": "BO_ Other: 8 X",
+    "nothing": "BO_",
+    "a signal of nothing": "BO_ 9 A: 8 X\n SG_",
+    "a letter of somewhere": 'BO_ 9 Größe: 8 X\n SG_ Maß : 0|8@1+ (1,0) [0|0] "" X',
+    "an open comment": 'CM_ BO_ 512 "a 5" display',
+    "a comment with quotes": 'CM_ BO_ 512 "a "5" display\nBO_ 512 Pair: 8 X";',
+}
+
+
+@pytest.mark.parametrize("case", BESIDE)
+@pytest.mark.parametrize("first", [False, True])
+def test_lines_that_no_layout_uses_are_notes_and_refuse_nothing(case, first, tmp_path):
+    head, own = VENDOR.split("BO_", 1)
+    parts = [BESIDE[case] + "\n", f"BO_{own}"]
+    topology = load_with(tmp_path, head + "".join(parts if first else parts[::-1]), PAIR)
+    assert topology.layouts == load_with(tmp_path, VENDOR, PAIR).layouts
+    silent = ("a large offset", "a scale beyond all", "a letter", "an open c", "a comment")
+    assert len(topology.notes) == (not case.startswith(silent))
+    assert all(": it is not read, as no" in f": {note.split('; ')[2]}" for note in topology.notes)
+
+
+def test_an_unusual_line_of_the_message_that_a_layout_names_refuses_only_what_it_uses(tmp_path):
+    twice = VENDOR.replace(
+        " SG_ T1", ' SG_ Spare : 1|2\n SG_ X_0 : 8|8@1+ (1,0) [0|0] "" H\n SG_ T1'
+    )
+    assert load_with(tmp_path, VENDOR.replace(" SG_ T1", " SG_ Spare : 1|2\n SG_ T1"), PAIR).notes
+    with pytest.raises(TopologyError) as error:
+        load_with(tmp_path, twice, PAIR)
+    (issue,) = error.value.issues
+    assert str(issue).endswith("vendor.dbc:10: must be a name used once; got 'X_0', also at line 7")
+
+
+SPELLED = {
+    ("µT", 1.0, 0.0): "uT µT μT UT ut [uT] microTesla micro_Tesla Âµt",
+    ("µT", 1000.0, 0.0): "mT MT mt millitesla mTesla",
+    ("µT", 1e6, 0.0): "T tesla TESLA",
+    ("µT", 1e-3, 0.0): "nT NT",
+    ("µT", 100.0, 0.0): "G Gauss gauss GAUSS Gs Oe",
+    ("µT", 0.1, 0.0): "mG mGauss milligauss mGs",
+    ("Hz", 1.0, 0.0): "Hz hz HZ hertz 1/s",
+    ("Hz", 1000.0, 0.0): "kHz KHz khz kilohertz",
+    ("Hz", 1e6, 0.0): "MHz",
+    ("µA", 1000.0, 0.0): "mA MA ma milliampere",
+    ("µA", 1e-3, 0.0): "nA",
+    ("µA", 1e6, 0.0): "A amp",
+    ("°C", 1.0, 0.0): "°C degC deg_C DegC C celsius ℃ ºC °c ¡æ Â°C",
+    ("°C", 1.0, -273.15): "K kelvin degK",
+    ("°C", 5 / 9, -160 / 9): "°F degF",
+    ("µT", None, None): "mg g MHz LSB - % 10uT uT/s",
+    ("Hz", None, None): "mhz MHZ rpm uT",
+    ("µA", None, None): "V °C",
+    ("°C", None, None): "deg % uA rad",
+}
+
+
+def test_units_of_measure_are_converted_in_all_spellings_or_unknown():
+    found = {
+        (own, text): conversion(text, own) for (own, _, _), texts in SPELLED.items()
+        for text in texts.split()
+    }  # fmt: skip
+    expected = {
+        (own, text): None if factor is None else (factor, offset)
+        for (own, factor, offset), texts in SPELLED.items() for text in texts.split()
+    }  # fmt: skip
+    assert found == expected
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
+def test_signals_in_other_units_read_and_written_are_those_of_cantools(encoding, tmp_path):
+    text = VENDOR.replace('"uA"', '"mA"').replace('"Hz"', '"kHz"').replace('"uT"', '"mT"')
+    text = text.replace("Pair: 16", "Pair: 20")
+    text += (
+        ' SG_ C0 : 135|8@0- (1.8,77) [0|0] "°F" Host\n SG_ C1 : 144|8@1+ (1,273) [0|0] "K" Host\n'
+    )
+    layout = PAIR + 'hall_temperature = ["C0", "C1"]\n'
+    topology = load_with(tmp_path, text.encode(encoding), layout)
+    decoded = cantools.database.load_string(text, "dbc").get_message_by_name("Pair").decode(
+        payload := bytes(range(11, 31))
+    )  # fmt: skip
+    values, _ = Unpacker(topology)(frame(topology, payload)[0])
+    written = by_cantools(topology).messages[0]
+    again = written.decode(payload)
+    for slot, warm in enumerate([(decoded["C0"] - 32) / 1.8, decoded["C1"] - 273.15]):
+        for channel, expected in (
+            ("gel", 1e3 * decoded[f"T{slot + 1}"]), ("frequency", 1e3 * decoded[f"F{slot + 1}"]),
+            ("bx", 1e3 * decoded[f"X_{slot}"]), ("by", 1e3 * decoded[f"Y_{slot}"]),
+            ("hall_temperature", warm),
+        ):  # fmt: skip
+            near = pytest.approx(expected, rel=1e-12, abs=1e-9)
+            assert values[f"patch/r0c{slot} {channel}"] == near
+            assert again[f"patch_r0c{slot}_{channel}"] == near
+    units = {signal.name.split("_", 2)[2]: signal.unit for signal in written.signals[1:]}
+    assert units == {
+        "gel": "uA", "frequency": "Hz", "bx": "uT", "by": "uT", "hall_temperature": "degC"
+    }  # fmt: skip
 
 
 def test_what_cannot_be_read_at_all_says_why(tmp_path, monkeypatch):

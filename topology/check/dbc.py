@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from topology.check.names import refer
-from topology.dbc import DbcMessage, DbcSignal, read_dbc
+from topology.dbc import DbcMessage, DbcSignal, conversion, read_dbc
 from topology.errors import nearest
 from topology.files import missing
 from topology.read import show
 from topology.report import Report
 from topology.schema import Layout
 from topology.source import Key, Source
-from topology.wire import CHANNELS, FRAME_FIELDS, UNIT_FIELDS, Signal, WireLayout
+from topology.wire import CHANNELS, FRAME_FIELDS, QUANTITIES, UNIT_FIELDS, Signal, WireLayout
 
 __all__ = ["DbcFiles", "from_dbc"]
 
@@ -68,11 +68,14 @@ def from_dbc(
     messages = files[path]
     if messages is None or layout.message is None or not isinstance(names, dict):
         return None
-    if not refer(layout.message, f"a message of {shown}", messages, (*key, "message"), source,
-                 report):  # fmt: skip
+    if not refer(layout.message, f"a message of {shown}", [*filter(None, messages)],
+                 (*key, "message"), source, report):  # fmt: skip
         return None
     message = messages[layout.message]
-    finder = _Finder(message, layout.units, shown, source, report)
+    if (fault := message.faults.get("")) is not None:
+        report.enter(fault)
+        return None
+    finder = _Finder(message, layout, shown, source, report)
     for name, given in names.items():
         finder.take(name, given, (*key, "signals", name))
     wire = WireLayout(
@@ -98,10 +101,11 @@ class _Finder:
     """
 
     def __init__(
-        self, message: DbcMessage, units: int, shown: str, source: Source, report: Report
+        self, message: DbcMessage, layout: Layout, shown: str, source: Source, report: Report
     ) -> None:
         self.message = message
-        self.units = units
+        self.units = layout.units
+        self.counts_only = layout.counts_only
         self.shown = shown
         self.source = source
         self.report = report
@@ -139,6 +143,10 @@ class _Finder:
         self.report.add("value", self.source, at, expected=expected, got=got)
 
     def _enter(self, name: str, signal: str, slot: int, at: Key) -> None:
+        if (fault := self.message.faults.get(signal)) is not None:
+            self.report.enter(fault)
+            self.report.spoil(self.source, at)
+            return
         found = self.message.signals.get(signal)
         if found is None:
             kind = f"a signal of {self.message.name} ({self.shown}:{self.message.line})"
@@ -150,6 +158,15 @@ class _Finder:
             self.report.add("dbc-signal", self.source, at, bits=LARGEST_BITS, name=repr(signal),
                             got=unfit, file=self.shown, line=found.line)  # fmt: skip
             return
+        factor, shift = 1.0, 0.0
+        if name in CHANNELS and not self.counts_only:
+            known = conversion(found.unit, QUANTITIES[name])
+            if known is None:
+                self.report.add("dbc-unit", self.source, at, own=QUANTITIES[name],
+                                name=repr(signal), got=repr(found.unit), file=self.shown,
+                                line=found.line)  # fmt: skip
+                return
+            factor, shift = known
         self.places.append(at)
         self.signals.append(
             Signal(
@@ -158,8 +175,8 @@ class _Finder:
                 length=found.length,
                 signed=found.signed,
                 order=found.order,
-                scale=found.scale,
-                offset=found.offset,
+                scale=factor * found.scale,
+                offset=factor * found.offset + shift,
                 slot=slot,
             )
         )

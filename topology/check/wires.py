@@ -50,6 +50,11 @@ def resolve_layouts(file: File, source: Source, report: Report) -> dict[str, Wir
                 _check_layout(wire, places, key, source, report)
         if layout.name is not None and first.get(layout.name) == key:
             layouts[layout.name] = wire if sound and report.sound(source, key) else None
+    for messages in files.values():
+        faults = [f for message in (messages or {}).values() for f in message.faults.values()]
+        if faults:
+            more = f", nor are {len(faults) - 1} more lines like it" if len(faults) > 1 else ""
+            report.notes.append(f"{faults[0]}; it is not read, as no layout uses it{more}")
     return layouts
 
 
@@ -154,7 +159,9 @@ def _check_signal(
                        limit=getattr(layout, limit), what=limit, got=got)  # fmt: skip
     if signal.name in FRAME_FIELDS and signal.slot:
         report.add("signal-field", source, (*at, "slot"), got=signal.slot)
-    if signal.name in CHANNELS and not (SMALLEST_SCALE <= abs(signal.scale) <= LARGEST_SCALE):
+    if signal.name in CHANNELS and not (
+        SMALLEST_SCALE <= abs(signal.scale) <= LARGEST_SCALE >= abs(signal.offset)
+    ):
         report.add("scale", source, (*at, "scale"), least=SMALLEST_SCALE, most=LARGEST_SCALE,
                    got=signal.scale)  # fmt: skip
     whole = {"little": 0, "big": 7}[signal.order]

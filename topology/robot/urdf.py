@@ -7,7 +7,10 @@ moves along `axis`, angles are radians, `rpy` is about the parent's fixed axes.
 from __future__ import annotations
 
 import math
+import os
+import re
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +23,8 @@ from topology.robot.xml import Element, XmlError, parse
 __all__ = ["read_urdf"]
 
 KINDS = ("fixed", "revolute", "continuous", "prismatic")
+NEAR = 5
+"""Folders around a model in which other folders are looked into for a package.xml [assumed]."""
 SHAPES = {
     "box": ("size", 3),
     "sphere": ("radius", 1),
@@ -262,10 +267,11 @@ class _Reader:
 
 
 def resolve_mesh(name: str, model: Path) -> Path:
-    """File of a mesh in a URDF: relative to it, or in a package around it.
+    """File of a mesh in a URDF: relative to it, or in a package.
 
-    Without ROS a package is a folder of that name that contains the model, or a sibling of such a
-    folder; for a missing file the first candidate is returned.
+    A package is a folder with that name, or with it in its package.xml: around the model, next to
+    such a folder, or where ROS has it by the environment. For a missing file the first candidate
+    is returned.
     """
     if name.startswith("file://"):
         return Path(name.removeprefix("file://"))
@@ -273,11 +279,29 @@ def resolve_mesh(name: str, model: Path) -> Path:
         return model.parent / name
     package, _, rest = name.removeprefix("package://").partition("/")
     around = model.absolute().parents
-    named = [folder / rest for folder in around if folder.name == package]
-    candidates = [folder / package / rest for folder in around]
-    inside = [folder / rest for folder in around[:3]]
-    tried = [*named, *candidates, *inside]
-    return next((path for path in tried if path.is_file()), tried[0])
+    ros = [Path(path, "share") for path in _paths("AMENT_PREFIX_PATH")] + _paths("ROS_PACKAGE_PATH")
+    called = [folder for folder in around if folder.name == package]
+    tried = [*called, *(folder / package for folder in (*around, *ros)), *around[:3]]
+    manifests = (
+        file for folder in (*around[:NEAR], *ros) for pattern in ("package.xml", "*/package.xml")
+        for file in sorted(folder.glob(pattern))
+    )  # fmt: skip
+    named = (file.parent for file in manifests if _package(file) == package)
+    found = (path for folder in chain(tried, named) if (path := folder / rest).is_file())
+    return next(found, tried[0] / rest)
+
+
+def _paths(variable: str) -> list[Path]:
+    return [Path(path) for path in os.environ.get(variable, "").split(os.pathsep) if path]
+
+
+def _package(manifest: Path) -> str:
+    """Name of the package of a package.xml; empty where it cannot be read."""
+    try:
+        found = re.search(r"<name>\s*([^<]*?)\s*</name>", manifest.read_text("utf-8", "replace"))
+    except OSError:
+        return ""
+    return found[1] if found else ""
 
 
 def _arrays(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bus.serials import compare_serials
 from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.check import Score, owner_of, score
 from skin.calibrate.bench.faults import find_faults
@@ -19,7 +20,6 @@ from skin.calibrate.bench.file import ALONE, BenchFile, Recording, read_bench
 from skin.calibrate.bench.fit import fit_unit
 from skin.calibrate.bench.neighbours import Learned, learn_stencil
 from skin.calibrate.bench.result import UnitResult
-from skin.calibrate.bench.serials import serial_faults
 from skin.calibrate.bench.series import Series, load_series
 from skin.calibrate.read import read_calibration
 from skin.calibrate.tare import calibration_files
@@ -329,7 +329,9 @@ def _judged(
 ) -> tuple[Series, list[str]]:  # fmt: skip
     series = load_series(skin, recording, folder, channels)
     everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
-    wrong = serial_faults(recording.units, series.counts.serials, everywhere)
+    heard = series.counts.serials
+    compared = compare_serials(recording.units, heard, everywhere, "BENCH").items()
+    wrong = [f"{name}: {text}" for name, text in compared if text]
     return series, wrong + find_faults(skin, recording, series)
 
 

@@ -13,10 +13,10 @@ from bus.assemble import Assembler
 from bus.boards import Boards
 from bus.cycle import RawCycle
 from bus.logs import buses_of, read
+from bus.serials import of_boards
 from bus.status import INVALID, Status
 from skin.calibrate.bench.align import Alignment, align
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
-from skin.calibrate.bench.serials import of_boards
 from skin.calibrate.bench.table import head_of, read_table
 from skin.errors import OptionError, ScanError
 from topology import CHANNELS, Topology

@@ -12,7 +12,7 @@ from bus.codec import Packer
 from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID, LAYOUT
 from bus.logs import open_writer
-from skin.calibrate.bench.serials import of_boards, serial_faults
+from bus.serials import compare_serials, of_boards
 from skin.calibrate.bench.series import read_counts
 
 BENCH = {"pad/r0c0": "F3T-1000", "pad/r1c0": "F3T-1001"}
@@ -51,9 +51,11 @@ def test_a_unit_of_a_board_with_several_has_its_place_behind():
     assert len(told) > 1
     assert list(told.values()) == [f"77/{place}" for place in range(1, len(told) + 1)]
     # a number alone may be the unit's own
-    assert serial_faults(dict.fromkeys(told, "F3T-5"), told, {}) == []
-    wrong = serial_faults({next(iter(told)): "78/1"}, told, {})
-    assert wrong[0].endswith("serial number: must be 78/1, as BENCH has it; got 77/1 in heartbeats")
+    assert compare_serials(dict.fromkeys(told, "F3T-5"), told, {}, "BENCH") == {}
+    first = next(iter(told))
+    assert compare_serials({first: "78/1"}, told, {}, "BENCH") == {
+        first: "serial number: must be 78/1, as BENCH has it; got 77/1 in heartbeats"
+    }
 
 
 def test_two_boards_of_one_node_tell_nothing():
@@ -64,17 +66,19 @@ def test_two_boards_of_one_node_tell_nothing():
 
 def test_units_that_are_exchanged_are_named():
     heard = of_boards(Lab(2).nominal, beats(Lab(2).nominal, 1001, 1000))
-    assert serial_faults(BENCH, heard, BENCH) == [
-        "pad/r0c0: serial number: must be F3T-1000, as BENCH has it; got 1001 in heartbeats, which "
-        "BENCH has as pad/r1c0: are they exchanged?",
-        "pad/r1c0: serial number: must be F3T-1001, as BENCH has it; got 1000 in heartbeats, which "
-        "BENCH has as pad/r0c0: are they exchanged?",
-    ]
+    assert compare_serials(BENCH, heard, BENCH, "BENCH") == {
+        "pad/r0c0": "serial number: must be F3T-1000, as BENCH has it; got 1001 in heartbeats, "
+        "which BENCH has as pad/r1c0: are they exchanged?",
+        "pad/r1c0": "serial number: must be F3T-1001, as BENCH has it; got 1000 in heartbeats, "
+        "which BENCH has as pad/r0c0: are they exchanged?",
+    }
 
 
 def test_another_unit_is_named_and_the_right_one_is_not():
     heard = of_boards(Lab(2).nominal, beats(Lab(2).nominal, 1000, 9))
-    assert serial_faults(BENCH, heard, BENCH) == [
-        "pad/r1c0: serial number: must be F3T-1001, as BENCH has it; got 9 in heartbeats"
-    ]
-    assert serial_faults({"pad/r0c0": "", "pad/r1c0": "F3T-0009"}, heard, {}) == []
+    assert compare_serials(BENCH, heard, BENCH, "BENCH") == {
+        "pad/r0c0": "",
+        "pad/r1c0": "serial number: must be F3T-1001, as BENCH has it; got 9 in heartbeats",
+    }
+    given = {"pad/r0c0": "", "pad/r1c0": "F3T-0009"}
+    assert compare_serials(given, heard, {}, "BENCH") == {"pad/r1c0": ""}

@@ -1,4 +1,4 @@
-"""Which unit was recorded: serial numbers of BENCH, and those of boards, in their heartbeats."""
+"""Which unit is where: serial numbers of files, and those of boards, in their heartbeats."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from bus.boards import Boards
 from topology import Topology
 
-__all__ = ["of_boards", "serial_faults"]
+__all__ = ["compare_serials", "of_boards"]
 
 NUMBER = re.compile(r"(\d+)(/\d+)?$")
 """At the end of a serial number: that of the board, and which of its units."""
@@ -35,10 +35,10 @@ def of_boards(topology: Topology, boards: Boards) -> dict[str, str]:
     return told
 
 
-def serial_faults(
-    given: Mapping[str, str], heard: Mapping[str, str], everywhere: Mapping[str, str]
-) -> list[str]:
-    """Units whose board says another serial number than BENCH.
+def compare_serials(
+    given: Mapping[str, str], heard: Mapping[str, str], everywhere: Mapping[str, str], source: str
+) -> dict[str, str]:
+    """Units whose serial number is known on both sides, and what is wrong with it, if anything.
 
     What stands before the number, as in ``F3T-1042``, is the maker's. Of boards with several units
     a number alone may be the unit's own, and decides nothing.
@@ -46,23 +46,26 @@ def serial_faults(
     Parameters
     ----------
     given : mapping of str to str
-        Unit to its serial number in BENCH, of one recording.
+        Unit to its serial number by a file.
     heard : mapping of str to str
         As of `of_boards`.
     everywhere : mapping of str to str
-        Serial numbers of all recordings of BENCH.
+        Serial numbers of all units that the file knows.
+    source : str
+        The file, in words.
     """
-    faults = []
+    found = {}
     for name, serial in given.items():
         own, said = NUMBER.search(serial), heard.get(name)
         if own is None or said is None or ("/" in said and own[2] is None):
             continue
+        found[name] = ""
         if own[0].lstrip("0") == said:
             continue
         others = (unit for unit, entry in everywhere.items() if unit != name
-                  and (found := NUMBER.search(entry)) and found[0].lstrip("0") == said)  # fmt: skip
+                  and (match := NUMBER.search(entry)) and match[0].lstrip("0") == said)  # fmt: skip
         other = next(others, None)
-        where = f", which BENCH has as {other}: are they exchanged?" if other else ""
-        faults.append(f"{name}: serial number: must be {serial}, as BENCH has it; got {said} in "
-                      f"heartbeats{where}")  # fmt: skip
-    return faults
+        where = f", which {source} has as {other}: are they exchanged?" if other else ""
+        found[name] = (f"serial number: must be {serial}, as {source} has it; got {said} in "
+                       f"heartbeats{where}")  # fmt: skip
+    return found
