@@ -311,10 +311,11 @@ class RowReader(LogReader):
                     raise ValueError(
                         f"messages: must be a table; got {kind[0] if kind else 'none'}"
                     )
-                for number, row in enumerate(database.execute(
+                for row in database.execute(
                     "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
-                ), 1):  # fmt: skip
+                ):
                     yield row
+                    number += 1
         except (sqlite3.Error, ValueError) as error:
             raise LogError(
                 f"{self.path}: row {number}: must be a row of a .db log; got {error}"
