@@ -14,6 +14,7 @@ __all__ = [
     "FD_BRS",
     "FD_ESI",
     "FD_FDF",
+    "FD_LENGTHS",
     "FRAME_DTYPE",
     "FrameBatch",
     "FrameViews",
@@ -35,6 +36,8 @@ FD_ESI = 2
 """Bit of `flags`: the sender is error-passive."""
 FD_FDF = 4
 """Bit of `flags`: CAN FD frame."""
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Data bytes of a CAN FD frame by its length code."""
 ECHO = 1
 """Bit of `origin`: this host sent the frame itself."""
 

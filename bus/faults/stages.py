@@ -28,7 +28,7 @@ from bus.faults.script import (
     Stuck,
     Truncate,
 )
-from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_LENGTHS
 from topology import Signal, Topology
 
 __all__ = ["STAGES"]
@@ -37,8 +37,6 @@ _PUT_IN = 0x80
 """Bit of `origin`, between stages only: a fault has made this frame."""
 _MOST_HELD = 65536
 """Delayed frames that are kept; beyond, the oldest one goes."""
-_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48)
-"""Lengths that a CAN frame can be cut to."""
 
 
 class _Stage:
@@ -210,7 +208,7 @@ class _Truncate(_Stage):
 
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         for i in hits:
-            shorter = [length for length in _LENGTHS if length < frames["length"][i]]
+            shorter = [length for length in FD_LENGTHS if length < frames["length"][i]]
             if self.fault.length is not None:
                 shorter = [length for length in shorter if length == self.fault.length]
             if shorter:

@@ -15,6 +15,7 @@ from bus.frame import (
     FD_BRS,
     FD_ESI,
     FD_FDF,
+    FD_LENGTHS,
     FLAGS_AT,
     LENGTH_AT,
     ORIGIN_AT,
@@ -42,7 +43,7 @@ from bus.logs.blf_kernels import (
 
 MOST_OBJECT_BYTES = 128
 """Upper bound of the size of an object."""
-_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.uint8)
+_LENGTHS = np.array(FD_LENGTHS, np.uint8)
 
 
 @jitable

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator
 
 import numpy as np
@@ -17,17 +18,22 @@ __all__ = ["CandumpReader"]
 CHUNK_BYTES = 1 << 20
 """Chunk size; a line must fit in."""
 _SHOWN = 60
+_DROPS = re.compile(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames? on '[!-~]+' socket")
+_DETAIL = re.compile(rb"\t+[a-z][ -~]*\r?\n")
+_SURE = re.compile(rb"#[\dA-Fa-f]{16}(_[\dA-Fa-f])?\s*$|##[\dA-Fa-f]{129}\s*$|\s[RTrt]\s*$")
+"""What candump -d and -e write between frames; ends of a line to which no digit can be lacking."""
 
 
 class CandumpReader(LogReader):
-    """Reads the output of candump with -L or -l, and that with -t a, each also with -x.
+    """Reads the output of candump with -L or -l, and that with -t a, each also with -x, -e and -d.
 
     Lines may be blank or end in CR LF; stamps may have up to nine digits after the point. Without
-    -x the output of -t a does not contain the BRS and ESI flags of a CAN FD frame.
+    -x the output of -t a does not contain the BRS and ESI flags of a CAN FD frame. A last line
+    without its end is taken where it cannot be longer.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
-        buffer = bytearray(CHUNK_BYTES)
+        buffer = bytearray(CHUNK_BYTES + 1)
         self._text = np.frombuffer(buffer, np.uint8)
         self._state = np.zeros(1, kernels.STATE)
         self._names = np.zeros((kernels.MOST_NAMES, faults.NAME_BYTES), np.uint8)
@@ -35,22 +41,24 @@ class CandumpReader(LogReader):
         self._left_out = np.zeros(kernels.MOST_NAMES, np.int64)
         end = 0
         with self._open() as file:
-            while True:
-                got = self._read_into(file, memoryview(buffer)[end:])
+            while got := self._read_into(file, memoryview(buffer)[end:CHUNK_BYTES]):
                 end += got
                 whole = buffer.rfind(b"\n", 0, end) + 1
-                if not got:
-                    break
-                if not whole:
-                    continue
-                yield from self._parse(buffer, whole, batch)
-                buffer[: end - whole] = buffer[whole:end]
-                end -= whole
-        if buffer[:end].strip():
-            raise LogError(
+                if whole:
+                    yield from self._parse(buffer, whole, batch)
+                    buffer[: end - whole] = buffer[whole:end]
+                    end -= whole
+                elif end == CHUNK_BYTES:
+                    buffer[_SHOWN], end = 0, _SHOWN + 1  # no line has this byte
+        rest = bytes(buffer[:end]).strip()
+        if b"#" in rest and not _SURE.search(rest):
+            self._leave_out(
                 f"{self.path}:{self._line}: must be a whole line, with its end, "
-                f"of at most {CHUNK_BYTES} bytes; got {_shown(buffer[:end])}"
+                f"of at most {CHUNK_BYTES} bytes; got {_shown(rest)}"
             )
+        elif rest:
+            buffer[end] = ord("\n")
+            yield from self._parse(buffer, end + 1, batch)
 
     @property
     def _line(self) -> int:
@@ -73,9 +81,9 @@ class CandumpReader(LogReader):
             elif status == faults.NEW_NAME:
                 fault = self._add(bytes(buffer[state["start"][0] : state["end"][0]]))
                 if fault:
-                    raise self._error(buffer, fault)
+                    raise LogError(self._fault(buffer, fault))
             elif status != faults.MORE:
-                raise self._error(buffer, f"must be {faults.EXPECTED[status]}")
+                self._pass(buffer, f"must be {faults.EXPECTED[status]}")
         for name, count in zip(self.channels, self._left_out, strict=False):
             if count:
                 self.skipped[f"frame of {name}"] = int(count)
@@ -91,13 +99,25 @@ class CandumpReader(LogReader):
         self._state["names"][0] = k + 1
         return ""
 
-    def _error(self, buffer: bytearray, message: str) -> LogError:
-        """The error at a place in the current line."""
+    def _pass(self, buffer: bytearray, fault: str) -> None:
+        """Go on behind a line that is no frame."""
+        begin = int(self._state["position"][0])
+        end = buffer.index(b"\n", begin) + 1
+        drop = _DROPS.match(buffer, begin, end)
+        if drop:
+            self.lost += int(drop[1])
+        elif _DETAIL.match(buffer, begin, end):
+            self._skip("detail of an error frame")
+        else:
+            self._leave_out(self._fault(buffer, fault))
+        self._state["position"] = end
+        self._state["line"] += 1
+
+    def _fault(self, buffer: bytearray, message: str) -> str:
+        """The fault at a place in the current line."""
         begin, place = int(self._state["position"][0]), int(self._state["start"][0])
         rest = buffer[place : buffer.index(b"\n", place)]
-        return LogError(
-            f"{self.path}:{self._line}: column {place - begin + 1}: {message}; got {_shown(rest)}"
-        )
+        return f"{self.path}:{self._line}: column {place - begin + 1}: {message}; got {_shown(rest)}"
 
 
 def _shown(text: bytes | bytearray) -> str:

@@ -54,6 +54,7 @@ ABSOLUTE_DIGITS = 10
 _TAB, _NEWLINE, _RETURN, _BLANK = b"\t\n\r "
 _OPEN, _CLOSE, _DASH, _POINT, _ZERO, _HASH, _UNDERSCORE, _QUOTE = b"()-.0#_'"
 _SQUARE, _SQUARE_END, _CURLY, _CURLY_END = b"[]{}"
+_DELETE = 127
 _B, _E, _R, _T, _X, _SMALL_R, _SMALL_T = b"BERTXrt"
 _NO_DIGIT = 255
 _HEX = np.full(256, _NO_DIGIT, np.uint8)
@@ -284,7 +285,7 @@ def read_line(text, p, names, words, data, i, state):
     if p < 0:
         return p
     start = p
-    while text[p] > _BLANK:
+    while text[p] > _BLANK and text[p] < _DELETE:
         p += 1
     if p == start or (text[p] != _BLANK and text[p] != _TAB):
         return fault(state, faults.NAME, start)

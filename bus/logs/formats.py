@@ -20,13 +20,13 @@ from topology.files import check_path, named, sync
 __all__ = ["READERS", "WRITERS", "open_writer", "read", "read_all", "write"]
 
 READERS = {
-    ".asc": "bus.logs.pythoncan:PythonCanReader",
+    ".asc": "bus.logs.rows:RowReader",
     ".blf": "bus.logs.blf:BlfReader",
-    ".csv": "bus.logs.pythoncan:PythonCanReader",
-    ".db": "bus.logs.pythoncan:PythonCanReader",
+    ".csv": "bus.logs.rows:RowReader",
+    ".db": "bus.logs.rows:RowReader",
     ".log": "bus.logs.candump:CandumpReader",
     ".mf4": "bus.logs.mdf:MdfReader",
-    ".trc": "bus.logs.pythoncan:PythonCanReader",
+    ".trc": "bus.logs.rows:RowReader",
 }
 WRITERS = {
     ".blf": "bus.logs.blf_writer:BlfWriter",

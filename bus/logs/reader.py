@@ -39,7 +39,7 @@ def existing(path: str | os.PathLike[str]) -> Path:
 class LogReader(ABC):
     """Frames of a log file, batch by batch, from the first one each time it is iterated.
 
-    Valid frames before a damage come first, then the error.
+    Valid frames come first, then the error: of text those behind a damaged line, too.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class LogReader(ABC):
     batch : int
         Maximum frames of a batch; the default fits into a processor's cache.
     strict : bool
-        Whether damage is raised. If not, reading ends there, and `damage` has the error.
+        Whether damage is raised, behind the frames. If not, `damage` has the error.
     threads : bool
         Whether threads inflate what comes next, in formats that allow it.
 
@@ -65,8 +65,10 @@ class LogReader(ABC):
         Uncompressed bytes read so far; 0 where a library reads the file.
     skipped : dict of str to int
         Counts by kind of objects that are not frames, and of frames of unwanted buses.
+    lost : int
+        Frames that were lost before the log was written, as the log itself says, or more.
     damage : LogError or None
-        Where reading ended, and what was lost.
+        The first place that could not be read, and what was left out there.
     lacking : str
         The fault of a log, read to its end, without frames of a wanted channel; or "".
 
@@ -123,7 +125,12 @@ class LogReader(ABC):
         except ChannelError as error:
             raise ChannelError(f"{self.path}: {error}") from None
         except LogError as error:
-            self.damage = error
+            rest = "" if self.strict else "; what stands before it was read"
+            self._faults.append(f"{error}{rest}")
+        if self._passed:
+            lines = "1 line was" if self._passed == 1 else f"{self._passed} lines were"
+            self._faults[0] += f"; {lines} left out, the others were read"
+        self.damage = LogError("\n".join(self._faults)) if self._faults else None
         if lacking := self._channels.lacking(bool(self.left_out)):
             self.lacking = f"{self.path}: {lacking}"
             if ONLY in (self._asked or ()) or not self.count + len(batch):
@@ -140,7 +147,8 @@ class LogReader(ABC):
 
     def _start(self) -> None:
         self._channels = Channels(self._asked, first_of(self.path))
-        self.count = self.read_bytes = 0
+        self.count = self.read_bytes = self.lost = self._passed = 0
+        self._faults: list[str] = []
         self.skipped: dict[str, int] = {}
         self.damage: LogError | None = None
         self.lacking = ""
@@ -162,6 +170,12 @@ class LogReader(ABC):
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
         self.read_bytes += got
         return got
+
+    def _leave_out(self, fault: str) -> None:
+        """Count a line that is neither a frame nor anything known; the first one's fault is told."""
+        self._passed += 1
+        if self._passed == 1:
+            self._faults.append(fault)
 
     def _skip(self, kind: str, count: int = 1) -> None:
         self.skipped[kind] = self.skipped.get(kind, 0) + count

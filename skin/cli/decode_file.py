@@ -65,7 +65,7 @@ def decode_file(
         if report["output"]:
             print(f"written: {report['output']}")
     if damage:
-        print(f"{damage}; what stands before it was decoded", file=sys.stderr)
+        print(damage, file=sys.stderr)
     for fault in states.faults:
         print(fault, file=sys.stderr)
     return 0 if cycles and not damage and not states.faults else 1

@@ -6,13 +6,15 @@ from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
 
 LINE = re.compile(
     rb"[ \t]*\((?P<seconds>\d+)\.(?P<fraction>\d{1,9})\)[ \t]+"
-    rb"(?P<name>[^\0-\x20]{1,63})[ \t]+"
+    rb"(?P<name>[!-~]{1,63})[ \t]+"
     rb"(?P<id>[\dA-Fa-f]{3}|[\dA-Fa-f]{8})#"
     rb"(?:#(?P<flags>[\dA-Fa-f])(?P<fd>(?:[\dA-Fa-f]{2}){0,64})"
     rb"|[Rr](?P<remote>[0-8]?)|(?P<data>(?:[\dA-Fa-f]{2}){0,8}))"
     rb"(?P<code>_[\dA-Fa-f])?(?:[ \t]+(?P<way>[RrTt]))?[ \t]*\r?"
 )
 BLANK = re.compile(rb"[ \t]*\r?")
+DETAIL = re.compile(rb"\t+[a-z][ -~]*\r?")
+WHOLE = re.compile(rb".*(#[\dA-Fa-f]{16}(_[\dA-Fa-f])?|##[\dA-Fa-f]{129}|[ \t][RrTt])\s*", re.S)
 LATEST_S = 2**63 // 10**9 - 1
 
 
@@ -23,18 +25,25 @@ def candump(text):
     -------
     rows : list of tuple
         As `logfixtures.rows` gives them, with the interface's name in place of the bus.
-    bad : int or None
-        First line that is wrong, from 1.
+    bad : list of int
+        Lines that are wrong, from 1.
     """
-    rows = []
+    rows, bad = [], []
     *lines, rest = text.split(b"\n")
     for number, line in enumerate(lines, 1):
         if not BLANK.fullmatch(line):
             row = _row(line)
-            if row is None:
-                return rows, number
+            if row is not None:
+                rows.append(row)
+            elif not DETAIL.fullmatch(line):
+                bad.append(number)
+    if rest.strip():
+        row = _row(rest) if WHOLE.fullmatch(rest) else None
+        if row is not None:
             rows.append(row)
-    return rows, len(lines) + 1 if rest.strip() else None
+        elif b"#" in rest or not DETAIL.fullmatch(rest):
+            bad.append(len(lines) + 1)
+    return rows, bad
 
 
 def _row(line):
