@@ -34,6 +34,7 @@ from bus.frame import (
     FD_BRS,
     FD_ESI,
     FD_FDF,
+    FD_LENGTHS,
     FRAME_DTYPE,
     FrameBatch,
 )
@@ -238,10 +239,22 @@ class _Group:
                 return (np.char.lower(rows[full]) == b"tx").astype(np.int64)
             return rows[full].astype(np.int64)
 
+        names = {name.removeprefix(f"{self._kind}.") for name in rows.dtype.names}
+        has_data = self._kind == "CAN_DataFrame"
+        if self._kind != "CAN_ErrorFrame" and not (
+            "ID" in names and names & {"DataLength", "DLC"} and ("DataBytes" in names or not has_data)
+        ):
+            raise ValueError(f"{self._kind} of {', '.join(sorted(names))} alone")
         number = column("ID") & _IDENTIFIER
         extended = (column("IDE") > 0) | (column("ID") & CAN_EFF > 0) | (number > _STANDARD)
         can_id = number | np.where(extended, CAN_EFF, 0)
-        length = column("DataLength")
+        data = rows[f"{self._kind}.DataBytes"] if "DataBytes" in names else records["data"][:, :0]
+        data = data.reshape(count, -1)[:, :_FD_BYTES]
+        length, is_fd = column("DataLength"), column("EDL") > 0
+        if "DataLength" not in names:
+            code = column("DLC") & 15
+            is_long = is_fd if "EDL" in names else data.shape[1] > _CLASSIC_BYTES
+            length = np.where(is_long, np.array(FD_LENGTHS)[code], np.minimum(code, _CLASSIC_BYTES))
         if self._kind == "CAN_RemoteFrame":
             can_id |= CAN_RTR
             length = np.minimum(column("DLC"), _CLASSIC_BYTES)
@@ -250,13 +263,11 @@ class _Group:
             length = np.full(count, _ERROR_BYTES)
         else:
             kind = FD_FDF + FD_BRS * (column("BRS") > 0) + FD_ESI * (column("ESI") > 0)
-            records["flags"] = np.where((column("EDL") > 0) | (length > _CLASSIC_BYTES), kind, 0)
-        if length.max() > _FD_BYTES:
-            raise ValueError(f"a frame of {length.max()} bytes")
-        if f"{self._kind}.DataBytes" in rows.dtype.names and self._kind != "CAN_RemoteFrame":
-            data = rows[f"{self._kind}.DataBytes"].reshape(count, -1)[:, :_FD_BYTES]
-            there = np.arange(data.shape[1]) < length[:, np.newaxis]
-            records["data"][:, : data.shape[1]] = np.where(there, data, 0)
+            records["flags"] = np.where(is_fd | (length > _CLASSIC_BYTES), kind, 0)
+        if length.max() > (data.shape[1] if has_data else _FD_BYTES):
+            raise ValueError(f"a frame of {length.max()} bytes in {data.shape[1]}")
+        there = np.arange(data.shape[1]) < length[:, np.newaxis]
+        records["data"][:, : data.shape[1]] = np.where(there, data, 0)
         records["id"], records["length"] = can_id, length
         records["origin"] = np.where(column("Dir") > 0, ECHO, 0)
         return records, column("BusChannel") if self.has_channel else np.full(count, -1)

@@ -218,7 +218,9 @@ def _logs(folder: Path) -> Iterator[tuple[str, bytes]]:
 def _mf4(folder: Path) -> bytes:
     import asammdf
 
-    kind = np.dtype([(name, "<u4") for name in ("BusChannel", "ID", "DataLength", "EDL")])
+    names = ("BusChannel", "ID", "DataLength", "EDL")
+    kind = np.dtype([*((f"CAN_DataFrame.{name}", "<u4") for name in names),
+                     ("CAN_DataFrame.DataBytes", "u1", (8,))])  # fmt: skip
     samples = np.ones(40, kind)
     signal = asammdf.Signal(samples, np.arange(40.0), name="CAN_DataFrame")
     with asammdf.MDF(version="4.10") as file:
