@@ -12,6 +12,7 @@ import numpy as np
 import topology as topology_package
 from bus.cycle import FrameCounters
 from bus.frame import CAN_ERR, CAN_RTR
+from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, beating_nodes
 from bus.logs import LogReader, buses_of, read
 from bus.processors import processors
 from skin.compiling import announcer
@@ -24,7 +25,13 @@ if TYPE_CHECKING:
     from skin.pipeline import Pipeline
     from skin.state import State
 
-__all__ = ["DecodedLog", "decode_log"]
+__all__ = ["DecodedLog", "LogWatch", "decode_log"]
+
+NEVER = np.iinfo(np.int64).min
+LONGEST_SILENCE_NS = 365 * 86_400 * 1_000_000_000
+"""No log is silent for a year [assumed]."""
+UPTIME_UNCERTAIN_S = 2.0
+"""A board counts whole seconds; as much again for a logger that stamps late [assumed]."""
 
 
 def decode_log(
@@ -93,7 +100,7 @@ class DecodedLog(Attachable):
         self.topology = pipeline.topology
         self.pipeline = pipeline
         self._reader = reader
-        self._watch = _Watch(self.topology)
+        self._watch = LogWatch(self.topology)
 
     @property
     def counters(self) -> FrameCounters:
@@ -107,9 +114,10 @@ class DecodedLog(Attachable):
 
     @property
     def faults(self) -> list[str]:
-        """Faults of the log so far, as messages: bus or SYNC missing, stamps that run back."""
+        """Faults of the log so far, as messages: bus or SYNC missing, stamps that run back or jump
+        ahead, frames that the logger lost."""
         found = [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
-        return [self._reader.lacking, *found] if self._reader.lacking else found
+        return [*filter(None, (self._reader.lacking, self._reader.loss)), *found]
 
     @property
     def left_out(self) -> dict[str, int]:
@@ -178,7 +186,7 @@ class DecodedLog(Attachable):
             yield batch.frames
 
 
-class _Watch:
+class LogWatch:
     """Looks for faults of a log, on each bus, that cycles cannot show."""
 
     def __init__(self, topology: Topology) -> None:
@@ -188,8 +196,10 @@ class _Watch:
         self._frames = 0
         self._data = np.zeros(count, np.int64)
         self._syncs = np.zeros(count, np.int64)
-        self._newest_ns = np.full(count, np.iinfo(np.int64).min)
-        self._back = ""
+        self._newest_ns = np.full(count, NEVER)
+        self._nodes = [beating_nodes(topology, index) for index in range(count)]
+        self._beats: dict[tuple[int, int], tuple[float, int]] = {}
+        self._back = self._ahead = ""
 
     def take(self, frames: np.ndarray) -> None:
         """Check frames, shape (m,), in the order of the log."""
@@ -210,8 +220,33 @@ class _Watch:
                     f"frame {self._frames + here[back[0]] + 1}: must not be older than the frames "
                     f"before it on bus {bus.name!r}; got one {step_s:.6g} s older"
                 )
+            for i, step_s in self._steps_ahead(frames, index, here, newest):
+                self._ahead = self._ahead or (
+                    f"frame {self._frames + i + 1}: must follow the frames before it on bus "
+                    f"{bus.name!r}; got one {step_s:.6g} s ahead: the clock was set, or stood still"
+                )
             self._newest_ns[index] = newest[-1]
         self._frames += frames.size
+
+    def _steps_ahead(
+        self, frames: np.ndarray, index: int, here: np.ndarray, newest: np.ndarray
+    ) -> Iterator[tuple[int, float]]:
+        """Frames of a bus, and by how much their stamps jump ahead: of the seconds that a board
+        counts from one heartbeat to the next, or beyond what any log is silent for."""
+        old_ns = self._newest_ns[index]
+        steps = np.diff(newest, prepend=newest[:1] if old_ns == NEVER else old_ns)
+        for k in np.flatnonzero(steps > LONGEST_SILENCE_NS):
+            yield int(here[k]), 1e-9 * float(steps[k])
+        nodes = frames["id"][here].astype(np.int64) - FIRST_ID
+        for k in np.flatnonzero((nodes > 0) & (nodes <= LAST_ID - FIRST_ID)):
+            i, key = int(here[k]), (index, int(nodes[k]))
+            if key[1] in self._nodes[index] and frames["length"][i] == LAYOUT.size:
+                stamp_s, uptime_s = 1e-9 * float(newest[k]), LAYOUT.unpack(bytes(frames["data"][i, :8]))[1]
+                before_s, counted_s = self._beats.get(key, (stamp_s, uptime_s))
+                self._beats[key] = stamp_s, uptime_s
+                ahead_s = stamp_s - before_s - (uptime_s - counted_s)
+                if 1 <= uptime_s - counted_s <= 2 and ahead_s > UPTIME_UNCERTAIN_S:
+                    yield i, ahead_s
 
     def faults(self) -> Iterator[str]:
         """Faults, as messages."""
@@ -221,5 +256,9 @@ class _Watch:
                     f"bus {bus.name!r}: must carry SYNC (0x{bus.sync_id:03x}), which starts the "
                     f"cycles; got none in {data} frames"
                 )
-        if self._back:
-            yield self._back
+        yield from self.jumps
+
+    @property
+    def jumps(self) -> list[str]:
+        """Steps of the stamps, the first one back and the first one ahead, as messages."""
+        return [text for text in (self._back, self._ahead) if text]

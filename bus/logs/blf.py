@@ -42,6 +42,8 @@ _CHUNK_BYTES = 1 << 16
 _LARGEST_FILE_HEAD = 1 << 16
 _LARGEST_CONTAINER = 1 << 26
 _MOST_PADDING = 3
+_DATA_LOST = 125
+"""Type of the object where an interval begins whose frames the logger lost."""
 _MOST_THREADS = 4
 _END = "the end of the file"
 
@@ -69,6 +71,7 @@ class BlfReader(LogReader):
             with self._open() as file:
                 yield from self._read(file, batch)
         finally:
+            self.lost = int(self._types[_DATA_LOST])
             for kind in np.flatnonzero(self._types):
                 self.skipped[f"object of type {kind}"] = int(self._types[kind])
             for channel in np.flatnonzero(self._left_out).tolist():

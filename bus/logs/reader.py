@@ -113,6 +113,12 @@ class LogReader(ABC):
         """Frames so far of each unwanted channel."""
         return {one: n for one in self.channels if (n := self.skipped.get(f"frame of {one}"))}
 
+    @property
+    def loss(self) -> str:
+        """The fault of a log whose logger lost frames; or ""."""
+        told = f"must hold all frames of its buses; got {self.lost} or more lost by the logger"
+        return f"{self.path}: {told}" if self.lost else ""
+
     def __iter__(self) -> Iterator[FrameBatch]:
         """Yield the frames; each batch is overwritten by the next one."""
         self._start()

@@ -47,6 +47,7 @@ def doctor(
     from bus.discover import Survey
     from bus.logs import buses_of, read
     from skin.compiling import announcer
+    from skin.offline import LogWatch
     from topology import load
 
     options.check_seconds(seconds)
@@ -56,14 +57,18 @@ def doctor(
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
     mapped = options.mapped(map, log)
-    frames = None if log is None else read(log, buses=buses_of(loaded, log, **mapped))
+    frames = None if log is None else read(
+        log, buses=buses_of(loaded, log, **mapped), strict=False
+    )
     survey = Survey(loaded)
     found = list(_of_this_host())
     if frames is not None:
+        watch = LogWatch(loaded)
         for batch in frames:
             survey.feed(batch.frames)
+            watch.take(batch.frames)
         survey.finish()
-        found = diagnose(survey) + found
+        found = [*_of_log(frames, watch), *diagnose(survey), *found]
         if frames.lacking and frames.left_out:
             found.insert(0, Finding("other-channels", "error", "log", sum(frames.left_out.values()),
                                     frames.lacking, "a logger that counts or names the channels "
@@ -102,6 +107,19 @@ def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> lis
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
         listen(survey, transports, seconds, sync=sync)
         return diagnose(survey, transports)
+
+
+def _of_log(frames: LogReader, watch: LogWatch) -> Iterator[Finding]:
+    """What is wrong with the log itself."""
+    from bus.diagnose import Finding
+
+    for code, fault, cause in (
+        ("damaged-log", str(frames.damage or ""), "a full disk, a loss of power, or a hand"),
+        ("lossy-log", frames.loss, "a busy machine, or a slow disk"),
+        *(("clock-jump", text, "the clock of the logger was set") for text in watch.jumps),
+    ):
+        if fault:
+            yield Finding(code, "error", "log", 1, fault, cause)
 
 
 def _of_this_host() -> Iterator[Finding]:
