@@ -270,6 +270,8 @@ def read_object(blob, p, end, words, data, i, state):
     start, unit = state["start_ns"], 1
     if u32(blob, p + 16) & _RESOLUTIONS == _TEN_US:
         unit = _TEN_US_NS
+    if find_object(blob, p + size, end) == _NONE:
+        return SIGNATURE  # its own length may be wrong, and its content that of the next one
     stamp = u64(blob, p + 24)
     if stamp < 0 or stamp > (_LATEST_NS - max(start, 0)) // unit:
         return STAMP
