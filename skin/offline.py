@@ -123,11 +123,11 @@ class DecodedLog(Attachable):
     def faults(self) -> list[str]:
         """Faults of the log so far, as messages: bus or SYNC missing, stamps that run back or jump
         ahead, frames that the logger lost, no valid reading."""
-        found = [*self._watch.faults(), *([self._reader.loss] if self._reader.lost else [])]
+        found = [*self._watch.faults()]
         if self._cycles and not self._has_valid:
             found.append(_nothing_valid(self.pipeline, self._cycles))
-        found = [f"{self._reader.path}: {fault}" for fault in found]
-        return [self._reader.lacking, *found] if self._reader.lacking else found
+        of_log = filter(None, (self._reader.lacking, self._reader.loss))
+        return [*of_log, *(f"{self._reader.path}: {fault}" for fault in found)]
 
     @property
     def notes(self) -> list[str]:

@@ -115,8 +115,9 @@ class LogReader(ABC):
 
     @property
     def loss(self) -> str:
-        """The fault of a log whose logger lost frames."""
-        return f"must hold all frames of its buses; got {self.lost} or more lost by the logger"
+        """The fault of a log whose logger lost frames; or ""."""
+        told = f"must hold all frames of its buses; got {self.lost} or more lost by the logger"
+        return f"{self.path}: {told}" if self.lost else ""
 
     def __iter__(self) -> Iterator[FrameBatch]:
         """Yield the frames; each batch is overwritten by the next one."""
@@ -132,14 +133,14 @@ class LogReader(ABC):
         except LogError as error:
             rest = "" if self.strict else "; what stands before it was read"
             self._faults.append(f"{error}{rest}")
-        if lacking := self._channels.lacking(bool(self.left_out)):
-            self.lacking = f"{self.path}: {lacking}"
-            if ONLY in (self._asked or ()) or not self.count + len(batch):
-                raise ChannelError(self.lacking)
         if self._passed:
             lines = "1 line was" if self._passed == 1 else f"{self._passed} lines were"
             self._faults[0] += f"; {lines} left out, the others were read"
         self.damage = LogError("\n".join(self._faults)) if self._faults else None
+        if lacking := self._channels.lacking(bool(self.left_out)):
+            self.lacking = f"{self.path}: {lacking}"
+            if ONLY in (self._asked or ()) or not self.count + len(batch):
+                raise ChannelError(self.lacking)
         if len(batch):
             self.count += len(batch)
             yield batch
@@ -177,7 +178,7 @@ class LogReader(ABC):
         return got
 
     def _leave_out(self, fault: str) -> None:
-        """Count a line that is neither a frame nor anything known; the first one's fault is."""
+        """Count a line that is neither a frame nor anything known; the first one's fault is told."""
         self._passed += 1
         if self._passed == 1:
             self._faults.append(fault)

@@ -1,8 +1,7 @@
 """RowReader: text formats with a frame a line, and tables of python-can's.
 
-A line is a frame only as a whole. python-can's readers also take a line that is cut, short of bytes
-or joined to the next one, do not say which frames of ASC are CAN FD, and end at a line of another
-kind.
+A line is a frame only as a whole: python-can's readers also take one that is cut, short of bytes or
+joined to the next one, do not tell which frames of ASC are CAN FD, and end at a line of another kind.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from base64 import b64decode
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
-from typing import Any, BinaryIO, ClassVar
+from typing import Any, BinaryIO
 
 from bus.errors import ChannelError, LogError
 from bus.frame import (
@@ -40,44 +39,45 @@ _LONGEST_LINE = 1 << 20
 _RECORD = struct.Struct("<qIBBBB64s")
 _BUS_ERROR, _ERROR_BYTES = 0x80, 8
 _CLASSIC_BYTES, _FD_BYTES = 8, 64
+_CONTROL = re.compile(r"[\0-\x08\x0e-\x1f\x7f]")
+_BYTE = re.compile(r"[\dA-Fa-f]{2}")
 
-Row = tuple[int, int, int, int, int, int, bytes]
-"""Stamp, identifier, length, flags, origin, channel from 0, -1 without one, and data of a frame."""
+Row = tuple[int, int, int, int, int, str, bytes]
+"""Stamp, identifier, length, flags, origin, number of the channel ("": none), data of a frame."""
 
 
 def _frame(
-    stamp_ns: int, can_id: int, length: int, data: bytes, *, flags: int = 0, origin: int = 0,
-    channel: int = -1, kind: int = 0,
+    stamp_ns: int, number: int, kind: int, length: int, data: bytes, flags: int = 0,
+    channel: str = "", is_sent: bool = False,
 ) -> Row:  # fmt: skip
     """A frame; `kind` has the upper bits of its identifier."""
-    limit = 0x1FFF_FFFF if kind & (CAN_EFF | CAN_ERR) else 0x7FF
-    if not 0 <= can_id <= limit:
-        raise ValueError(f"identifier {can_id:#x} above {limit:#x}")
     if kind & CAN_ERR:
-        return stamp_ns, CAN_ERR | (can_id or _BUS_ERROR), _ERROR_BYTES, 0, 0, channel, data
+        return stamp_ns, CAN_ERR | (number or _BUS_ERROR), _ERROR_BYTES, 0, 0, channel, data
+    if not 0 <= number <= (limit := 0x1FFF_FFFF if kind & CAN_EFF else 0x7FF):
+        raise ValueError(f"identifier {number:#x} above {limit:#x}")
     if length > _CLASSIC_BYTES:
         flags |= FD_FDF
     if length > _FD_BYTES or (len(data) != length and not kind & CAN_RTR):
         raise ValueError(f"{len(data)} data bytes where {length} are reported")
-    return stamp_ns, can_id | kind, length, flags, origin, channel, data
+    return stamp_ns, number | kind, length, flags, ECHO * is_sent, channel, data
 
 
 class _Asc:
     """Lines of Vector's ASC."""
 
     BEGINS, EXPECTED = re.compile(rb"\s*(date|base|//)", re.I), "'date', 'base' or '//'"
-    COMMENT = re.compile(r"\s*(//|$)")
+    COMMENT = re.compile(
+        r"\s*(//|$|date|base|(no\s+)?internal\s+events|previous|(begin|end)\s+trigger)", re.I
+    )
     _BASE = re.compile(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(\w+))?", re.I)
-    _STAMPED = re.compile(r"\s*(\d+)\.(\d{1,9})\s+(.*)", re.S)
+    _STAMPED = re.compile(r"\s*(\d+)\.(\d{1,9})\s+(.*)\n")
+    _ERROR = re.compile(r"(?:CANFD\s+)?(\d+)\s+(?:[RT]x\s+)?ErrorFrame\b", re.I)
     _EVENT = re.compile(
         # A request to send is an event; its frame follows, as Tx.
         r"(?:\d+\s+\w+|CANFD\s+\d+)\s+TxRq\s|CANFD\s+\d+\s+(?![RT]x\b)[a-z]"
         r"|(?!CANFD\b|\d+\s+(?:[\da-f]+x?(?:\s|$)|\S+\s+[RT]x\s))(?:\d+\s+)?[a-z][!-~]*(?:\s|$)",
         re.I,
     )
-    _HEAD = re.compile(r"\s*(date|(no\s+)?internal\s+events|previous|(begin|end)\s+trigger)", re.I)
-    _ERROR = re.compile(r"(?:CANFD\s+)?(\d+)\s+(?:[RT]x\s+)?ErrorFrame\b", re.I)
-    _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f\x7f]")
     _REMOTE, _FD = 0x10, 0x1000
 
     def __init__(self) -> None:
@@ -88,59 +88,47 @@ class _Asc:
             if (base[2] or "").lower() == "relative":
                 raise LogError(f"must be a log with absolute time stamps; got {line.strip()!r}")
             self._base = 10 if base[1].lower() == "dec" else 16
-        if base or self.COMMENT.match(line):
+        if self.COMMENT.match(line):
             return None
         found = self._STAMPED.match(line)
-        if self._CONTROL.search(line) or not (found or self._HEAD.match(line)):
-            raise ValueError("neither a frame nor an event")
-        if not found:
-            return None
-        if line[-1] != "\n":  # data or flags may lack digits
-            raise ValueError("the end of the file within it")
+        if found is None:
+            raise ValueError("neither a frame nor an event, with its end")
         stamp_ns, text = int(found[1]) * 10**9 + int(found[2].ljust(9, "0")), found[3]
         if error := self._ERROR.match(text):
-            return _frame(stamp_ns, 0, 0, b"", channel=int(error[1]) - 1, kind=CAN_ERR)
-        if self._EVENT.match(text):
-            return None
-        in_fd, words = text[:5].upper() == "CANFD", text.split()
+            return _frame(stamp_ns, 0, CAN_ERR, 0, b"", channel=error[1])
+        return None if self._EVENT.match(text) else self._data(stamp_ns, text.split())
+
+    def _data(self, stamp_ns: int, words: list[str]) -> Row:
+        """The frame of words behind a stamp."""
+        in_fd, flags = words[0].upper() == "CANFD", 0
         if in_fd:
             _, channel, way, number, *words = words
             brs, esi, code, count, *words = words[not words[0].isdigit() :]  # behind a name
         else:
             channel, number, way, sort, *words = words
-            code, *words = words or ["0"] * (sort in "rR")
-        kind = CAN_EFF * (number[-1] in "xX")
-        length = min(dlc := int(code, self._base), _CLASSIC_BYTES)
-        data, more, flags = words[:length], words[length:], 0
-        if in_fd:
-            # A line of an FD channel; the flags of the frame, third behind its data, tell the rest.
-            data, more = words[: int(count)], words[int(count) :]
-            told = int(more[2], 16)
-            if told & self._FD:
-                length = FD_LENGTHS[dlc]
-                flags = FD_FDF + FD_BRS * (brs == "1") + FD_ESI * (esi == "1")
-            elif told & self._REMOTE:
-                kind |= CAN_RTR
-        elif sort in "rR":
-            kind, data, more = kind | CAN_RTR, [], words
-        elif sort not in "dD":
-            raise ValueError(f"{sort!r} where d or r must be")
-        content = [self._byte(word) for word in data]
-        # Words come next, or a duration, 0 or of many digits: no byte, no stamp of another line.
-        is_longer = more and not (in_fd and self._base == 10) and self._byte(more[0]) is not None
-        if is_longer or None in content or way not in ("Rx", "Tx") or (
+            code, *words = words or ["0"] * (sort == "r")
+            count = {"d": str(min(int(code, self._base), _CLASSIC_BYTES)), "r": "0"}[sort]
+        kind, dlc = CAN_EFF * (number[-1] in "xX"), int(code, self._base)
+        length, data, more = min(dlc, _CLASSIC_BYTES), words[: int(count)], words[int(count) :]
+        # A line of an FD channel; the flags of the frame, third behind its data, tell the rest.
+        told = int(more[2], 16) if in_fd else self._REMOTE * (sort == "r")
+        if told & self._FD:
+            length = FD_LENGTHS[dlc]
+            flags = FD_FDF + FD_BRS * (brs == "1") + FD_ESI * (esi == "1")
+        elif told & self._REMOTE and not data:
+            kind |= CAN_RTR
+        # Words come next, or a duration, 0 or of many digits: no byte, and no stamp of another line.
+        is_longer = more and self._is_byte(more[0]) and (self._base == 16 or not in_fd)
+        if is_longer or not all(map(self._is_byte, data)) or way not in ("Rx", "Tx") or (
             re.search(r"\d\.\d", " ".join(more))
         ):  # fmt: skip
             raise ValueError("not one whole frame")
-        return _frame(stamp_ns, int(number.rstrip("xX"), self._base), length, bytes(content),
-                      flags=flags, origin=ECHO * (way == "Tx"), channel=int(channel) - 1,
-                      kind=kind)  # fmt: skip
+        content = bytes(int(byte, self._base) for byte in data)
+        return _frame(stamp_ns, int(number.rstrip("xX"), self._base), kind, length, content, flags,
+                      channel, way == "Tx")  # fmt: skip
 
-    def _byte(self, word: str) -> int | None:
-        """A data byte, in the base of the file."""
-        if self._base == 16:
-            return int(word, 16) if re.fullmatch("[0-9A-Fa-f]{2}", word) else None
-        return int(word) if re.fullmatch("[0-9]{1,3}", word) and int(word) < 256 else None
+    def _is_byte(self, word: str) -> bool:
+        return bool(_BYTE.fullmatch(word)) if self._base == 16 else word.isdecimal()
 
 
 class _Trc:
@@ -149,11 +137,11 @@ class _Trc:
     BEGINS, EXPECTED = re.compile(rb"\s*;"), "';'"
     COMMENT = re.compile(r"\s*(;|$)")
     # Before version 2 the direction stands in the place of the type.
-    _COLUMNS: ClassVar = {"1.0": "NOILD", "1.1": "NOdILD", "1.2": "NOBdILD", "1.3": "NOBdIRLD"}
+    _COLUMNS = {"1.0": "NOILD", "1.1": "NOdILD", "1.2": "NOBdILD", "1.3": "NOBdIRLD"}
     _HEAD = re.compile(r"\s*;\$(\w+)=(.*?)\s*$")
     _BEGIN = datetime(1899, 12, 30, tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)
     _EVENTS = ("Warng", "Error", "ST", "ER", "EC", "EV")
-    _FLAGS: ClassVar = {"Rx": 0, "Tx": 0, "DT": 0, "RR": 0, "FD": FD_FDF, "FB": FD_FDF | FD_BRS,
+    _FLAGS = {"Rx": 0, "Tx": 0, "DT": 0, "RR": 0, "FD": FD_FDF, "FB": FD_FDF | FD_BRS,
               "FE": FD_FDF | FD_BRS | FD_ESI, "BI": FD_FDF | FD_ESI}  # fmt: skip
 
     def __init__(self) -> None:
@@ -161,51 +149,50 @@ class _Trc:
 
     def __call__(self, line: str) -> Row | None:
         if head := self._HEAD.match(line):
-            name, value = head.groups()
-            if name == "FILEVERSION" and value not in (*self._COLUMNS, "2.0", "2.1"):
-                raise LogError(f"must be of version 1.0 to 1.3, 2.0 or 2.1; got {value!r}")
-            if name == "STARTTIME":
-                begin = self._BEGIN + timedelta(days=float(value))
-                self._start_ns = 1000 * (begin // timedelta(microseconds=1))
-            elif name in ("FILEVERSION", "COLUMNS"):
-                self._columns = list(self._COLUMNS.get(value) or value.split(","))
+            self._take(*head.groups())
         if self.COMMENT.match(line):
             return None
         words = line.split(maxsplit=len(self._columns) - 1)
-        cells = {"D": "", "B": "0", "d": "Rx"} | dict(zip(self._columns, words, strict=False))
-        kind = cells.get("T", cells["d"])
-        if not re.fullmatch(r"\d+\)?", cells["N"]) or (kind not in self._EVENTS and (
-            cells["d"] not in ("Rx", "Tx") or not re.fullmatch("[0-9A-Fa-f]{1,8}", cells["I"])
-        )):  # fmt: skip
-            raise ValueError("neither a frame nor an event")
-        if kind in self._EVENTS or cells["I"] == "FFFFFFFF":
+        cells = {"D": "", "B": "", "d": "Rx"} | dict(zip(self._columns, words, strict=False))
+        kind, number = cells.get("T", cells["d"]), cells["I"]
+        if kind in self._EVENTS or number == "FFFFFFFF":
             return None
         flags, length = self._FLAGS[kind], int(cells["l"] if "l" in cells else cells["L"])
         is_remote = kind == "RR" or cells["D"].strip() == "RTR"
         data = [] if is_remote else cells["D"].split()
-        if not all(re.fullmatch("[0-9A-Fa-f]{2}", byte) for byte in data):
-            raise ValueError(f"data bytes {cells['D'].strip()!r}")
+        if not (re.fullmatch(r"\d+\)?", cells["N"]) and re.fullmatch("[0-9A-Fa-f]{1,8}", number)
+                and cells["d"] in ("Rx", "Tx") and all(map(_BYTE.fullmatch, data))):  # fmt: skip
+            raise ValueError("not one whole frame")
         return _frame(
-            self._start_ns + 1000 * round(1000 * float(cells["O"])), int(cells["I"], 16),
+            self._start_ns + 1000 * round(1000 * float(cells["O"])), int(number, 16),
+            CAN_EFF * (len(number) > 4) | CAN_RTR * is_remote,
             FD_LENGTHS[length] if flags and "l" not in cells else length,
-            bytes.fromhex("".join(data)), flags=flags, channel=int(cells["B"]) - 1,
-            origin=ECHO * (cells["d"] == "Tx"),
-            kind=CAN_EFF * (len(cells["I"]) > 4) | CAN_RTR * is_remote,
+            bytes.fromhex("".join(data)), flags, cells["B"], cells["d"] == "Tx",
         )  # fmt: skip
+
+    def _take(self, name: str, value: str) -> None:
+        """Take a line of the head."""
+        if name == "FILEVERSION" and value not in (*self._COLUMNS, "2.0", "2.1"):
+            raise LogError(f"must be of version 1.0 to 1.3, 2.0 or 2.1; got {value!r}")
+        if name == "STARTTIME":
+            begin = self._BEGIN + timedelta(days=float(value))
+            self._start_ns = 1000 * (begin // timedelta(microseconds=1))
+        elif name in ("FILEVERSION", "COLUMNS"):
+            self._columns = list(self._COLUMNS.get(value) or value.split(","))
 
 
 class _Csv:
     """Lines of python-can's CSV."""
 
-    BEGINS, EXPECTED = re.compile(re.escape(CSV_HEAD.encode())), repr(CSV_HEAD)
+    BEGINS, EXPECTED = re.compile(CSV_HEAD.encode()), repr(CSV_HEAD)
     COMMENT = re.compile(rf"{CSV_HEAD}|\s*$")
 
     def __call__(self, line: str) -> Row | None:
         if self.COMMENT.match(line):
             return None
         stamp, number, *bits, length, data = line.strip().split(",")
-        return _of_python_can(float(stamp), int(number, 16), *map(["0", "1"].index, bits),
-                              int(length), b64decode(data, validate=True))  # fmt: skip
+        cells = float(stamp), int(number, 16), *map(["0", "1"].index, bits), int(length)
+        return _Table()((*cells, b64decode(data, validate=True)))
 
 
 class _Table:
@@ -214,17 +201,11 @@ class _Table:
     BEGINS, EXPECTED = re.compile(rb"SQLite format 3\0"), "'SQLite format 3'"
 
     def __call__(self, row: Any) -> Row:
-        *others, data = row
+        stamp_s, number, extended, remote, error, length, data = row
         if not isinstance(data, bytes | None):
             raise ValueError(f"data: must be bytes; got {type(data).__name__}")
-        return _of_python_can(*others, data or b"")
-
-
-def _of_python_can(
-    stamp_s: float, number: int, extended: int, remote: int, error: int, length: int, data: bytes
-) -> Row:
-    kind = (CAN_ERR if error else CAN_EFF * bool(extended)) | CAN_RTR * (bool(remote) and not error)
-    return _frame(1000 * round(1e6 * stamp_s), number, length, data, kind=kind)
+        kind = CAN_EFF * bool(extended) | CAN_RTR * bool(remote) | CAN_ERR * bool(error)
+        return _frame(1000 * round(1e6 * stamp_s), number, kind, length, data or b"")
 
 
 FORMATS: dict[str, Any] = {".asc": _Asc, ".csv": _Csv, ".db": _Table, ".trc": _Trc}
@@ -235,8 +216,8 @@ class RowReader(LogReader):
     """Reads ASC, TRC, CSV and SQLite logs.
 
     Stamps of ASC count from the start of the measurement; those of the others have the precision of
-    floats, and are rounded to 1 µs. Events are counted as skipped. CSV and SQLite have no FD flag;
-    a frame of more than 8 bytes is CAN FD.
+    floats, and are rounded to 1 µs. Events are counted as skipped. CSV and SQLite have no FD flag; a
+    frame of more than 8 bytes is CAN FD.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
@@ -252,6 +233,8 @@ class RowReader(LogReader):
             for number, row in enumerate(self._table() if what == "row" else self._lines(file), 1):
                 place = f"{self.path}{mark}{number}"
                 try:
+                    if what == "line" and _CONTROL.search(row):
+                        raise ValueError("bytes that no text has")
                     frame = take(row)
                     if frame is not None:
                         self._add(batch, frame)
@@ -270,7 +253,7 @@ class RowReader(LogReader):
     def _add(self, batch: FrameBatch, row: Row) -> None:
         """Add a frame, if it is of a wanted bus."""
         stamp_ns, can_id, length, flags, origin, channel, data = row
-        name = f"can{channel}" if channel >= 0 else ""
+        name = f"can{int(channel) - 1}" if channel else ""
         bus = self._channels.index(name)
         if bus == LEFT_OUT:
             self._skip(f"frame of {name}")
@@ -280,21 +263,11 @@ class RowReader(LogReader):
         batch.count += 1
 
     def _lines(self, file: BinaryIO) -> Iterator[str]:
-        """Lines with their ends, which the last one may lack; of endless ones the beginning."""
+        """Lines with their ends, which the last one may lack; endless ones in pieces."""
         try:
             while line := file.readline(_LONGEST_LINE):
                 self.read_bytes += len(line)
-                is_endless = len(line) == _LONGEST_LINE and line[-1:] != b"\n"
-                yield (
-                    line[:_HEAD_BYTES].decode("utf-8", "replace") + "\0"
-                    if is_endless
-                    else (line.decode("utf-8", "replace"))
-                )
-                while is_endless and (line := file.readline(_LONGEST_LINE))[-1:] not in (
-                    b"",
-                    b"\n",
-                ):
-                    pass
+                yield line.decode("utf-8", "replace")
         except (OSError, EOFError, zlib.error) as error:
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
 
@@ -311,11 +284,10 @@ class RowReader(LogReader):
                     raise ValueError(
                         f"messages: must be a table; got {kind[0] if kind else 'none'}"
                     )
-                for row in database.execute(
+                for number, row in enumerate(database.execute(
                     "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
-                ):
+                ), 1):  # fmt: skip
                     yield row
-                    number += 1
         except (sqlite3.Error, ValueError) as error:
             raise LogError(
                 f"{self.path}: row {number}: must be a row of a .db log; got {error}"

@@ -132,7 +132,7 @@ def _of_log(frames: LogReader, watch: LogWatch) -> Iterator[Finding]:
 
     for code, fault, cause in (
         ("damaged-log", str(frames.damage or ""), "a full disk, a loss of power, or a hand"),
-        ("lossy-log", frames.loss * bool(frames.lost), "a busy machine, or a slow disk"),
+        ("lossy-log", frames.loss, "a busy machine, or a slow disk"),
         *(("clock-jump", text, "the clock of the logger was set") for text in watch.jumps),
     ):
         if fault:
