@@ -161,10 +161,10 @@ class State(_Wanted):
         the world on the valid units in contact; 0 where nothing touches.
     wrench_sigma : ndarray, shape (6,), float64
         One-sigma of each component of `wrench`. It contains the noise and calibration of the units,
-        their common ambient field, the possible load of units that are not valid (that of their
-        last valid cycle, or of their neighbours; never 0 while a unit is silent), and three sigmas
-        of a unit for loads below the gate next to a contact, which `wrench` leaves out. It is 0
-        where nothing touches and all units are valid.
+        their common ambient field, the unknown place of the pressure on each face, the possible
+        load of units that are not valid, and the loads below the gate, which `wrench` leaves out:
+        next to a contact, and elsewhere, as far as the readings show them (`skin.contact.unseen`).
+        Where nothing touches it is the noise of the sum of all units, or that sum; never 0.
     centroid : ndarray, shape (3,), float64
         Centre of pressure, metre, skin frame: from the normal loads of the units in contact, each
         at the middle of its unit, and of units next to a contact below the gate. NaN where nothing
@@ -188,10 +188,10 @@ class State(_Wanted):
     topology : Topology
         Of the skin: names and places of the units.
     whole : bool or None
-        Whether `wrench` is complete. False where a unit that is not valid (but not DISABLED) lies
-        in or next to a contact, was in contact when last valid, or has no valid neighbour that
-        would show a contact. The possible load of these units is in the sigmas. Present with any
-        feature of the array.
+        Whether `wrench` is complete. False where a unit that is not valid (but not DISABLED) was
+        in contact when last valid, lies next to a contact that has come or changed since, or has
+        no valid neighbour that would show a contact. The possible load of these units is in the
+        sigmas. Present with any feature of the array.
     untracked : int
         Contacts beyond the capacity (see `skin.options.Options`), the lightest: they are part of
         the wrench, but not of `contacts`, and their units have no label. Present with any feature

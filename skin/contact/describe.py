@@ -14,10 +14,17 @@ from skin.contact.face import add_faces
 from skin.contact.path import walk
 from skin.contact.record import BORN, UNSEEN
 from skin.contact.shape import ROUND, arm, orient
-from skin.contact.sums import add_light, add_silence, add_total, add_units, clear, prepare_light
+from skin.contact.sums import add_total, add_units, clear
 from skin.contact.touched import gather, touched_rows
-from skin.contact.unseen import add_unseen
-from skin.contact.wrench import add_missed, centre, total_wrench
+from skin.contact.unseen import (
+    add_apart,
+    add_light,
+    add_missed,
+    add_silence,
+    add_unseen,
+    prepare_light,
+)
+from skin.contact.wrench import centre, total_wrench
 
 __all__ = ["describe", "describe_python"]
 
@@ -80,10 +87,10 @@ def _conclude(s, faces, record, members, load_n, geometry, scratch):
     record["peak_pressure"] = s["peak"]
     record["peak_unit"] = int(s["peak_unit"])
     record["coverage"] = area / (area + s["silent_area"])
-    total_wrench(s, record, origin)
     orient(s, record, scratch)
     _temperatures(s, record, scratch.first)
-    add_faces(faces, record, members, load_n, poses, s["face"])
+    add_faces(faces, record, members, load_n, poses, s)
+    total_wrench(s, record, origin)
     centre(s, record, origin, scratch)
 
 
@@ -119,7 +126,7 @@ def _add(k, total, members, model, data):
         add_common(k, members, length, common, touched)
     add_units(members, length, touched, reading.given[0]["temperature"], data.sums.rows[k])
     add_light(k, total, members, model, data)
-    add_missed(data.sums.rows[k], data.scratch.six)
+    add_missed(data.sums.rows[k], model.gate.keep_sigma, data.scratch.six)
 
 
 @jitable(fastmath=REORDERED)
@@ -161,6 +168,7 @@ def describe_python(count, each, silent, model, data):
     whole = sums.rows[count + 1]
     if silent > 0:
         add_unseen(count, model, data)
+    add_apart(whole, True, model, data)
     for k in range(count):
         slot = data.slots.present[k]
         record = data.contacts[slot]
@@ -173,9 +181,10 @@ def describe_python(count, each, silent, model, data):
             walk(record, s["step_variance"], data.paths[slot])
         else:
             orient(s, record, data.scratch)
-            add_faces(s, record, members, load, poses, s["face"])
+            add_faces(s, record, members, load, poses, s)
         for row in range(6):
             whole["face"][row] += s["face"][row]
+            whole["face_torque"][row] += s["face_torque"][row]
     record, members = data.contacts[data.contacts.size - 1], units.members[end:untracked_end]
     _conclude(whole, sums.rows[count], record, members, load, model.geometry, data.scratch)
 

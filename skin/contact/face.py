@@ -1,5 +1,8 @@
 """Uncertainty of the centre of pressure due to the unknown place of load on the faces of units.
 
+The same place is unknown in the torque: the force of the contact acts at a centre that is off by d,
+so that its torque is off by d × F.
+
 A unit measures its load, not the place of the load on its face, so that the true centre of pressure
 differs from that of the loads at the middles of the units. Along an axis, with faces s wide,
 middles that span L and loads of variance V about their mean:
@@ -28,6 +31,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
+from skin.contact.wrench import swept
 
 __all__ = ["add_faces"]
 
@@ -49,9 +53,9 @@ def _variance(square, units, span, extent2):
 
 
 @jitable
-def add_faces(s, record, members, load, poses, face):
-    """Add the covariance due to the places of load on the faces of units, times the square of the
-    load.
+def add_faces(s, record, members, load, poses, out):
+    """Add the covariance due to the places of load on the faces of units: of the centre, times the
+    square of the load, and of the torque.
 
     Parameters
     ----------
@@ -63,8 +67,8 @@ def add_faces(s, record, members, load, poses, face):
         The units.
     load : ndarray, shape (n,)
     poses : ndarray, shape (n,), POSE
-    face : ndarray, shape (6,)
-        N² m², an upper triangle.
+    out : SUMS
+        `face` and `face_torque` are written.
     """
     if members.size == 0:
         return
@@ -88,10 +92,16 @@ def add_faces(s, record, members, load, poses, face):
         units = s["units"]
         along = _variance(square, units, most_x - least_x, square_x - mean_x * mean_x)
         across = _variance(square, units, most_y - least_y, square_y - mean_y * mean_y)
-    row = 0
-    for a in range(3):
-        for b in range(a, 3):
-            variance = along * axes[a, 0] * axes[b, 0] + across * axes[a, 1] * axes[b, 1]
-            variance += upright * axes[a, 2] * axes[b, 2]
-            face[row] += variance * total * total
-            row += 1
+    u, v, w = axes[:, 0], axes[:, 1], axes[:, 2]
+    place = (
+        along * u[0] * u[0] + across * v[0] * v[0] + upright * w[0] * w[0],
+        along * u[0] * u[1] + across * v[0] * v[1] + upright * w[0] * w[1],
+        along * u[0] * u[2] + across * v[0] * v[2] + upright * w[0] * w[2],
+        along * u[1] * u[1] + across * v[1] * v[1] + upright * w[1] * w[1],
+        along * u[1] * u[2] + across * v[1] * v[2] + upright * w[1] * w[2],
+        along * u[2] * u[2] + across * v[2] * v[2] + upright * w[2] * w[2],
+    )
+    torque = swept(place, s["wrench"])
+    for row in range(6):
+        out["face"][row] += place[row] * total * total
+        out["face_torque"][row] += torque[row]

@@ -68,7 +68,6 @@ CLOCK = np.dtype(
         ("begun", np.bool_),  # whether there was one
         ("period_s", np.float64),  # nominal, which the first cycle counts as
         ("present", np.int64),  # contacts that it had
-        ("silent", np.int64),  # units that were silent and should have been heard
         ("elapsed_s", np.float64),  # from the cycle before to this one
         ("slips", np.int64),  # contacts of this one whose slip is to be detected
     ]
@@ -105,6 +104,7 @@ _ADDED = [
     ("warm_position", np.float64, (3,)),
     ("warm_temperature_position", np.float64, (3,)),
     ("warm_position_square", np.float64, (6,)),
+    ("light_units", np.float64),
     ("light", np.float64),  # N, loads below the gate, of heard neighbours
     ("light_position", np.float64, (3,)),
     ("light_variance", np.float64),
@@ -121,6 +121,7 @@ _NOT_ADDED = [
     ("unseen_position", np.float64, (3,)),
     ("unseen_square", np.float64, (6,)),
     ("face", np.float64, (6,)),  # N² m², of the places of load on the faces
+    ("face_torque", np.float64, (6,)),  # N² m², of the torque by the same places
     ("step_variance", np.float64),  # m², of a step of the centre from one cycle to the next
     ("hidden", np.float64),  # 1 where a silent unit makes the contact not whole
 ]
@@ -261,6 +262,7 @@ class ContactData(NamedTuple):
     borne: (
         np.ndarray
     )  # (n,), float64: upper bound of each unit's load when last heard, N; NaN: never
+    around: np.ndarray  # (n,), float64: largest load in contact beside each, when last heard, N
     untouched: np.ndarray  # (1,), CONTACT: the total where nothing touches
     common: Common
     slip: SlipData
@@ -386,6 +388,7 @@ def contact_data(
         Scratch(*np.zeros((3, 3, 3)), six=np.zeros(6)),
         Evidence(*np.zeros((2, n)), cycle=np.full(n, -2)),
         np.full(n, np.nan),
+        np.zeros(n),
         UNTOUCHED.copy(),
         no_common(reading.force.dtype),
         SlipData.zeros(n if detects_slip else 0),

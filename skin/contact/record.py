@@ -76,8 +76,9 @@ class Flag(IntFlag):
     """The measured noise of a unit is greater than its sigma: sigmas are too small, since
     calibration or surroundings have changed. See `Contact.noisy_units`."""
     UNSEEN = 1 << 6
-    """Not whole: a silent unit lies in or next to it, or was in contact when last heard, or has no
-    neighbour that would show a contact. Its possible load is in the sigmas."""
+    """Not whole: a silent unit was in contact when last heard, lies next to a contact that has come
+    or changed since, or has no neighbour that would show one. Its possible load is in the sigmas.
+    """
 
 
 class UnitSlip(IntEnum):
@@ -157,7 +158,7 @@ class Fields:
     flags = Number(
         Flag, "Limitations of its numbers.", leaves=False,
         yields=(
-            derived("whole", "Whether all units in or next to it are heard.", "bool",
+            derived("whole", "Whether no silent unit may bear some of its load.", "bool",
                     lambda found: found["flags"] & int(Flag.UNSEEN) == 0),
             derived("friction_known", "Whether friction is one that slip has shown, or was given. "
                     "Where not, friction and margin are lower bounds, grip_force an upper one.",
@@ -176,7 +177,8 @@ class Fields:
     wrench_covariance = Vector("Shape (6, 6).", (6, 6))
     wrench_sigma = Vector(
         "One-sigma of `wrench`, shape (6,): the ambient field is a common error of all units, "
-        "with the possible loads of silent units and of neighbours below the gate.",
+        "with the places of load on the faces, and the possible loads of silent units and of "
+        "neighbours below the gate.",
         (6,), LOAD_UNITS, columns=(f"{load}_sigma" for load in LOADS),
     )  # fmt: skip
     centroid = Vector(

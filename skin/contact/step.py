@@ -52,9 +52,8 @@ def step_python(model, data):
     clock["begun"], clock["last_ns"], clock["elapsed_s"] = True, now_ns, dt_s
     count = find_contacts(model, data)
     silent = remember(model, data)
-    if count == 0 and (silent > 0 or clock["silent"] > 0 or clock["present"] > 0):
+    if count == 0 and wants.total:
         nothing_touches(silent, model, data)
-    clock["silent"] = silent
     if count > 0 and wants.total:
         describe_python(count, wants.each, silent, model, data)
         if wants.slip:

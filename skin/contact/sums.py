@@ -6,23 +6,15 @@ Lengths are about the middle of the array. The units of a contact are summed alo
 
 from __future__ import annotations
 
-import numpy as np
-
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.model import ADDED
-from skin.contact.record import OPEN, OUT
-from skin.contact.slip.data import padded
-from skin.contact.touched import touched_rows
 
-__all__ = ["add_light", "add_silence", "add_total", "add_units", "clear", "prepare_light"]
-
-OPEN_TO_ALL, TAKEN = -1, -2
-"""Marks a neighbour of contacts: in no sum yet; excluded."""
+__all__ = ["add_total", "add_units", "clear", "moments", "store"]
 
 
 @jitable
-def _store(values, total):
+def store(values, total):
     for k in range(len(values)):
         total[k] += values[k]
 
@@ -40,7 +32,7 @@ def _first_moment(length, weight, place):
 
 
 @jitable(inline=True)
-def _moments(length, weight, place):
+def moments(length, weight, place):
     """Σ w, Σ w p, and Σ w p p', an upper triangle."""
     assume_noalias()
     total = x = y = z = xx = xy = xz = yy = yz = zz = 0.0
@@ -67,17 +59,17 @@ def _add_loads(units, length, touched, s):
     s["units"] += units.size
     s["area"] += area_sum
     s["peak"], s["peak_unit"] = peak, peak_unit
-    load_sum, load_touched, touched_square = _moments(length, load, touched.point)
+    load_sum, load_touched, touched_square = moments(length, load, touched.point)
     s["load"] += load_sum
-    _store(load_touched, s["load_touched"])
-    _store(touched_square, s["load_touched_square"])
-    _store(_first_moment(length, load, touched.position), s["load_position"])
-    _store(_first_moment(length, load, touched.z), s["load_z"])
-    _store(_first_moment(length, load, touched.x), s["load_x"])
-    variance, position, square = _moments(length, touched.variance[2], touched.position)
+    store(load_touched, s["load_touched"])
+    store(touched_square, s["load_touched_square"])
+    store(_first_moment(length, load, touched.position), s["load_position"])
+    store(_first_moment(length, load, touched.z), s["load_z"])
+    store(_first_moment(length, load, touched.x), s["load_x"])
+    variance, position, square = moments(length, touched.variance[2], touched.position)
     s["load_variance"] += variance
-    _store(position, s["variance_position"])
-    _store(square, s["variance_position_square"])
+    store(position, s["variance_position"])
+    store(square, s["variance_position_square"])
 
 
 @jitable(inline=True)
@@ -147,16 +139,16 @@ def _add_temperatures(units, length, touched, s):
         if area[j] > 0.0 and (hot_unit < 0.0 or warmth[j] > hot):
             hot, hot_unit = warmth[j], units[j]
     s["hot"], s["hot_unit"] = hot, hot_unit
-    area_sum, position, square = _moments(length, area, touched.position)
+    area_sum, position, square = moments(length, area, touched.position)
     s["warm_area"] += area_sum
-    _store(position, s["warm_position"])
-    _store(square, s["warm_position_square"])
+    store(position, s["warm_position"])
+    store(square, s["warm_position_square"])
     for j in range(length):
         warmth[j] *= area[j]
         total += warmth[j]
     s["warm_temperature"] += total
     weighted = _first_moment(length, warmth, touched.position)
-    _store(weighted, s["warm_temperature_position"])
+    store(weighted, s["warm_temperature_position"])
 
 
 @jitable(inline=True)
@@ -174,8 +166,8 @@ def add_units(units, length, touched, has_temperature, s):
     s : SUMS
     """
     _add_loads(units, length, touched, s)
-    _store(_wrench(length, touched), s["wrench"])
-    _store(_covariance(length, touched), s["wrench_covariance"])
+    store(_wrench(length, touched), s["wrench"])
+    store(_covariance(length, touched), s["wrench_covariance"])
     if has_temperature:
         _add_temperatures(units, length, touched, s)
 
@@ -202,82 +194,3 @@ def add_total(count, sums):
         if s["hot_unit"] >= 0.0 and (total["hot_unit"] < 0.0 or s["hot"] > total["hot"]):
             total["hot"] = s["hot"]
             total["hot_unit"] = s["hot_unit"]
-
-
-@jitable
-def prepare_light(units):
-    """Mark the units with light loads: heard, and in no contact; returns how many are not heard."""
-    silent = 0
-    for i in range(units.queue.size):
-        light = (units.kind[i] == OUT) & (units.label[i] < 0)
-        units.queue[i] = OPEN_TO_ALL if light else TAKEN
-        silent += units.kind[i] > OPEN
-    return silent
-
-
-@jitable
-def _not_twice(i, reading, pose, s):
-    """Remove a neighbour of two contacts from a total that counts it twice."""
-    load, variance = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i]) ** 2
-    position, row = pose["position"], 0
-    s["light"] -= load
-    s["light_variance"] -= variance
-    for a in range(3):
-        s["light_position"][a] -= load * position[a]
-        s["light_variance_position"][a] -= variance * position[a]
-        for b in range(a, 3):
-            s["light_variance_square"][row] -= variance * position[a] * position[b]
-            row += 1
-
-
-@jitable
-def add_light(k, total, members, model, data):
-    """Add the loads below the gate of the neighbours to row k, each once: their readings are
-    unbiased, since none is selected by its load.
-
-    `queue` holds the last row that counted each unit, `OPEN_TO_ALL` before the first, and `TAKEN`
-    for other units. Row `total`, to which all rows are added later, gets the correction that makes
-    it count each unit once.
-    """
-    graph, units, reading, poses = model.graph, data.units, data.reading, model.geometry.pose
-    touched, count = touched_rows(data.touched), 0
-    position, load, variance = touched.position, touched.force[2], touched.variance[2]
-    for i in members:
-        for at in range(graph.start[i], graph.start[i + 1]):
-            j = graph.neighbour[at]
-            counted = units.queue[j]
-            if counted == TAKEN or counted == k:  # noqa: PLR1714
-                continue
-            for a in range(3):
-                position[a, count] = poses[j]["position"][a]
-            load[count] = reading.force[2, j]
-            variance[count] = np.float64(reading.force_sigma[2, j]) ** 2
-            count += 1
-            if counted >= 0:
-                _not_twice(j, reading, poses[j], data.sums.rows[total])
-            units.queue[j] = k
-    s, length = data.sums.rows[k], padded(count, data.touched)
-    load_sum, first, _ = _moments(length, load, position)
-    s["light"] += load_sum
-    _store(first, s["light_position"])
-    variance_sum, first, square = _moments(length, variance, position)
-    s["light_variance"] += variance_sum
-    _store(first, s["light_variance_position"])
-    _store(square, s["light_variance_square"])
-
-
-@jitable
-def add_silence(count, units, graph, poses, sums):
-    """Add the area of silent neighbours to each contact, each unit once a contact; for contacts
-    after the first `count` it goes into the row after those."""
-    kind, label = units.kind, units.label
-    for i in range(kind.size):
-        if kind[i] <= OPEN:
-            continue
-        for at in range(graph.start[i], graph.start[i + 1]):
-            k = label[graph.neighbour[at]]
-            fresh = k >= 0
-            for before in range(graph.start[i], at):
-                fresh &= label[graph.neighbour[before]] != k
-            if fresh:
-                sums.rows[min(k, count)]["silent_area"] += poses[i]["area"]

@@ -10,14 +10,14 @@ from bus.compiled.jit import jitable
 from skin.contact.record import TORSION_BLIND, WEAK
 from skin.contact.shape import cross
 
-__all__ = ["add_missed", "centre", "total_wrench", "wrench_in_frame"]
+__all__ = ["beside", "centre", "swept", "total_wrench", "wrench_in_frame"]
 
 WEAK_SIGMAS = 5.0
 """Sigmas of its load below which a contact has no centre [assumed]."""
 
 
 @jitable(inline=True)
-def _beside(shift, v):
+def beside(shift, v):
     """shift × v."""
     x, y, z = shift[0], shift[1], shift[2]
     return y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
@@ -33,21 +33,33 @@ def _shifted(t, shift):
     """Covariance of a wrench about a shifted point, M' = M + shift x F, of its upper triangle t:
     the rows of force with torque, and the upper triangle of the torque."""
     a, b, c = (t[3], t[4], t[5]), (t[8], t[9], t[10]), (t[12], t[13], t[14])
-    x = _plus(a, _beside(shift, (t[0], t[1], t[2])))
-    y = _plus(b, _beside(shift, (t[1], t[6], t[7])))
-    z = _plus(c, _beside(shift, (t[2], t[7], t[11])))
+    x = _plus(a, beside(shift, (t[0], t[1], t[2])))
+    y = _plus(b, beside(shift, (t[1], t[6], t[7])))
+    z = _plus(c, beside(shift, (t[2], t[7], t[11])))
     # cov(M') = cov(M) + cov(M, F) by the shift + the shift by cov(F, M'), column by column
-    first = _plus(_beside(shift, (a[0], b[0], c[0])), (t[15], t[16], t[17]))
-    second = _plus(_beside(shift, (a[1], b[1], c[1])), (t[16], t[18], t[19]))
-    third = _plus(_beside(shift, (a[2], b[2], c[2])), (t[17], t[19], t[20]))
-    p = _beside(shift, (x[0], y[0], z[0]))
-    q = _beside(shift, (x[1], y[1], z[1]))
-    r = _beside(shift, (x[2], y[2], z[2]))
+    first = _plus(beside(shift, (a[0], b[0], c[0])), (t[15], t[16], t[17]))
+    second = _plus(beside(shift, (a[1], b[1], c[1])), (t[16], t[18], t[19]))
+    third = _plus(beside(shift, (a[2], b[2], c[2])), (t[17], t[19], t[20]))
+    p = beside(shift, (x[0], y[0], z[0]))
+    q = beside(shift, (x[1], y[1], z[1]))
+    r = beside(shift, (x[2], y[2], z[2]))
     torque = (
         first[0] + p[0], first[1] + q[0], first[2] + r[0],
         second[1] + q[1], second[2] + r[1], third[2] + r[2],
     )  # fmt: skip
     return (x, y, z), torque
+
+
+@jitable(inline=True)
+def swept(q, force):
+    """Covariance of a torque p × F by that of the place p, upper triangles."""
+    x = beside(force, (q[0], q[1], q[2]))
+    y = beside(force, (q[1], q[3], q[4]))
+    z = beside(force, (q[2], q[4], q[5]))
+    first = beside(force, (x[0], y[0], z[0]))
+    second = beside(force, (x[1], y[1], z[1]))
+    third = beside(force, (x[2], y[2], z[2]))
+    return first[0], first[1], first[2], second[1], second[2], third[2]
 
 
 @jitable(inline=True)
@@ -60,42 +72,13 @@ def _write_symmetric(values, block):
 
 
 @jitable
-def add_missed(s, six):
-    """Add the neighbours' loads below the gate, which are in no wrench, to the covariance of a
-    contact: the square of the most likely value.
-
-    That is the sum of their readings, or 0 where noise makes it negative; it acts at these units,
-    along the force of the contact, since the same body presses both [assumed].
-
-    Parameters
-    ----------
-    s : SUMS
-    six : ndarray, shape (6,)
-        Scratch.
-    """
-    light, place, load = s["light"], s["light_position"], s["load"]
-    if not (light > 0.0 and load > 0.0):
-        return
-    s["missed"] += light * light
-    x, y, z = s["wrench"][0] / load, s["wrench"][1] / load, s["wrench"][2] / load
-    six[0], six[1], six[2] = light * x, light * y, light * z
-    six[3] = place[1] * z - place[2] * y
-    six[4] = place[2] * x - place[0] * z
-    six[5] = place[0] * y - place[1] * x
-    row = 0
-    for a in range(6):
-        for b in range(a, 6):
-            s["wrench_covariance"][row] += six[a] * six[b]
-            row += 1
-
-
-@jitable
 def total_wrench(s, record, origin):
-    """Wrench about the origin of the skin frame, its covariance and sigma.
+    """Wrench about the origin of the skin frame, its covariance and sigma; after `add_faces`.
 
     Parameters
     ----------
     s : SUMS
+        The torque of the faces is added to its covariance.
     record : CONTACT
     origin : ndarray, shape (3,)
         Metre, the middle of the array.
@@ -105,6 +88,8 @@ def total_wrench(s, record, origin):
     for a in range(3):
         wrench[a] = s["wrench"][a]
         wrench[a + 3] += s["wrench"][a + 3]
+    for row in range(6):
+        t[15 + row] += s["face_torque"][row]
     mixed, torque = _shifted(t, origin)
     _write_symmetric((t[0], t[1], t[2], t[6], t[7], t[11]), covariance[:3, :3])
     _write_symmetric(torque, covariance[3:, 3:])

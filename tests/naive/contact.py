@@ -95,6 +95,11 @@ def face_variance(units, load, area, position, rotation, axes):
     return axes @ np.diag(each) @ axes.T
 
 
+def face_torque(force, square):
+    """Covariance of the torque d x F of places d of that covariance, shape (3, 3)."""
+    return cross_matrix(force) @ square @ cross_matrix(force).T
+
+
 def centre(units, load, sigma, position, light=()):
     """Centre of pressure and its first-order covariance; `light` are units that are no part of the
     contact and count with what they read."""

@@ -129,7 +129,10 @@ def test_what_follows_from_wrench_and_normal(seed, n):
         assert record["normal"].tolist() == normal.tolist()
         assert record["shear"] == pytest.approx(np.linalg.norm(np.cross(about[0][:3], normal)))
         assert record["torsion"] == pytest.approx(about[0][3:] @ normal, rel=1e-6, abs=1e-9)
-        sigma_of = np.sqrt(normal @ about[1][3:, 3:] @ normal)
+        axes, units = contact["axes"], range(n)
+        face = naive.face_variance(units, force[2], area.mean(), position, rotation, axes)
+        face = naive.face_torque(about[0][:3], face)
+        sigma_of = np.sqrt(normal @ (about[1][3:, 3:] + face) @ normal)
         assert record["torsion_sigma"] == pytest.approx(sigma_of, rel=1e-5, abs=1e-9)
         assert record["load"] == pytest.approx(force[2].sum())
         assert record["load_sigma"] == pytest.approx(np.sqrt((sigma[2] ** 2).sum()))
@@ -138,6 +141,7 @@ def test_what_follows_from_wrench_and_normal(seed, n):
         assert record["peak_pressure"] == pytest.approx((force[2] / area).max())
         assert record["peak_unit"] == np.argmax(force[2] / area)
         origin = naive.wrench(range(n), force, sigma, position, rotation, np.zeros(3))[1]
+        origin[3:, 3:] += face
         assert record["wrench_sigma"] ** 2 == pytest.approx(np.diag(origin), rel=1e-6)
         assert bool(record["flags"] & Flag.TORSION_BLIND) == (n == 1)
         assert not record["flags"] & Flag.WEAK

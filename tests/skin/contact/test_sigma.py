@@ -14,7 +14,7 @@ from skin.contact.graph import neighbour_graph
 from skin.contact.model import SUMS
 from skin.contact.record import Flag, UnitKind
 from skin.contact.stream import ContactStream
-from skin.contact.wrench import add_missed
+from skin.contact.unseen import add_missed
 
 PITCH, FACE = 0.012, 0.0105
 K_RAD_PER_MM, M0_UT = 0.55, 2500.0
@@ -289,12 +289,12 @@ def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span, most):
 def test_light_loads_add_the_square_of_a_force_along_that_of_the_contact_at_their_place():
     rng = np.random.default_rng(12)
     sums = np.zeros(1, SUMS)
-    sums["light"], sums["load"] = 0.3, 2.0
+    sums["light"], sums["load"], sums["light_units"] = 0.3, 2.0, 2.0
     sums["light_position"], sums["wrench"] = rng.standard_normal(3), rng.standard_normal(6)
     sums["wrench_covariance"] = before = rng.standard_normal(21)
     force = 0.3 / 2.0 * sums["wrench"][0, :3]
     six = np.concatenate([force, np.cross(sums["light_position"][0], force / 0.3)])
-    add_missed(sums[0], np.zeros(6))
+    add_missed(sums[0], 3.0, np.zeros(6))
     added = sums["wrench_covariance"][0] - before
     np.testing.assert_allclose(added, np.outer(six, six)[np.triu_indices(6)], atol=1e-12)
     assert sums["missed"][0] == pytest.approx(0.09)
@@ -318,3 +318,78 @@ def test_each_contact_counts_the_light_loads_beside_it():
     first, second = (contact.wrench_covariance[:3, :3] for contact in stream.contacts)
     np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-15)
     assert np.trace(first) > 3 * 0.01**2 + 0.03**2, "two light units beside each, 0.02 N each"
+
+
+# -- what the gate leaves out, and what is silent --------------------------------------------------
+
+
+@pytest.mark.parametrize("touched", [False, True])
+@pytest.mark.parametrize("each", [0.0, 0.3, 1.0, 2.0])
+def test_even_loads_below_the_gate_are_in_the_sigma_of_the_total(each, touched):
+    """So many sigmas on each of 64 units, with shear half of it; alone, and beside a touch where
+    the sum is beyond three sigmas. Mean square of the ratio."""
+    if touched and each == 0.3:
+        pytest.skip("within three sigmas of the sum a touch elsewhere is no reason to doubt")
+    rng = np.random.default_rng(21)
+    stream = stream_of(naive.grid(8, 8, PITCH), naive.facing_down(64), start_sigma=7.0)
+    ratios, load = [], np.full(64, 0.01 * each)
+    load[0] += 1.0 * touched
+    force = np.stack([0.5 * load, 0.0 * load, load])
+    for stamp in range(1, 200):
+        stream.update(force + 0.01 * rng.standard_normal((3, 64)), 0.01, stamp_ns=stamp)
+        total = stream.total
+        assert (total.wrench_sigma > 0.0).all()
+        assert len(stream.contacts) == touched
+        away = total.wrench[[0, 2]] - [force[0].sum(), -load.sum()]
+        ratios.append(away / total.wrench_sigma[[0, 2]])
+    assert np.mean(np.square(ratios), axis=0).max() < 1.6
+
+
+@pytest.mark.parametrize("readings", [0.0, -0.02])
+def test_a_neighbour_below_the_gate_has_three_sigmas_whatever_the_noise_of_the_others(readings):
+    stream = stream_of(naive.grid(1, 3), naive.facing_down(3))
+    force = np.zeros((3, 3))
+    force[2] = 1.0, readings, 0.0
+    (contact,) = stream.update(force, 0.01, stamp_ns=1)
+    assert contact.wrench_sigma[2] == pytest.approx(np.hypot(0.01, 0.03))
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "most"),
+    [
+        ({}, {"near": 0.08}, 7.0),  # it may bear all of it
+        ({}, {"near": 1.0, "far": 1.2}, 1.0),  # the body is not centred upon it
+        ({"near": 1.0}, {"near": 1.0}, 0.03),  # as it was when it was last heard
+        ({"near": 1.0}, {"near": 3.0}, 2.09),  # that, as often, and what the neighbour has gained
+        ({"near": 0.5, "own": 2.0}, {"near": 1.0}, 4.5),
+        ({}, {}, 0.03),  # neighbours would show a touch
+    ],
+)
+def test_neighbours_bound_a_silent_unit_only_as_far_as_they_show(before, now, most):
+    place = {"own": [0], "near": [1], "far": [2]}
+    stream = stream_of(naive.grid(1, 6, PITCH), naive.facing_down(6), most_n=7.0)
+
+    def loaded(loads):
+        force = np.zeros((3, 6))
+        for name, load in loads.items():
+            force[2, place[name]] = load
+        return force
+
+    for stamp in (1, 2):
+        stream.update(loaded(before), 0.01, stamp_ns=stamp)
+    stream.update(loaded(now), 0.01, valid=np.arange(6) != 0, stamp_ns=3)
+    record = stream.contacts[0] if stream.contacts else stream.total
+    unseen = record.load_sigma**2 - 0.01**2 * len(now) - 0.03**2
+    assert np.sqrt(unseen) == pytest.approx(most, rel=0.02, abs=0.01)
+    assert record.whole == (most == 0.03)
+
+
+def test_a_press_at_the_rim_of_a_face_is_within_the_torque_and_the_centre_alike():
+    stream = stream_of(naive.grid(1, 3), naive.facing_down(3))
+    force = np.zeros((3, 3))
+    force[2, 1] = 3.0
+    (contact,) = stream.update(force, 1e-3, stamp_ns=1)
+    place = np.sqrt(np.diag(contact.centroid_covariance))
+    assert place[:2] == pytest.approx(FACE / np.sqrt(20.0), rel=1e-2)
+    assert contact.wrench_sigma[[4, 3]] == pytest.approx(3.0 * place[:2], rel=2e-2)
+    assert stream.total.wrench_sigma[3:] == pytest.approx(contact.wrench_sigma[3:])
