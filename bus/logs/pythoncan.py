@@ -99,13 +99,14 @@ class PythonCanReader(LogReader):
 
     def _fields(self, message: can.Message) -> tuple[Any, ...] | None:
         """Fields of a record, or None for an unwanted bus."""
-        name = "" if message.channel is None else f"can{message.channel}"
+        channel: Any = message.channel
+        name = "" if channel is None else f"can{channel}"
         if isinstance(self._source, can.TRCReader):
             # TRC numbers buses from 1, and its reader does not change that; or has none.
             has_bus = self._source.file_version == can.TRCFileVersion.V1_3 or (
                 "B" in self._source.columns
             )
-            name = f"can{message.channel - 1}" if has_bus else ""
+            name = f"can{(channel or 0) - 1}" if has_bus else ""
         bus = self._channels.index(name)
         if bus == LEFT_OUT:
             self._skip(f"frame of {name}")
