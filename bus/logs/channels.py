@@ -26,7 +26,7 @@ NAME = re.compile(r"[!-~]{1,63}")
 NUMBERED = re.compile(r"(?:can|vcan|slcan)?(\d{1,2})")
 FIRST = {".asc": 1, ".blf": 1, ".mf4": 1, ".trc": 1}
 """Number of can0 in the formats that number their channels and have no names."""
-HOW = "--map FILE_CHANNEL=BUS, in Python channels={...}, tells the bus of a channel"
+HOW = "--map FILE_CHANNEL=BUS, in Python channels={...}, names the bus of a channel"
 
 
 def names_of(topology: Topology) -> list[str]:
@@ -127,7 +127,7 @@ class Channels:
         ValueError
             More channels than a frame can index.
         ChannelError
-            Nothing tells which bus it is.
+            Nothing says which bus it is.
         """
         found = self.seen.get(name)
         if found is None:

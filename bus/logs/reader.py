@@ -77,7 +77,7 @@ class LogReader(ABC):
     LogError
         There is no such file; when iterating: its format is another one, or it is damaged.
     ChannelError
-        When iterating: no channel is wanted, or nothing tells which bus it is, strict or not.
+        When iterating: no channel is wanted, or nothing says which bus it is, strict or not.
     """
 
     def __init__(

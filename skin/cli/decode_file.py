@@ -87,5 +87,5 @@ def _source(log: Path, topology: Topology, asked: dict[str, Any]) -> tuple[Any, 
     if is_recording(log):
         played = redecode(log, topology, **asked)
         return played, blocks_of(played, played.pipeline)
-    decoded = decode_log(topology, log, **{"want": (*WANT, "test_ratio")} | asked)
+    decoded = decode_log(topology, log, **dict[str, Any](want=(*WANT, "test_ratio")) | asked)
     return decoded, decoded.blocks()

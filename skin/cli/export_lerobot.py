@@ -106,10 +106,9 @@ def export_lerobot(
     asked, wrong = options.chosen(sweeps=sweeps, dtype=dtype) | options.mapped(map, *logs), []
     with Dataset(output, loaded, fps=fps, window=window, taxels=taxel_image) as written:
         for log, file, text in zip(logs, frames, tasks, strict=True):
-            if is_recording(log):
-                states = redecode(log, loaded, **asked) if asked else replay(log, loaded)
-            else:
-                states = replay(log, loaded, **OF_LOGS | asked)
+            is_run = is_recording(log)
+            decode = redecode if is_run and asked else replay
+            states = decode(log, loaded, **asked if is_run else OF_LOGS | asked)
             written.add_episode(states, read_frames(file, round(1e9 * offset_s)), text)
             wrong += states.faults
     report = written.report() | {"output": str(output.resolve()), "faults": wrong}

@@ -150,7 +150,7 @@ Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], quiet(
 """See `mapped`."""
 
 
-def mapped(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, dict[str, str]]:
+def mapped(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, Any]:
     """The argument ``channels`` of `skin.decode_log`, where it is given for these logs."""
     from skin.errors import OptionError
     from skin.io.record import is_recording
