@@ -69,7 +69,7 @@ them has lost it [assumed]."""
 RISEN_SIGMAS = 0.5
 """Averaged pull, over the sigma of a reading, beyond which no zero is followed [assumed: as
 `skin.decode.ambient`]; without an ambient field there is one reading, and it is `PULL_SIGMAS`."""
-FOREVER = 1 << 40
+FOREVER, REST = 1 << 40, "frequency_rest_hz"
 SAME_C = 5.0
 """Difference of temperatures at which a zero still is the same [assumed]."""
 
@@ -249,14 +249,17 @@ class Zeros:
         first, was_above = self._load_hz(), np.zeros(self._filed.n, bool)
         ambient = self._decoder.ambient
         most_hz = self._sigma_hz * (PULL_SIGMAS if ambient is None else RISEN_SIGMAS)
-        least_hz = LOADED_SIGMAS * self._sigma_hz
+        least_hz, filed_hz = LOADED_SIGMAS * self._sigma_hz, self._filed.parameters[REST]
         while cycles > 0:
             self._records, wait = False, min(self._glance, cycles)
             cycles -= wait
             yield wait - 1
             load = self._load_hz()
-            # beside a press an elastomer bulges
-            above = (load < -most_hz) & self._of_run & (self._beside(load > least_hz) < 0)
+            above = (load < -most_hz) & self._of_run
+            above &= self._beside(load > least_hz) < 0  # there an elastomer bulges
+            # what is higher than any unit at rest was not pressed when it was tared
+            now_hz = self._decoder.topology.parameters[REST] - load
+            above &= now_hz <= 2.0 * filed_hz - lowest_hz(self._filed)
             if (lost := above & was_above).any():
                 self._give_up(lost, -load)
             was_above = above

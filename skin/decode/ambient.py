@@ -47,6 +47,10 @@ body at once passes for that. The lateral zero is that of the calibration: a tar
 field of its attitude into the offsets, and what is found here is the change since then, never the
 same field twice.
 
+**Liars.** A tared unit that nothing has pressed or come near for 5 s has no shear: a lateral field,
+averaged over 10 s, of more than a zero drifts (200 µT) and 3 sigma of an unknown ambient field (150
+µT) is a MAGNETIC_ANOMALY, a magnet near it or a wrong reading, and no zero follows it.
+
 A decoder with `skip` shows the fields of units without load now and then only: then all is slower.
 At less than 100 cycles a second averages take 100 cycles, 1000 of the field, and all is as much
 slower as well.
@@ -70,6 +74,7 @@ from skin.decode.ambient_model import (
     frames_of,
     lag_hz,
     model_of,
+    sheared_ut,
 )  # fmt: skip
 from skin.decode.ambient_turn import Turned
 from skin.errors import CalibrationError, OptionError
@@ -282,6 +287,11 @@ class Ambient:
             self.begin(np.zeros_like(self.field_ut))
         kernels.compose(self._model, self._data)
 
+    def retare(self, topology: Topology) -> None:
+        """Go on with the same units, other zeros; see `forget`."""
+        self.topology = topology
+        self._model.units.sheared_ut[:] = sheared_ut(topology)
+
     def begin(self, field_ut: np.ndarray) -> None:
         """Set out from an ambient field that was known long ago; counted in `begun`.
 
@@ -344,7 +354,8 @@ class Ambient:
             Looks at the cycle that stands in the arrays, `elapsed_s` after the last one.
         """
         read = {"field_ut": reading.field_ut, "displacement_mm": reading.displacement_mm,
-                "temperature": reading.temperature, "status": reading.status}  # fmt: skip
+                "temperature": reading.temperature, "status": reading.status,
+                "valid": reading.valid}  # fmt: skip
         return self._bound(self._data._replace(
             **{name: array for name, array in read.items() if array is not None}
         ))  # fmt: skip

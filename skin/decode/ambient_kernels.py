@@ -17,6 +17,8 @@ from skin.decode.ambient_model import (
     LOADED_SIGMAS,
     PRIOR_UT2,
     RATE_HZ,
+    SPAN_HZ,
+    SPAN_UT,
     WALK_UT2,
     WORD,
 )  # fmt: skip
@@ -27,6 +29,7 @@ REFUSED = 0xFFFF & ~int(
     Status.EXTRAPOLATED | Status.IDLE | Status.UNCALIBRATED | Status.UNTARED
 )  # fmt: skip
 """Any other flag, and a unit is not used."""
+ANOMALY = int(Status.MAGNETIC_ANOMALY)
 NEAR, LOADED, VOTES, FOLLOWED, TOUCHED = 1, 2, 4, 8, 16
 """Marks of a unit in this cycle: it is loaded or near a loaded one, loaded, measures the ambient
 field, has a zero that is followed, has no vote for it may be touched."""
@@ -50,9 +53,6 @@ it is averaged until the zero is followed [assumed]."""
 RATE_UT, RATE_REST_UT = 0.1, 0.005
 """Fastest change of a lateral zero, µT/s, and of Bz at rest, which is looked at and not
 subtracted [assumed: what drifts is slower, a press is faster]."""
-SPAN_HZ, SPAN_UT = 60.0, 200.0
-"""Farthest that a zero goes from calibration, Hz and µT: beyond, the unit wants a tare
-[assumed]."""
 CLIP_SIGMAS = 5.0
 """Residuals count up to this many sigma in the common field [assumed]."""
 LEAST_UNITS = 4
@@ -397,7 +397,13 @@ def _follow(model, data, long_ut, zero):
         memory.bound_hz[i] = known_better if follows else known_worse
         step = _clamped(share_hz * memory.slow_hz[i], RATE_HZ * dt_s)
         zero_hz[i] = _clamped(zero_hz[i] + step, SPAN_HZ) if follows else zero_hz[i]
-        free = follows & (marks[i] & TOUCHED == 0)
+        # nothing shears what nothing presses
+        aside_ut2 = long_x[i] * long_x[i] + long_y[i] * long_y[i]
+        still = alone & (memory.alone_s[i] >= DWELL_OF_SLOW * slow_s)
+        lies = still & (aside_ut2 > units.sheared_ut[i] * units.sheared_ut[i])
+        data.status[i] = data.status[i] | (ANOMALY if lies else 0)
+        data.valid[i] = data.valid[i] & (not lies)
+        free = follows & (marks[i] & TOUCHED == 0) & (not lies)
         step = _clamped(share_ut * long_x[i], RATE_UT * dt_s)
         zero_x[i] = _clamped(zero_x[i] + step, SPAN_UT) if free else zero_x[i]
         step = _clamped(share_ut * long_y[i], RATE_UT * dt_s)

@@ -13,7 +13,7 @@ from topology import CHANNELS, Topology
 from topology.neighbours import neighbour_pairs
 
 __all__ = ["AmbientData", "AmbientModel", "Bodies", "Memory", "Near", "Runs", "Units", "body_of",
-           "data_of", "frames_of", "lag_hz", "model_of"]  # fmt: skip
+           "data_of", "frames_of", "lag_hz", "model_of", "sheared_ut"]  # fmt: skip
 
 WORD = 64
 """Units that have their bits in one word."""
@@ -43,6 +43,9 @@ PRIOR_UT2 = 2500.0
 Earth's, 50 µT]."""
 
 
+SPAN_HZ, SPAN_UT = 60.0, 200.0
+"""Farthest that a zero goes from calibration, Hz and µT: beyond, the unit wants a tare
+[assumed]."""
 WALK_UT2 = 400.0
 """How fast the ambient field is taken to wander, µT²/s [assumed]."""
 
@@ -62,6 +65,7 @@ class Units(NamedTuple):
     film_drift_per_k: np.ndarray
     own_ut: np.ndarray  # (2, n), lateral field at rest of a film off its chip's axis
     bound_hz: np.ndarray  # how far the zero of a frequency may be off at first
+    sheared_ut: np.ndarray  # lateral field that no unit has at rest, of those that are tared
 
 
 class Runs(NamedTuple):
@@ -133,7 +137,8 @@ class AmbientData(NamedTuple):
     field_ut: np.ndarray  # (3, n), `Reading.field_ut`
     displacement_mm: np.ndarray  # (3, n)
     temperature: np.ndarray  # (n,), °C; zeros where it is not on the wire
-    status: np.ndarray  # (n,) uint16
+    status: np.ndarray  # (n,) uint16, written where a unit at rest reads a field that is none
+    valid: np.ndarray  # (n,) bool, likewise
     elapsed_s: np.ndarray  # (1,), since the last cycle; of a gap two periods count as calm
     memory: Memory
     zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
@@ -183,6 +188,7 @@ def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
         displacement_mm=np.zeros((3, n), dtype),
         temperature=np.zeros(n, dtype),
         status=np.zeros(n, np.uint16),
+        valid=np.zeros(n, bool),
         elapsed_s=np.zeros(1),
         memory=Memory(*(np.empty((3, n) if name == "long_ut" else n) for name in Memory._fields)),
         zero=np.empty((3, n)),
@@ -250,4 +256,11 @@ def _units(topology: Topology, slow_s: float) -> Units:
         bound_hz=np.clip(
             BOUND_SIGMAS * p["frequency_sigma_hz"], lag_hz(slow_s), LOADED_SIGMAS * sigma_hz
         ),
+        sheared_ut=sheared_ut(topology),
     )
+
+
+def sheared_ut(topology: Topology) -> np.ndarray:
+    """Lateral field that no unit has at rest, shape (n,): beyond the drift of a zero and 3 sigma of
+    an ambient field of which nothing is known; infinite without a tare."""
+    return np.where(topology.tared, SPAN_UT + 3.0 * np.sqrt(PRIOR_UT2), np.inf)

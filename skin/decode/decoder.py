@@ -238,7 +238,7 @@ class Decoder:
         for kernels in self._bound:
             kernels.renew()
         if self.ambient is not None:
-            self.ambient.topology = topology
+            self.ambient.retare(topology)
         self.topology, self._filters["bare"] = topology, -1
 
     def set_elapsed(self, seconds: float) -> None:

@@ -72,7 +72,7 @@ class NaiveAmbient:
         state.touched = ~disturbed & usable & ~votes
         for g in range(self.body.max() + 1):
             self.filter(state, reading, g, votes, dt_s)
-        state.followed = np.zeros(self.skin.n, bool)
+        state.followed, state.lies = np.zeros((2, self.skin.n), bool)
         for i in range(self.skin.n):
             self.follow(state, i, usable[i] and not near[i], dt_s)
         self.compose(state, reading)
@@ -185,6 +185,8 @@ class NaiveAmbient:
 
     def follow(self, state, i, undisturbed, dt_s):
         slow, load = self.slow_s, abs(state.slow_hz[i])
+        sheared = np.hypot(*state.long_ut[:2, i]) > 350.0 and self.skin.tared[i]
+        state.lies[i] = undisturbed and sheared and state.alone_s[i] >= 5.0 * slow
         known = self.upright[i] and not np.isnan(state.rest_ut[i])
         calm = undisturbed and load < (3.0 if known else 0.5) * self.sigma_hz[i]
         calm = calm and abs(state.gel_c[i] - state.film_c[i]) < 0.3
@@ -207,7 +209,7 @@ class NaiveAmbient:
         for row, (rate, most, span) in enumerate(
             zip(off, (1.0 / 60.0, 0.1, 0.1), (60.0, 200.0, 200.0), strict=True)
         ):
-            if row and state.touched[i]:
+            if row and (state.touched[i] or state.lies[i]):
                 continue
             gone = state.zero[row, i] + dt_s * np.clip(rate, -most, most)
             state.zero[row, i] = np.clip(gone, -span, span)

@@ -230,7 +230,7 @@ def test_kernel_does_as_its_python(dtype):
         reading = world.cycle(ambient.background)
         plain = plain._replace(
             field_ut=reading.field_ut, displacement_mm=reading.displacement_mm,
-            temperature=reading.temperature, status=reading.status,
+            temperature=reading.temperature, status=reading.status.copy(),
         )  # fmt: skip
         plain.elapsed_s[:] = 0.004
         ambient_kernels.update_python(ambient._model, plain)

@@ -35,7 +35,7 @@ def tumbled(rate_hz=250.0):
     scale = skin.scale * rng.uniform(1.0, 40.0, skin.scale.shape)
     turns = np.moveaxis(Rotation.random(UNITS, rng=1).as_matrix(), 0, -1)
     return dataclasses.replace(
-        skin, rotation=turns, patch=BODY.astype(np.int32), patch_names=("a", "b"), scale=scale,
+        skin, tared=np.arange(UNITS) % 5 > 0, rotation=turns, patch=BODY.astype(np.int32), patch_names=("a", "b"), scale=scale,
         patch_frames=("a", "b"), wired=wired, position=0.13 * skin.position,
     )  # fmt: skip
 
@@ -48,7 +48,7 @@ def any_state(ambient, naive, rng):
     load = np.where(pressed, rng.uniform(2.5, 8.0, n), rng.uniform(0.0, 2.9, n))
     memory.fast_hz[:] = naive.sigma_hz * load * rng.choice([-1.0, 1.0], n)
     memory.slow_hz[:] = naive.sigma_hz * rng.choice([0.6, 3.5], n) * rng.uniform(-1.0, 1.0, n)
-    memory.long_ut[:] = rng.choice([3.0, 30.0, 300.0], n, p=[0.6, 0.2, 0.2]) * rng.uniform(
+    memory.long_ut[:] = rng.choice([3.0, 30.0, 400.0], n, p=[0.6, 0.2, 0.2]) * rng.uniform(
         -1.0, 1.0, (3, n)
     )
     memory.gel_c[:] = 30.0 + rng.uniform(-1.0, 1.0, n)
@@ -98,25 +98,30 @@ def test_a_cycle_from_any_state_is_that_of_the_naive_one(near_votes, rate_hz):
     skin, rng = tumbled(rate_hz), np.random.default_rng(int(rate_hz) + near_votes)
     ambient = Ambient(skin, dtype="float64", crosstalk=near_votes)
     naive = NaiveAmbient(skin, BODY, near_votes=near_votes)
-    followed = learnt = 0
+    followed = learnt = lies = 0
     for _ in range(320):
         any_state(ambient, naive, rng)
         before = state_of(ambient)
         reading = any_reading(naive, before, rng)
         dt_s = rng.choice([0.004, 0.1, 0.25 * naive.slow_s, 0.5 * naive.slow_s])
         expected = naive.step(before, reading, dt_s)
+        ambient._data.valid[:] = True
         ambient.update(reading, dt_s)
         found = state_of(ambient)
         found.background, found.residue_ut2 = ambient.background, ambient.residue_ut2
         found.followed = ambient.followed
+        found.lies = ambient._data.status & Status.MAGNETIC_ANOMALY != 0
+        assert not ambient._data.valid[found.lies].any()
         for name, value in vars(expected).items():
             np.testing.assert_allclose(
                 getattr(found, name), value, rtol=1e-7, atol=1e-7, err_msg=name
             )
         followed += expected.followed.sum()
         learnt += np.sum(expected.rest_s != before.rest_s)
+        lies += expected.lies.sum()
     assert followed > 30
     assert learnt > 30
+    assert lies > 10
 
 
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
