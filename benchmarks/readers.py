@@ -24,7 +24,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.readers_damage import LINES, WAYS, damaged
+from benchmarks.readers_damage import WAYS, damaged
 
 __all__ = ["OUTCOMES", "SEEDS", "judge", "results", "run", "table", "truth"]
 
@@ -43,7 +43,9 @@ def run(quick: bool) -> dict[str, object]:
         for suffix in WAYS:
             if suffix == "mf4" and find_spec("asammdf") is None:
                 raise SystemExit("readers: must have asammdf: pip install 'f3t-skin[mdf]'")
-            files = list(damaged(suffix, (SEEDS / f"seed.{suffix}").read_bytes(), 24 if quick else 120))
+            files = list(
+                damaged(suffix, (SEEDS / f"seed.{suffix}").read_bytes(), 24 if quick else 120)
+            )
             found["files"] += len(files)  # type: ignore[operator]
             for side, suffixes in SIDES.items():
                 if suffix not in suffixes:

@@ -73,7 +73,9 @@ def _bytes_of_text(change: Callable[[bytes, random.Random], bytes]) -> Callable[
     return way
 
 
-def _line(change: Callable[[str, bytes, random.Random], bytes], times: int = 1) -> Callable[..., object]:
+def _line(
+    change: Callable[[str, bytes, random.Random], bytes], times: int = 1
+) -> Callable[..., object]:
     """A way that changes one line of a frame, which is then there `times` times."""
 
     def way(suffix: str, raw: bytes, chance: random.Random) -> tuple[bytes, Frames]:
@@ -219,7 +221,9 @@ def _blocks(raw: bytes) -> list[int]:
 
 def _mdf_link(raw: bytes, chance: random.Random) -> bytes:
     """A link that leads out of the file, or back to its own block."""
-    at = chance.choice([p for p in _blocks(raw) if raw[p + 2 : p + 4] in (b"HD", b"DG", b"CG", b"CN")])
+    at = chance.choice(
+        [p for p in _blocks(raw) if raw[p + 2 : p + 4] in (b"HD", b"DG", b"CG", b"CN")]
+    )
     links = [k for k in range(struct.unpack_from("<Q", raw, at + 16)[0])
              if struct.unpack_from("<Q", raw, at + 24 + 8 * k)[0]]  # fmt: skip
     where = chance.choice((at, len(raw) + 8, 1 << 40, at + 3))
@@ -236,12 +240,18 @@ def _mdf_length(raw: bytes, chance: random.Random) -> bytes:
 def _mdf_cycles(raw: bytes, chance: random.Random) -> bytes:
     at = next(p for p in _blocks(raw) if raw[p : p + 4] == b"##CG"
               and struct.unpack_from("<Q", raw, p + 80)[0] == FRAMES)  # fmt: skip
-    return _put(raw, at + 80, struct.pack("<Q", chance.choice((0, 1, FRAMES - 1, FRAMES + 1, 10**6, 1 << 50))))
+    return _put(
+        raw,
+        at + 80,
+        struct.pack("<Q", chance.choice((0, 1, FRAMES - 1, FRAMES + 1, 10**6, 1 << 50))),
+    )
 
 
 def _mdf_payload(raw: bytes, chance: random.Random) -> bytes:
     at = raw.index(b"##DZ")
-    return _flipped(raw, chance.randrange(at + 48, at + struct.unpack_from("<Q", raw, at + 8)[0]), chance)
+    return _flipped(
+        raw, chance.randrange(at + 48, at + struct.unpack_from("<Q", raw, at + 8)[0]), chance
+    )
 
 
 MDF_WAYS: dict[str, Callable[..., tuple[bytes, Frames]]] = {

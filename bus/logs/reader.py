@@ -178,7 +178,7 @@ class LogReader(ABC):
         return got
 
     def _leave_out(self, fault: str) -> None:
-        """Count a line that is neither a frame nor anything known; the first one's fault is told."""
+        """Count a line that is neither a frame nor anything known; keep the first one's fault."""
         self._passed += 1
         if self._passed == 1:
             self._faults.append(fault)

@@ -1,7 +1,7 @@
 """RowReader: text formats with a frame a line, and tables of python-can's.
 
 A line is a frame only as a whole: python-can's readers also take one that is cut, short of bytes or
-joined to the next one, do not tell which frames of ASC are CAN FD, and end at a line of another kind.
+joined to the next one, do not say which frames of ASC are CAN FD, and end at a line of another kind.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from base64 import b64decode
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, ClassVar
 
 from bus.errors import ChannelError, LogError
 from bus.frame import (
@@ -117,7 +117,7 @@ class _Asc:
             flags = FD_FDF + FD_BRS * (brs == "1") + FD_ESI * (esi == "1")
         elif told & self._REMOTE and not data:
             kind |= CAN_RTR
-        # Words come next, or a duration, 0 or of many digits: no byte, and no stamp of another line.
+        # Words come next, or a duration, 0 or of many digits: no byte, no stamp of another line.
         is_longer = more and self._is_byte(more[0]) and (self._base == 16 or not in_fd)
         if is_longer or not all(map(self._is_byte, data)) or way not in ("Rx", "Tx") or (
             re.search(r"\d\.\d", " ".join(more))
@@ -137,11 +137,11 @@ class _Trc:
     BEGINS, EXPECTED = re.compile(rb"\s*;"), "';'"
     COMMENT = re.compile(r"\s*(;|$)")
     # Before version 2 the direction stands in the place of the type.
-    _COLUMNS = {"1.0": "NOILD", "1.1": "NOdILD", "1.2": "NOBdILD", "1.3": "NOBdIRLD"}
+    _COLUMNS: ClassVar = {"1.0": "NOILD", "1.1": "NOdILD", "1.2": "NOBdILD", "1.3": "NOBdIRLD"}
     _HEAD = re.compile(r"\s*;\$(\w+)=(.*?)\s*$")
     _BEGIN = datetime(1899, 12, 30, tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)
     _EVENTS = ("Warng", "Error", "ST", "ER", "EC", "EV")
-    _FLAGS = {"Rx": 0, "Tx": 0, "DT": 0, "RR": 0, "FD": FD_FDF, "FB": FD_FDF | FD_BRS,
+    _FLAGS: ClassVar = {"Rx": 0, "Tx": 0, "DT": 0, "RR": 0, "FD": FD_FDF, "FB": FD_FDF | FD_BRS,
               "FE": FD_FDF | FD_BRS | FD_ESI, "BI": FD_FDF | FD_ESI}  # fmt: skip
 
     def __init__(self) -> None:
@@ -284,10 +284,11 @@ class RowReader(LogReader):
                     raise ValueError(
                         f"messages: must be a table; got {kind[0] if kind else 'none'}"
                     )
-                for number, row in enumerate(database.execute(
+                for row in database.execute(
                     "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
-                ), 1):  # fmt: skip
+                ):
                     yield row
+                    number += 1
         except (sqlite3.Error, ValueError) as error:
             raise LogError(
                 f"{self.path}: row {number}: must be a row of a .db log; got {error}"
