@@ -2,8 +2,8 @@
 its own that may crash or hang.
 
 The seeds in `tests/golden/logs/seeds` hold the same 72 frames, TRC those that are not CAN FD, and
-every side reads them whole. `benchmarks.readers_damage` says how they are damaged. Of a damaged file
-a reader gives
+every side reads them whole. `benchmarks.readers_damage` says how they are damaged. Of a damaged
+file a reader gives
 
 - *whole*: the frames that the file has, all of them,
 - *told*: some of them, in order, and a message: an exception, a warning, or ours,
@@ -80,7 +80,8 @@ def truth(suffix: str) -> list[list[object]]:
     found = re.findall(r"\((\d+)\.(\d{3})\d*\) can0 (\w{3})#(#\w)?(\w*)\n",
                        (SEEDS / "seed.log").read_text())  # fmt: skip
     return [
-        [int(s + ms) - FIRST_MS * (suffix == "asc"), int(number, 16), False, False, bool(fd), data.lower()]
+        [int(s + ms) - FIRST_MS * (suffix == "asc"), int(number, 16), False, False, bool(fd),
+         data.lower()]
         for s, ms, number, fd, data in found
         if not (fd and suffix == "trc")
     ]  # fmt: skip
@@ -98,7 +99,8 @@ def results(
     frames, done = truth(suffix), 0
     while done < len(files):
         child = subprocess.run(
-            [sys.executable, "-m", "benchmarks.readers_child", side, folder / "list", str(done), plant],
+            [sys.executable, "-m", "benchmarks.readers_child", side, folder / "list", str(done),
+             plant],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, timeout=None, check=False,
         )  # fmt: skip
         for line in child.stdout.splitlines():

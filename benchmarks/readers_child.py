@@ -1,8 +1,8 @@
 """A reader that may crash or hang: ``python -m benchmarks.readers_child SIDE LIST FIRST PLANT``.
 
 Reads the files of a list from number FIRST on, and prints for each a line of JSON: its frames, and
-the message if there was one. PLANT is a fault of the harness's own test: "wrong", "lost", "crash" or
-"hang", else "".
+the message if there was one. PLANT is a fault of the harness's own test: "wrong", "lost", "crash"
+or "hang", else "".
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Damaged logs whose truth is known: what each file still says, whoever reads it.
 
-Bytes are changed only in ways that leave no other well-formed log behind, since a reader cannot know
-of those: text gets bytes that no line has, loses or gains half a byte or a whole one beside its
+Bytes are changed only in ways that leave no other well-formed log behind, since a reader cannot
+know of those: text gets bytes that no line has, loses or gains half a byte or a whole one beside its
 length, and whole lines; the contents of containers and blocks with checksums are flipped, those
 without only where they hold structure. Heads of texts, which say how all lines are read, stay.
 """
@@ -32,7 +32,8 @@ FOREIGN = {
             b"   0.5 1  100             TxRq d 1 01\n", b"   0.5 CANFD   1 Rx\n"],
     "trc": [b"      7         0.500 ST  1        - Rx -  4    00 00 00 08\n", b";\n", b"\n",
             b"      7         0.500 DT  1     0100 Rx -  8    01\n", bytes(64) + b"\n",
-            b"      7         0.500 DT  1\n", b"      7         0.500 EC  1        - Rx -  2    00 00\n"],
+            b"      7         0.500 DT  1\n",
+            b"      7         0.500 EC  1        - Rx -  2    00 00\n"],
 }  # fmt: skip
 """Lines that are no frames: of the format, of the program that writes it, and of nobody."""
 
@@ -110,8 +111,8 @@ def _other_length(suffix: str, line: bytes, chance: random.Random) -> bytes:
     if suffix == "log":  # it has none; more than its frames can have
         return line[:-1] + b"00" * 65 + b"\n"
     begin, end = _length(suffix, line)
-    return line[:begin] + b"%2d" % chance.choice([n for n in (0, 3, 7, 12) if n != int(line[begin:end])]) \
-        + line[end:]  # fmt: skip
+    others = [n for n in (0, 3, 7, 12) if n != int(line[begin:end])]
+    return line[:begin] + b"%2d" % chance.choice(others) + line[end:]
 
 
 def _length(suffix: str, line: bytes) -> tuple[int, int]:
@@ -124,7 +125,9 @@ def _length(suffix: str, line: bytes) -> tuple[int, int]:
 
 TEXT_WAYS: dict[str, Callable[..., tuple[bytes, Frames]]] = {
     "cut": _cut,
-    "NUL block": _bytes_of_text(lambda rest, c: bytes(n := min(c.choice((8, 64, 300)), len(rest))) + rest[n:]),
+    "NUL block": _bytes_of_text(
+        lambda rest, c: bytes(n := min(c.choice((8, 64, 300)), len(rest))) + rest[n:]
+    ),
     "flipped byte": _bytes_of_text(lambda rest, _: bytes([rest[0] ^ 0x80]) + rest[1:]),
     "line left out": _line(lambda *_: b"", 0),
     "line twice": _line(lambda _, line, __: 2 * line, 2),
@@ -206,10 +209,14 @@ BLF_WAYS: dict[str, Callable[..., tuple[bytes, Frames]]] = {
     "other length": _whole(_blf_head),
     "object left out": _blf_objects(lambda *_: b"", 0),
     "object twice": _blf_objects(lambda one, _: 2 * one, 2),
-    "foreign object": _blf_objects(lambda one, c: _put(one, 12, struct.pack("<L", c.choice((6, 92, 500)))) + one),
+    "foreign object": _blf_objects(
+        lambda one, c: _put(one, 12, struct.pack("<L", c.choice((6, 92, 500)))) + one
+    ),
     "object cut": _blf_objects(lambda one, c: one[: -c.randrange(1, 40)]),
     "object of other length": _blf_objects(
-        lambda one, c: _put(one, 8, struct.pack("<L", c.choice((*_SIZES, len(one) + 4, len(one) + 24))))
+        lambda one, c: _put(
+            one, 8, struct.pack("<L", c.choice((*_SIZES, len(one) + 4, len(one) + 24)))
+        )
     ),
     "NUL object": _blf_objects(lambda one, _: bytes(len(one))),
 }  # fmt: skip
@@ -256,7 +263,9 @@ def _mdf_payload(raw: bytes, chance: random.Random) -> bytes:
 
 MDF_WAYS: dict[str, Callable[..., tuple[bytes, Frames]]] = {
     "cut": _whole(lambda raw, c: raw[: c.randrange(len(raw))]),
-    "NUL block": _whole(lambda raw, c: _put(raw, c.choice(_blocks(raw)), bytes(c.choice((4, 24, 64))))),
+    "NUL block": _whole(
+        lambda raw, c: _put(raw, c.choice(_blocks(raw)), bytes(c.choice((4, 24, 64))))
+    ),
     "flipped bit": _whole(_mdf_payload),
     "flipped name of a block": _whole(lambda raw, c: _flipped(raw, c.choice(_blocks(raw)) + 2, c)),
     "other length": _whole(_mdf_length),

@@ -1,7 +1,8 @@
 """RowReader: text formats with a frame a line, and tables of python-can's.
 
-A line is a frame only as a whole: python-can's readers also take one that is cut, short of bytes or
-joined to the next one, do not say which frames of ASC are CAN FD, and end at a line of another kind.
+A line is a frame only as a whole. python-can's readers also take a line that is cut, short of bytes
+or joined to the next one, do not say which frames of ASC are CAN FD, and end at a line of another
+kind.
 """
 
 from __future__ import annotations
@@ -216,8 +217,8 @@ class RowReader(LogReader):
     """Reads ASC, TRC, CSV and SQLite logs.
 
     Stamps of ASC count from the start of the measurement; those of the others have the precision of
-    floats, and are rounded to 1 µs. Events are counted as skipped. CSV and SQLite have no FD flag; a
-    frame of more than 8 bytes is CAN FD.
+    floats, and are rounded to 1 µs. Events are counted as skipped. CSV and SQLite have no FD flag:
+    a frame of more than 8 bytes is CAN FD.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:

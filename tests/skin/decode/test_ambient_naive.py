@@ -35,7 +35,8 @@ def tumbled(rate_hz=250.0):
     scale = skin.scale * rng.uniform(1.0, 40.0, skin.scale.shape)
     turns = np.moveaxis(Rotation.random(UNITS, rng=1).as_matrix(), 0, -1)
     return dataclasses.replace(
-        skin, tared=np.arange(UNITS) % 5 > 0, rotation=turns, patch=BODY.astype(np.int32), patch_names=("a", "b"), scale=scale,
+        skin, tared=np.arange(UNITS) % 5 > 0, rotation=turns, patch=BODY.astype(np.int32),
+        patch_names=("a", "b"), scale=scale,
         patch_frames=("a", "b"), wired=wired, position=0.13 * skin.position,
     )  # fmt: skip
 
