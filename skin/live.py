@@ -225,8 +225,13 @@ class Skin(Moving, Attachable):
     def __enter__(self) -> Skin:
         return self
 
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self.close()
+        except Exception as other:
+            if not isinstance(error, BusClosedError):
+                raise
+            error.add_note(f"{type(other).__name__} on closing: {other}")
 
     def close(self) -> None:
         """Release the buses; may be called twice.
@@ -274,11 +279,11 @@ class Skin(Moving, Attachable):
             first = next(self._cycles, None)
             announcer().finish()  # everything is compiled by now
             for state in () if first is None else chain((first,), self._cycles):
+                if self._quiet_s:
+                    self._expect_answers()
                 if self._is_watched:
                     self._latest = state.copy()
                 yield state
-                if self._quiet_s:
-                    self._expect_answers()
         except BusClosedError:
             if not self._closed:
                 raise
