@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,54 +89,48 @@ class Act(NamedTuple):
 
 def pull(force_n: Vector, *, rise_s: float, hold_s: float, fall_s: float) -> Act:
     """Pull, push or press: the target moves by force over stiffness, stays and returns."""
-    course = _trapezoid(rise_s, hold_s, fall_s)
+    course = partial(_trapezoid, rise_s, hold_s, fall_s)
     return Act(rise_s + hold_s + fall_s, np.array(force_n, float), np.zeros(3), course, True)
 
 
 def twist(moment_nm: Vector, *, rise_s: float, hold_s: float, fall_s: float) -> Act:
     """Turn it."""
-    course = _trapezoid(rise_s, hold_s, fall_s)
+    course = partial(_trapezoid, rise_s, hold_s, fall_s)
     return Act(rise_s + hold_s + fall_s, np.zeros(3), np.array(moment_nm, float), course, True)
 
 
 def bump(force_n: Vector, seconds: float) -> Act:
     """A tap or a bump: half a sine."""
-    force = np.array(force_n, float)
-    return Act(seconds, force, np.zeros(3), lambda t: math.sin(math.pi * t / seconds), False)
+    return Act(seconds, np.array(force_n, float), np.zeros(3), partial(_bell, seconds, 1), False)
 
 
 def brush(force_n: Vector, seconds: float) -> Act:
     """A passing sleeve or finger: rises and falls without a jump."""
-    force = np.array(force_n, float)
-    return Act(seconds, force, np.zeros(3), lambda t: math.sin(math.pi * t / seconds) ** 2, False)
+    return Act(seconds, np.array(force_n, float), np.zeros(3), partial(_bell, seconds, 2), False)
 
 
 def take(force_n: Vector, rise_s: float, *, hesitates: float = 0.0, waits_s: float = 0.0) -> Act:
     """Take over: the force rises and stays; a hesitating one bears a fraction first, and lets
     go."""
-    tried = _trapezoid(0.3 * waits_s, 0.4 * waits_s, 0.3 * waits_s)
-    whole = _trapezoid(rise_s, math.inf, 1.0)
-
-    def course(t: float) -> float:
-        return hesitates * tried(t) if t < waits_s else whole(t - waits_s)
-
+    course = partial(_tried, rise_s, hesitates, waits_s)
     return Act(math.inf, np.array(force_n, float), np.zeros(3), course, True)
 
 
-def _trapezoid(rise_s: float, hold_s: float, fall_s: float) -> Callable[[float], float]:
+def _trapezoid(rise_s: float, hold_s: float, fall_s: float, t: float) -> float:
     """Rise, stay and fall, with minimum jerk [Flash and Hogan, 1985]."""
+    over_s = t - rise_s - hold_s
+    x = t / rise_s if t < rise_s else 1.0 - min(max(over_s / fall_s, 0.0), 1.0)
+    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
 
-    def jerk(x: float) -> float:
-        x = min(max(x, 0.0), 1.0)
-        return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
 
-    def course(t: float) -> float:
-        if t < rise_s:
-            return jerk(t / rise_s)
-        over_s = t - rise_s - hold_s
-        return 1.0 if over_s <= 0.0 else 1.0 - jerk(over_s / fall_s)
+def _bell(seconds: float, power: int, t: float) -> float:
+    return math.sin(math.pi * t / seconds) ** power
 
-    return course
+
+def _tried(rise_s: float, share: float, waits_s: float, t: float) -> float:
+    if t < waits_s:
+        return share * _trapezoid(0.3 * waits_s, 0.4 * waits_s, 0.3 * waits_s, t)
+    return _trapezoid(rise_s, math.inf, 1.0, t - waits_s)
 
 
 class Hand:

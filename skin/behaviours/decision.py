@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from typing import NamedTuple
 
 __all__ = ["Decision", "Decisions"]
@@ -12,15 +13,13 @@ KEPT = 1000
 
 
 class Decision(NamedTuple):
-    """A decision and its reason.
+    """What was decided, and why, with its numbers.
 
     Attributes
     ----------
     time_s : float
         Time of the cycle's SYNC since the behaviour's first cycle.
-    what : str
-    why : str
-        The reason, with its numbers.
+    what, why : str
     """
 
     time_s: float
@@ -49,8 +48,5 @@ class Decisions:
     def __len__(self) -> int:
         return len(self._kept)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Decision]:
         return iter(tuple(self._kept))
-
-    def __str__(self) -> str:
-        return "\n".join(map(str, self._kept))
