@@ -1,4 +1,4 @@
-"""Benchmarks: error beside time. Those of behaviours repeat scripts of `examples/` on more seeds."""
+"""Benchmarks: error beside time. Those of behaviours repeat scripts of `examples/` on new seeds."""
 
 import sys
 from pathlib import Path

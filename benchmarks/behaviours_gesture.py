@@ -19,7 +19,8 @@ import numpy as np
 from benchmarks.slip_intervals import per_minute, rate
 from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 from benchmarks.workers import in_parallel
-from fig4b_gestures import Asked, Seen, Trial, run as run_trial
+from fig4b_gestures import Asked, Seen, Trial
+from fig4b_gestures import run as run_trial
 from shared.people import brush, bump, pull, twist
 
 REPORTED = 8000

@@ -1,10 +1,10 @@
 """The grip control against the paper's Fig. 4c, on two plants, with objects of unknown friction.
 
-On the simulator: 300 runs of `examples/fig4c_adaptive_grasp.py`: friction 0.3 to 0.9, mass 30 to 300 g, pulls
-and turns as in the paper, scaled to the weight; two of 32 units feel nothing in a third of them.
-`dropped_rate` is the share that went more than 10 mm along the pads, or never hung. Margins are
-friction at rest times grip over the tangential load, minus 1, by the truth, as the paper means its
-245 % at rest and 108 % at the peak (with a friction of 0.5): `margin_rest` in the last 0.3 s before
+On the simulator: 300 runs of `examples/fig4c_adaptive_grasp.py`: friction 0.3 to 0.9, mass 30 to
+300 g, pulls and turns as in the paper, scaled to the weight; two of 32 units feel nothing in a
+third of them. `dropped_rate` is the share that went more than 10 mm along the pads, or never hung.
+Margins are friction at rest times grip over the tangential load, minus 1, by the truth, as the
+paper means its 245 % at rest and 108 % at the peak (with a friction of 0.5): `margin_rest` in the last 0.3 s before
 the pulls, `margin_peak` at the largest load, `margin_median` over all from then to the end; each is
 the median over the runs that held. `share_used_median` is the other way to say it: the share of
 what friction could bear that is in use, 1 / (1 + margin). `return_error` is how far the grip in the
@@ -26,8 +26,9 @@ import numpy as np
 from benchmarks.brush_cells import cells, lines
 from benchmarks.slip_intervals import rate
 from benchmarks.workers import in_parallel
-from fig4c_adaptive_grasp import DROPPED_M, run as run_trial
+from fig4c_adaptive_grasp import DROPPED_M
 from fig4c_adaptive_grasp import figures as figures_of
+from fig4c_adaptive_grasp import run as run_trial
 
 REPORTED = 8000
 """First seed: the control was made on those below 1000."""

@@ -112,7 +112,7 @@ def run_take(seed: int) -> Take:
             phase = handover.update(state)
             trial.update_us.append(1e-3 * (time.perf_counter_ns() - begun_ns))
             if phase == Phase.TAKEN and math.isnan(trial.taken_s):
-                trial.taken_s, trial.why = now_s, str(handover.decisions.last)
+                trial.taken_s, trial.why = now_s, str(handover.decisions[-1])
                 control.release()
                 until_s = now_s + AFTER_S
             hand.update()
@@ -190,7 +190,7 @@ def run_carry(seed: int, seconds: float) -> Carry:
                 hand.begin(_touch(carry, random, 9.81 * thing.mass_kg))
             _swing(world, home_m, swing_m * 0.5 * (1.0 - math.cos(math.pi * now_s / swing_s)))
             if handover.update(state) == Phase.TAKEN:
-                carry.released.append(str(handover.decisions.last))
+                carry.released.append(str(handover.decisions[-1]))
                 handover.give()
             carry.most = max(carry.most, handover.probabilities.get("hand", 0.0))
             hand.update()

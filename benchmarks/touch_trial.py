@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 import skin.opening
-from skin.behaviours.gesture import Gesture, Gestures
 from fig4b_gestures import Asked, Trial, match
 from shared.people import Person, bump
+from skin.behaviours.gesture import Gesture, Gestures
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import BodyTable, Key, SceneFile, Sphere
 from topology import load

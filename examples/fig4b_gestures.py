@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+
 from shared.gripper import held
 from shared.people import Act, Hand, Person, bump, draw_block, draw_person, pull, twist
-
 from skin.behaviours.gesture import Gesture, Gestures
 
 PAUSE_S, AFTER_S = 0.45, 0.15
@@ -36,8 +36,7 @@ class Asked(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What became of it: the report at its end, None without one, and the time from its begin to
-    the first report of its kind."""
+    """What became of it: the report at its end, and when its kind was reported at first."""
 
     asked: Asked
     began_s: float
@@ -60,11 +59,8 @@ class Seen(NamedTuple):
 
 @dataclass
 class Trial:
-    """Gestures of a person, what was reported without one, and time courses.
-
-    `rows` has time, felt and true force (3 each, newton) and felt and true torque about the pads'
-    normal (newton metre), cycle by cycle; `update_us` what the recognition took.
-    """
+    """Gestures of a person, and what was reported without one. `rows` are time, felt and true force
+    (3 each), and felt and true torque about x; `update_us` is what the recognition took."""
 
     person: Person
     seen: list[Seen] = field(default_factory=list)
@@ -76,17 +72,16 @@ class Trial:
 def story(random: np.random.Generator) -> list[Asked]:
     """Eight pulls in order of direction, of 0.8 to 1.6 N, then a tap, a press and a twist."""
     course = {"rise_s": 0.2, "hold_s": 0.4, "fall_s": 0.2}
-    found = []
-    for k in range(8):
-        angle = math.remainder(math.radians(45.0 * k), 2.0 * math.pi)
-        force = float(random.uniform(0.8, 1.6)) * np.array([0.0, math.cos(angle), math.sin(angle)])
-        found.append(Asked("pull", angle, pull(force, **course)))
+    angles = [math.remainder(0.25 * math.pi * k, 2.0 * math.pi) for k in range(8)]
+    forces = [random.uniform(0.8, 1.6) * np.array([0.0, math.cos(one), math.sin(one)])
+              for one in angles]  # fmt: skip
     return [
-        *found,
+        *(Asked("pull", angle, pull(force, **course))
+          for angle, force in zip(angles, forces, strict=True)),
         Asked("tap", -math.pi / 2.0, bump((0.0, 0.0, -2.0), 0.05)),
         Asked("press", math.nan, pull((1.5, 0.0, 0.0), **course)),
         Asked("twist", math.nan, twist((0.04, 0.0, 0.0), **course)),
-    ]
+    ]  # fmt: skip
 
 
 def run(seed: int, asked: Callable[[np.random.Generator], Sequence[Asked]] = story) -> Trial:

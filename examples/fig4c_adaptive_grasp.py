@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+
 from shared.gripper import OPEN_M, SimulatedGripper
 from shared.people import knots_between, loads_at
-
 from skin.behaviours.grip import GripControl, GripParameters
 from skin.grasp.episode import Episode
 from skin.sim import GraspObject, grasp
@@ -32,14 +32,10 @@ SIDEWAYS, DOWNWARDS = (-0.62, 1.24), (0.08, 1.56)
 """Newton, tangential loads of the paper."""
 ARM_M, TURN = 0.012, 0.25
 """Torque about the pads' normal: fraction of the weight times this arm [assumed]."""
-LIFT_M, LIFT_M_PER_S, START_M = 0.015, 0.03, 0.004
-"""Height and speed of the lift; distance at which the pads begin to close."""
-GRASPED_S = 4.0
-"""Time by which it must hang [assumed]."""
-DROPPED_M = 0.01
-"""Longest allowed slide along the pads."""
-LOOK_S = 0.3
-"""Ends of the compared rest and recovery."""
+LIFT_M, LIFT_M_PER_S, START_M, GRASPED_S = 0.015, 0.03, 0.004, 4.0
+"""Of the lift; distance at which the pads begin to close; time by which it must hang [assumed]."""
+DROPPED_M, LOOK_S = 0.01, 0.3
+"""Longest allowed slide along the pads; ends of the compared rest and recovery."""
 QUIET_S, RISEN, LATEST_S = 0.1, 0.01, 0.5
 """Time without slip before a new one; rise of the command that is a reaction; its time limit."""
 
@@ -55,18 +51,13 @@ class Case(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Columns of shape (t,) by name, from the lift on; decisions of the control; what it took."""
+    """Columns of shape (t,) by name; decisions of the control; what it took, microseconds."""
 
     case: Case
     columns: dict[str, np.ndarray]
-    lifted_s: float
+    dropped: bool
     decisions: list[tuple[float, str]]
     work_us: np.ndarray
-
-    @property
-    def dropped(self) -> bool:
-        """Whether it slid along the pads, or was never lifted."""
-        return math.isnan(self.lifted_s) or self.columns["slid_m"].max() > DROPPED_M
 
 
 def case_of(seed: int, topology: Topology) -> Case:
@@ -95,10 +86,8 @@ def run(
     seed: int, *, parameters: GripParameters | None = None, delay_s: float = 0.0,
     seconds: float = DONE_S,
 ) -> Run:  # fmt: skip
-    """Grasp, lift and pull one object; the same for the same seed.
-
-    `delay_s` is that of the gripper, `seconds` the end, from the lift on.
-    """
+    """Grasp, lift and pull one object with a gripper that is late by `delay_s`; the same for the
+    same seed."""
     topology = load("gripper")
     case = case_of(seed, topology)
     gain = np.ones((3, topology.n))
@@ -122,7 +111,8 @@ def run(
                 break
         decisions = [(one.time_s - lifted_s, one.what) for one in control.decisions]
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    return Run(case, columns, lifted_s, decisions, np.array(work_us))
+    dropped = math.isnan(lifted_s) or bool(columns["slid_m"].max() > DROPPED_M)
+    return Run(case, columns, dropped, decisions, np.array(work_us))
 
 
 def _lift(world: Any, control: GripControl) -> bool:
@@ -155,17 +145,19 @@ def _row(
 
 
 def figures(run: Run) -> dict[str, Any]:
-    """Figures of a run, by name.
-
-    `margin_…` are friction times grip over the tangential load, minus 1, by the truth: at rest just
-    before the pulls, at the largest load, and the median from there to the end. `return_error` is
-    the grip at the end over that at rest, minus 1. `reactions_s` are times from a unit's true slip
-    in the pulls to a rise of the command.
+    """Margins (friction times grip over the tangential load, minus 1, by the truth) at rest just
+    before the pulls, at the largest load, and the median from there to the end; the grip at the end
+    over that at rest, minus 1; times from a unit's true slip in the pulls to a rise of the command.
     """
     at, clock_s = run.columns, run.columns["clock_s"]
-    found = {"dropped": run.dropped, "slid_mm": 1e3 * float(at["slid_m"].max()),
-             "friction_believed": float(at["friction"][-1]),
-             "work_us": float(np.median(run.work_us)), "reactions_s": [], "return_error": None}
+    found = {
+        "dropped": run.dropped,
+        "slid_mm": 1e3 * float(at["slid_m"].max()),
+        "friction_believed": float(at["friction"][-1]),
+        "work_us": float(np.median(run.work_us)),
+        "reactions_s": [],
+        "return_error": None,
+    }
     found |= dict.fromkeys(("margin_rest", "margin_peak", "margin_median"))
     rest = (clock_s > REST_S - LOOK_S) & (clock_s < REST_S)
     after, since = clock_s > clock_s[-1] - LOOK_S, clock_s > REST_S - LOOK_S
@@ -184,10 +176,8 @@ def figures(run: Run) -> dict[str, Any]:
 
 
 def reactions_s(clock_s: np.ndarray, slipping: np.ndarray, wanted_n: np.ndarray) -> list[float]:
-    """Times from a unit's true slip, in the pulls, to a rise of the command above its value then.
-
-    Of a command that is rising already, the time is 0.
-    """
+    """Times from a unit's true slip, in the pulls, to a rise of the command; 0 where it rises
+    already."""
     period_s = float(np.nanmedian(np.diff(clock_s)))
     quiet, late = round(QUIET_S / period_s), round(LATEST_S / period_s)
     found = []
@@ -206,9 +196,9 @@ def draw(run: Run, file: str) -> None:
                                 height_ratios=(2.0, 1.2, 1.2, 1.2, 0.8))  # fmt: skip
     grip, down, side, margin, slid = axes
     grip.plot(at["clock_s"], at["true_load_n"], color="0.7", linewidth=3, label="truth")
-    grip.plot(at["clock_s"], at["load_n"], "C0", linewidth=0.8, label="decoded")
-    grip.plot(at["clock_s"], at["wanted_n"], "k:", linewidth=0.8, label="asked for")
-    grip.plot(at["clock_s"], at["needed_n"], "C3", linewidth=1.0, label="least that holds")
+    for name, style, label in (("load_n", "C0", "decoded"), ("wanted_n", "k:", "asked for"),
+                               ("needed_n", "C3", "least that holds")):  # fmt: skip
+        grip.plot(at["clock_s"], at[name], style, linewidth=0.8, label=label)
     grip.set(ylabel="Fz by pad\nN", ylim=(0.0, 1.3 * at["true_load_n"].max()))
     for when_s, what in run.decisions:
         grip.axvline(when_s, color="C2", linewidth=0.6, alpha=0.6)

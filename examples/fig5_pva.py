@@ -17,11 +17,10 @@ import math
 from collections.abc import Generator
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from scipy.optimize import curve_fit
-from shared.station import BENCH_M, CLEAR_M, DROPPED_M, Station, Stop, Vessel
 
+from shared.station import BENCH_M, CLEAR_M, DROPPED_M, Station, Stop, Vessel
 from skin.sim import GraspObject
 
 FASTER = 10.0
@@ -39,23 +38,11 @@ TURN_S = 4.0
 """From a true turn, in which it must be told."""
 
 
-class Level:
-    """Distance of the weight from the line between two pads, metre: torsion over weight."""
-
-    def __init__(self, station: Station) -> None:
-        self.station, self.arm_m, self.count = station, math.nan, 0
-
-    def update(self) -> None:
-        """A mean over 0.3 s, while something hangs."""
-        loads = self.station.loads
-        down = -loads.force_n[2]
-        if not down.sum() > 0.5:
-            self.arm_m, self.count = math.nan, 0
-            return
-        arm_m = float(loads.torsion_nm[0] - loads.torsion_nm[1]) / float(down.sum())
-        self.count += 1
-        gain = max(self.station.period_s / 0.3, 1.0 / self.count)
-        self.arm_m = arm_m if self.count == 1 else self.arm_m + gain * (arm_m - self.arm_m)
+def arm_m(station: Station) -> float:
+    """Distance of the weight from the line between the pads, metre: torsion over weight, in the
+    last half second."""
+    last = station.rows[-round(0.5 / station.period_s) :]
+    return sum(row["twist_nm"] for row in last) / sum(row["weight_n"] for row in last)
 
 
 def frequency(time_s: np.ndarray, weight_n: np.ndarray) -> float:
@@ -76,21 +63,21 @@ def frequency(time_s: np.ndarray, weight_n: np.ndarray) -> float:
     return float(found[4]) if size > 8.0 * math.sqrt(cov[2, 2]) else math.nan
 
 
-def plan(station: Station, level: Level, burner_w: float, rounds: int) -> Generator[str]:
+def plan(station: Station, burner_w: float, rounds: int) -> Generator[str]:
     """What the hand does, a cycle a yield."""
     felt = station.temperature
     try:
         yield from station.grip("grasp")
         yield from station.go("weigh", lift=0.006)
         yield from station.wait("weigh", 1.5)
-        off_m = level.arm_m
+        off_m = arm_m(station)
         yield from station.put_down("lower")
         yield from station.go("centre", aside=off_m, lift=0.0)
         yield from station.grip("grasp again")
         yield from station.go("lift", lift=0.04)
         yield from station.wait("lift", 2.0)
-        if not abs(level.arm_m) < LEVEL_M:
-            raise Stop(f"not level: {1e3 * level.arm_m:.1f} mm off")
+        if not abs(arm_m(station)) < LEVEL_M:
+            raise Stop(f"not level: {1e3 * arm_m(station):.1f} mm off")
         for _ in range(rounds):
             station.power_w = burner_w
             while not felt.inside_c >= HOT_C:
@@ -123,11 +110,10 @@ def run(seed: int, rounds: int = 2, water_c: float | None = None) -> tuple[Stati
         position_m=(0.0, float(place_m), BENCH_M + 0.04 + CLEAR_M),
     )  # fmt: skip
     station = Station(thing, vessel, seed=seed)
-    level, weights, hz, unknown_s = Level(station), [], math.nan, 0.0
+    weights, hz, unknown_s = [], math.nan, 0.0
 
     def watch(what: str) -> dict[str, Any]:
         nonlocal hz, unknown_s
-        level.update()
         felt = station.temperature
         warm = what in ("heat", "shake")
         unknown_s = unknown_s + station.period_s if felt.sigma_c > UNKNOWN_C else 0.0
@@ -143,10 +129,10 @@ def run(seed: int, rounds: int = 2, water_c: float | None = None) -> tuple[Stati
         if count * station.period_s > LEAST_S and len(weights) % 64 == 0:
             last = np.array(weights[-count:])[: count - count % 8]
             hz = frequency(*last.reshape(-1, 8, 2).mean(axis=1).T)
-        return {"frequency_hz": hz, "arm_m": level.arm_m}
+        return {"frequency_hz": hz}
 
     burner_w = float(FASTER * random.uniform(150.0, 200.0))
-    return station, station.play(plan(station, level, burner_w, rounds), watch)
+    return station, station.play(plan(station, burner_w, rounds), watch)
 
 
 def figures(station: Station, why: str) -> dict[str, Any]:
@@ -165,6 +151,7 @@ def figures(station: Station, why: str) -> dict[str, Any]:
         )
         delays_s.append(at["time_s"][told[0]] - turn_s if told.size else math.inf)
         onsets_s.append(at["began_s"][told[0]] - turn_s if told.size else math.inf)
+    hz = at["frequency_hz"][np.isfinite(at["frequency_hz"])]
     warm = at["time_s"] > max([s.ended_s for s in station.spans if s.name == "lift"], default=0.0)
     return found | {
         "dropped": bool(np.nanmax(at["slid_m"]) > DROPPED_M),
@@ -173,38 +160,21 @@ def figures(station: Station, why: str) -> dict[str, Any]:
         "onsets_within_1s": sum(abs(one) <= 1.0 for one in onsets_s),
         "warmest_c": float(at["true_c"].max()),
         "temperature_rms_c": float(np.sqrt(np.mean((at["inside_c"] - at["true_c"])[warm] ** 2))),
-        "frequency_hz": float(np.nanmedian(at["frequency_hz"])),
+        "frequency_hz": float(np.median(hz)) if hz.size else math.nan,
         "grip_n": (float(np.nanmin(at["true_grip_n"][warm])), float(at["true_grip_n"].max())),
     }  # fmt: skip
 
 
 def draw(station: Station, file: str) -> None:
-    """Temperature, loads, height and frequency over time, over the steps."""
+    """Temperature, loads, height and frequency over time."""
     at = station.columns()
-    figure, (warm, force, lift, often) = plt.subplots(
-        4, 1, sharex=True, figsize=(11.0, 8.4), height_ratios=(2, 1.6, 0.8, 0.8),
-        layout="constrained",
-    )  # fmt: skip
-    warm.plot(at["time_s"], at["true_c"], color="0.7", linewidth=3, label="truth, within")
-    warm.plot(at["time_s"], at["inside_c"], "C3", linewidth=1, label="felt, within")
-    warm.plot(at["time_s"], at["gel_c"], "k:", linewidth=0.8, label="gel")
-    warm.set(ylabel="temperature, °C", ylim=(at["true_c"].min() - 6.0, 84.0))
-    for name, label, hue in (("grip_n", "Fn by pad", "C0"), ("weight_n", "Ft, both pads", "C2")):
-        force.plot(at["time_s"], at[name], hue, linewidth=0.6, label=f"{label}, felt")
-        force.plot(at["time_s"], at[f"true_{name}"], "k", linewidth=0.8, alpha=0.7)
-    force.set_ylabel("force, N (truth black)")
+    figure, lift, often = station.draw(at, {"heat": "C3", "shake": "C0"})
     lift.plot(at["time_s"], 1e3 * at["lift_m"], "k", linewidth=0.8, label="hand")
     lift.set_ylabel("height, mm")
-    often.plot(at["time_s"], at["frequency_hz"], "C0", label="felt")
+    often.plot(at["time_s"], at["frequency_hz"], "C0", label="shaken, felt")
     often.axhline(SHAKEN_HZ, color="0.7", linewidth=3, zorder=0, label="truth")
-    often.set(ylabel="shaken, Hz", ylim=(0.9, 1.1), xlabel="time, s", xlim=(0.0, None))
-    for span in station.spans:
-        for axes in (warm, force, lift, often):
-            hue = {"heat": "C3", "shake": "C0"}.get(span.name, "w")
-            axes.axvspan(span.began_s, span.ended_s, color=hue, alpha=0.08, linewidth=0)
-        warm.text(0.5 * (span.began_s + span.ended_s), 82.0, span.name, fontsize=7, ha="center",
-                  va="top", rotation=90)  # fmt: skip
-    for axes in (warm, force, lift, often):
+    often.set(ylabel="frequency, Hz", ylim=(0.9, 1.1))
+    for axes in figure.axes:
         axes.legend(loc="upper left", fontsize=8, bbox_to_anchor=(1.0, 1.0))
     figure.savefig(file, dpi=110)
 

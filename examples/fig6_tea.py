@@ -14,12 +14,11 @@ import math
 from collections.abc import Generator
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
-from shared.people import Hand, take
-from shared.station import BENCH_M, CLEAR_M, DROPPED_M, G, TAP_LAG_S, Station, Stop, Vessel
-from shared.temperature import INNOVATION_S, Kalman
 
+from shared.people import Hand, take
+from shared.station import BENCH_M, CLEAR_M, DROPPED_M, TAP_LAG_S, G, Station, Stop, Vessel
+from shared.temperature import INNOVATION_S, Kalman
 from skin.behaviours.handover import Handover, Phase
 from skin.sim import GraspObject
 
@@ -44,7 +43,7 @@ FULL_ML, UNKNOWN_C, UNKNOWN_S = 220.0, 8.0, 1.0
 class Pouring:
     """Weight and flow, by a Kalman filter of the weight; weak flows by how fast the tea warms.
 
-    `poured_ml`, `sigma_ml`, `flow_ml_per_s` and `stage` are NaN and "none" before the tare.
+    `poured_ml`, `sigma_ml`, `flow_ml_per_s` are NaN and `stage` is "none" before the tare.
     """
 
     def __init__(self, station: Station) -> None:
@@ -185,7 +184,8 @@ def run(seed: int, goal_c: float = GOAL_C) -> tuple[Station, str]:
             if pouring.poured_ml > FULL_ML:
                 raise Stop(f"the glass is full: {pouring.poured_ml:.0f} ml")
         return {
-            "flow": pouring.flow_ml_per_s, "true_flow": 1e3 * vessel.flow_kg_per_s,
+            "flow_ml_per_s": pouring.flow_ml_per_s,
+            "true_flow_ml_per_s": 1e3 * vessel.flow_kg_per_s,
             "poured_ml": pouring.poured_ml, "sigma_ml": pouring.sigma_ml, "stage": pouring.stage,
             "true_poured_ml": 1e3 * vessel.poured_kg / density(vessel.water_c),
             "hand_n": station.push_n[2], "handed": handover.phase is Phase.TAKEN,
@@ -197,63 +197,42 @@ def run(seed: int, goal_c: float = GOAL_C) -> tuple[Station, str]:
 
 def figures(station: Station, why: str) -> dict[str, Any]:
     """What a run reached; delays from a change of the tap to its stage, in second."""
-    at, spans = station.columns(), station.spans
+    at, last = station.columns(), station.rows[-1]
     delays_s = {}
-    for span in spans:
-        if (name := {"settle": "none"}.get(span.name, span.name)) in ("none", *FLOWS):
-            told = (at["stage"] == name) & (at["time_s"] >= span.began_s)
-            told &= at["time_s"] <= span.ended_s
-            found = at["time_s"][told]
-            delays_s[name] = float(found[0] - span.began_s) if found.size else math.inf
-    last, held = station.rows[-1], at["time_s"] < next(
-        (span.began_s for span in spans if span.name in ("hand over", "put down")), math.inf
-    )  # fmt: skip
-    secure = np.flatnonzero(at["hand_n"] > 0.5 * at["true_weight_n"][held][-1])
+    for span in station.spans:
+        if span.name in FLOWS:
+            told = (at["stage"] == span.name) & (at["time_s"] >= span.began_s)
+            found = at["time_s"][told & (at["time_s"] <= span.ended_s)]
+            delays_s[span.name] = float(found[0] - span.began_s) if found.size else math.inf
     taken = np.flatnonzero(at["handed"] == 1.0)
+    held = slice(0, taken[0] if taken.size else None)
+    secure = np.flatnonzero(at["hand_n"] > 0.5 * G * station.vessel.mass_kg)
+    error_ml = last["poured_ml"] - last["true_poured_ml"]
     return {
         "done": not why and bool(taken.size), "why": why or "done",
         "dropped": bool(np.nanmax(at["slid_m"][held]) > DROPPED_M),
         "stage_delays_s": delays_s,
-        "stages_within_1s": sum(delays_s.get(name, math.inf) <= 1.0 for name in FLOWS),
+        "stages_within_1s": sum(delay_s <= 1.0 for delay_s in delays_s.values()),
         "end_c": station.vessel.water_c, "poured_ml": last["poured_ml"],
-        "amount_error_ml": last["poured_ml"] - last["true_poured_ml"],
-        "amount_error_sigmas": (last["poured_ml"] - last["true_poured_ml"]) / last["sigma_ml"],
+        "amount_error_ml": error_ml, "amount_error_sigmas": error_ml / last["sigma_ml"],
         "handover_s": float(at["time_s"][taken[0]] - at["time_s"][secure[0]])
         if taken.size and secure.size else math.nan,
-        "grip_n": (float(at["true_grip_n"][np.flatnonzero(held)[-1]]), float(at["true_grip_n"].max())),
+        "grip_at_end_n": float(at["true_grip_n"][held][-1]),
     }  # fmt: skip
 
 
 def draw(station: Station, file: str) -> None:
-    """Temperature, loads, flow and amount over time, over the steps."""
+    """Temperature, loads, flow and amount over time."""
     at = station.columns()
-    figure, (warm, force, flow, amount) = plt.subplots(
-        4, 1, sharex=True, figsize=(11.0, 8.4), height_ratios=(2, 1.6, 1.1, 1.1),
-        layout="constrained",
-    )  # fmt: skip
-    truth = {"color": "0.7", "linewidth": 3, "label": "truth"}
-    warm.plot(at["time_s"], at["true_c"], **truth)
-    warm.plot(at["time_s"], at["inside_c"], "C3", linewidth=1, label="felt, within")
-    warm.plot(at["time_s"], at["gel_c"], "k:", linewidth=0.8, label="gel")
-    warm.axhline(GOAL_C, color="0.5", linestyle="--", linewidth=0.6)
-    warm.set(ylabel="temperature, °C", ylim=(14.0, 68.0))
-    for name, label, hue in (("grip_n", "Fn by pad", "C0"), ("weight_n", "Ft, both pads", "C2")):
-        force.plot(at["time_s"], at[name], hue, linewidth=0.6, label=f"{label}, felt")
-        force.plot(at["time_s"], at[f"true_{name}"], "k", linewidth=0.8, alpha=0.7)
-    force.plot(at["time_s"], at["hand_n"], "C1", linewidth=0.8, label="person, truth")
-    force.set_ylabel("force, N (truth black)")
-    flow.plot(at["time_s"], at["true_flow"], **truth)
-    flow.plot(at["time_s"], at["flow"], "C0", linewidth=1, label="felt")
-    flow.set(ylabel="flow, ml/s", ylim=(-1.0, 22.0))
-    amount.plot(at["time_s"], at["true_poured_ml"], **truth)
-    amount.plot(at["time_s"], at["poured_ml"], "C2", linewidth=1, label="felt")
-    amount.set(ylabel="poured, ml", xlabel="time, s", xlim=(0.0, None))
-    for k, span in enumerate(station.spans):
-        for axes in (warm, force, flow, amount):
-            axes.axvspan(span.began_s, span.ended_s, color="C0", alpha=0.1 * (k % 2), linewidth=0)
-            axes.legend(loc="upper left", fontsize=8, bbox_to_anchor=(1.0, 1.0))
-        warm.text(0.5 * (span.began_s + span.ended_s), 67.0, span.name, fontsize=7, ha="center",
-                  va="top", rotation=90)  # fmt: skip
+    figure, flow, amount = station.draw(at, {"high": "C3", "low": "C2", "micro": "C0"})
+    figure.axes[1].plot(at["time_s"], at["hand_n"], "C1", linewidth=0.8, label="person, truth")
+    for axes, name, hue in ((flow, "flow_ml_per_s", "C0"), (amount, "poured_ml", "C2")):
+        axes.plot(at["time_s"], at[f"true_{name}"], color="0.7", linewidth=3, label="truth")
+        axes.plot(at["time_s"], at[name], hue, linewidth=1, label="felt")
+        axes.set_ylabel(name.replace("_per_", "/").replace("_", ", "))
+    flow.set_ylim(-1.0, 22.0)
+    for axes in figure.axes:
+        axes.legend(loc="upper left", fontsize=8, bbox_to_anchor=(1.0, 1.0))
     figure.savefig(file, dpi=110)
 
 

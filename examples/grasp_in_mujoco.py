@@ -7,9 +7,8 @@ control are those of hardware.
 
 import matplotlib.pyplot as plt
 
-from shared.gripper import SimulatedGripper
-
 import skin.sim
+from shared.gripper import SimulatedGripper
 from skin.behaviours.grip import GripControl
 
 cube = skin.sim.GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.08, friction=0.5)

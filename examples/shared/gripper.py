@@ -33,15 +33,8 @@ class SimulatedGripper:
     """An adapter (`skin.behaviours.grip.Gripper`) of the two fingers of a world.
 
     A change of the wanted force moves the target at once, by the servo's stiffness; the remaining
-    error, to what the servo should have answered by now, is integrated.
-
-    Parameters
-    ----------
-    world : skin.grasp.world.World
-    target_m : float
-        Of both fingers, at first.
-    delay_s : float
-        Time after which the fingers get a target, in whole cycles.
+    error, to what the servo should have answered by now, is integrated. The fingers get a target
+    `delay_s` later, in whole cycles.
     """
 
     def __init__(self, world: Any, target_m: float = 0.0, delay_s: float = 0.0) -> None:
@@ -96,23 +89,10 @@ HOLDS = 1.6
 def held(
     thing: GraspObject, *, strongest_n: float = 0.0, seed: int = 0, **options: Any
 ) -> Iterator[tuple[Any, GripControl, Iterator[Any]]]:
-    """Open a world, grasp an object that stands between the pads, lift it, wait until it is still.
+    """A world in which an object was grasped and lifted, the control whose `release` opens the
+    gripper, and the states from the time when it hangs still.
 
-    Parameters
-    ----------
-    thing : GraspObject
-    strongest_n : float
-        Newton: largest pull by people, for which it is gripped in advance.
-    seed, **options
-        See `skin.sim.grasp`.
-
-    Yields
-    ------
-    world : World
-    control : GripControl
-        Whose `release` opens the gripper.
-    states : iterator of State
-        From the time when the object hangs still.
+    It is gripped for the largest pull by people, `strongest_n`, in advance.
     """
     load_n = 0.5 * (9.81 * thing.mass_kg + strongest_n)
     grip_n = HOLDS * load_n / thing.friction + 1.0

@@ -31,16 +31,8 @@ KNOT_S = (0.2, 0.6)
 
 
 class Person(NamedTuple):
-    """Properties of a hand.
-
-    Attributes
-    ----------
-    stiffness_n_per_m : float
-    tremor_hz, tremor_n, tremor_phase : float
-        Physiological tremor; its amplitude grows by a fiftieth of the force.
-    point_m : tuple of 3 float
-        Grip point, from the centre of mass of the object.
-    """
+    """A hand: its stiffness, its tremor, whose amplitude grows by a fiftieth of the force, and its
+    grip point, from the centre of mass of the object."""
 
     stiffness_n_per_m: float = 200.0
     tremor_hz: float = 10.0
@@ -66,19 +58,8 @@ def draw_block(random: np.random.Generator) -> GraspObject:
 
 
 class Act(NamedTuple):
-    """An act of a person.
-
-    Attributes
-    ----------
-    seconds : float
-        Duration; infinite for a hand that stays.
-    force_n, moment_nm : ndarray, shape (3,)
-        On an object that does not move, frame of the world, times `course`.
-    course : callable
-        From seconds since the begin to a fraction from 0 to 1.
-    holds : bool
-        Whether the hand holds on.
-    """
+    """An act of a person: force and torque on an object that does not move, frame of the world,
+    times `course`, a function of the seconds since its begin; a hand may hold on."""
 
     seconds: float
     force_n: np.ndarray
@@ -134,16 +115,12 @@ def _tried(rise_s: float, share: float, waits_s: float, t: float) -> float:
 
 
 class Hand:
-    """Plays the acts of a person on the one object of a world.
+    """Plays the acts of a person on the one object of a world; `force_n` and `moment_nm` are those
+    of this cycle, frame of the world, about the centre of mass."""
 
-    Attributes
-    ----------
-    force_n, moment_nm : ndarray, shape (3,)
-        Of the person in this cycle, frame of the world; torque about the centre of mass.
-    """
-
-    def __init__(self, world: Any, person: Person = Person()) -> None:
-        self.person, self._world = person, world
+    def __init__(self, world: Any, person: Person | None = None) -> None:
+        self.person = person = Person() if person is None else person
+        self._world = world
         (self._name,) = world.truth.object_names
         self.force_n, self.moment_nm = np.zeros(3), np.zeros(3)
         mass_kg = world.scene.plant.model.body(self._name).mass[0]

@@ -11,7 +11,9 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib.pyplot as plt
 import numpy as np
+
 from skin.behaviours.grip import GripControl, Phase
 from skin.behaviours.pads import Pads
 from skin.grasp.episode import Ranges
@@ -29,13 +31,10 @@ WATER_J_PER_KG_K, GLASS_J_PER_KG_K = 4184.0, 830.0
 ROOM_C = 24.0
 FLAME_LAG_S, TAP_LAG_S = 0.3, 0.1
 """Lags of a flame's power and of a flow behind their settings [assumed]."""
-BENCH_M, CLEAR_M = -0.05, 5e-4
-"""Height of the bench, and gap above it at the start."""
-DROPPED_M = 0.01
-"""Longest allowed slide down the pads."""
-SPEED_M_PER_S = 0.03
-STEADY_S = 0.3
-"""Time after a motion in which what is held still swings [assumed]."""
+BENCH_M, CLEAR_M, DROPPED_M = -0.05, 5e-4, 0.01
+"""Height of the bench, gap above it at the start, and longest allowed slide down the pads."""
+SPEED_M_PER_S, STEADY_S = 0.03, 0.3
+"""Of the hand; time after a motion in which what is held still swings [assumed]."""
 UNITS = Ranges(stiffness=(0.97, 1.03), gain=(0.98, 1.02), gel=(0.98, 1.02), noise=(0.8, 1.2),
                tilt_rad=(-0.01, 0.01))  # fmt: skip
 """Spread of units beyond their calibration [assumed]."""
@@ -92,20 +91,8 @@ class Span(NamedTuple):
 class Station:
     """The world, the grip, and what is felt of the vessel.
 
-    Attributes
-    ----------
-    world : World
-    control : GripControl
-    vessel : Vessel
-    temperature : Temperature
-    loads : PadLoads
-    power_w, flow_kg_per_s, hot_c : float
-        Settings of flame and tap, and temperature of its water.
-    push_n : ndarray, shape (3,)
-        Of a person, on the vessel.
-    spans : list of Span
-    rows : list of dict
-        One a cycle, filled by `play`.
+    `power_w`, `flow_kg_per_s` and `hot_c` set flame and tap, `push_n` is the force of a person;
+    `loads` are those of the pads in this cycle. `play` fills `spans` and `rows`, one a cycle.
     """
 
     def __init__(self, thing: GraspObject, vessel: Vessel, *, seed: int) -> None:
@@ -124,18 +111,13 @@ class Station:
         self.push_n = np.zeros(3)
         self.spans: list[Span] = []
         self.rows: list[dict[str, Any]] = []
-        self._at = {"lift": 0.0, "aside": 0.0}
+        self.at = {"lift": 0.0, "aside": 0.0}
         self._moved_s, self._lowest_m, self.released = 0.0, math.nan, False
-
-    @property
-    def lift_m(self) -> float:
-        """Set point of the lift."""
-        return self._at["lift"]
 
     def move(self, name: str, goal_m: float) -> None:
         """Set the target of `lift` or `aside`, from the next cycle on."""
-        if goal_m != self._at[name]:
-            self._at[name], self._moved_s = goal_m, self.time_s
+        if goal_m != self.at[name]:
+            self.at[name], self._moved_s = goal_m, self.time_s
             self.world.joints[name] = goal_m
 
     # -- parts of plans, a cycle a yield -----------------------------------------------------------
@@ -149,16 +131,16 @@ class Station:
     def go(self, what: str, **goals: float) -> Generator[str]:
         """Move to heights (`lift`) and aside (`aside`), metre."""
         for name, goal_m in goals.items():
-            while (left_m := goal_m - self._at[name]) != 0.0:
+            while (left_m := goal_m - self.at[name]) != 0.0:
                 step_m = math.copysign(min(abs(left_m), SPEED_M_PER_S * self.period_s), left_m)
-                self.move(name, self._at[name] + step_m)
+                self.move(name, self.at[name] + step_m)
                 yield what
 
     def put_down(self, what: str) -> Generator[str]:
         """Lower until the bench bears what hangs, and open."""
         hung_n = self.weight_n
-        while self.weight_n > 0.5 * hung_n and self.lift_m > -0.02:
-            self.move("lift", self.lift_m - SPEED_M_PER_S * self.period_s)
+        while self.weight_n > 0.5 * hung_n and self.at["lift"] > -0.02:
+            self.move("lift", self.at["lift"] - SPEED_M_PER_S * self.period_s)
             yield what
         yield from self.open(what)
 
@@ -186,7 +168,7 @@ class Station:
 
         `watch(what)` may throw a `Stop` into the plan, and gives the rest of a row.
         """
-        what, began_s, why = "begin", 0.0, ""
+        what, began_s, why = "", 0.0, ""
         for state in self.world:
             self.state, self.time_s = state, self.world.time_s
             self.loads = self.pads.read(state)
@@ -199,13 +181,16 @@ class Station:
             except StopIteration:
                 break
             if now != what:
-                self.spans.append(Span(what, began_s, self.time_s))
+                self.spans += [Span(what, began_s, self.time_s)] if what else []
                 what, began_s = now, self.time_s
             self.control.is_steady = (
                 self.time_s - self._moved_s > STEADY_S and self.flow_kg_per_s == 0.0
             )
             self.control.update(state)
-            self._advance()
+            self.vessel.step(self.period_s, self.power_w, self.flow_kg_per_s, self.hot_c)
+            self.world.warm(self._name, self.vessel.wall_c)
+            self.world.weigh(self._name, self.vessel.mass_kg)
+            self.world.push(self._name, self.push_n)
             self.rows.append(self._row() | row)
             if self.time_s > most_s:
                 why = f"{what}: not within {most_s:g} s"
@@ -213,12 +198,6 @@ class Station:
         self.spans.append(Span(what, began_s, self.time_s))
         self.world.close()
         return why
-
-    def _advance(self) -> None:
-        self.vessel.step(self.period_s, self.power_w, self.flow_kg_per_s, self.hot_c)
-        self.world.warm(self._name, self.vessel.wall_c)
-        self.world.weigh(self._name, self.vessel.mass_kg)
-        self.world.push(self._name, self.push_n)
 
     def _row(self) -> dict[str, Any]:
         """Felt beside true, newton by pad and of both, °C."""
@@ -232,7 +211,8 @@ class Station:
             "gel_c": felt.gel_c, "true_c": vessel.water_c, "true_rate": vessel.rate_c_per_s,
             "phase": felt.phase, "began_s": felt.began_s, "grip_n": self.control.load_n,
             "true_grip_n": 0.5 * float(truth.normal_n.sum()), "weight_n": self.weight_n,
-            "true_weight_n": float(truth.wrench[2, 0]), "slid_m": slid_m, "lift_m": self.lift_m,
+            "true_weight_n": float(truth.wrench[2, 0]), "slid_m": slid_m, "lift_m": self.at["lift"],
+            "twist_nm": float(self.loads.torsion_nm[0] - self.loads.torsion_nm[1]),
         }  # fmt: skip
 
     @property
@@ -244,3 +224,27 @@ class Station:
         """The rows as columns of shape (t,)."""
         return {name: np.array([row.get(name, math.nan) for row in self.rows])
                 for name in self.rows[len(self.rows) // 2]}  # fmt: skip
+
+    def draw(self, at: dict[str, np.ndarray], hues: dict[str, str]) -> tuple[Any, Any, Any]:
+        """Temperature and loads over time, felt over truth, over the steps of the plan; the figure,
+        and two axes below for more."""
+        figure, axes = plt.subplots(4, 1, sharex=True, figsize=(11.0, 8.4), layout="constrained",
+                                    height_ratios=(2.0, 1.6, 1.0, 1.0))  # fmt: skip
+        warm, force, *more = axes
+        warm.plot(at["time_s"], at["true_c"], color="0.7", linewidth=3, label="within, truth")
+        warm.plot(at["time_s"], at["inside_c"], "C3", linewidth=1, label="within, felt")
+        warm.plot(at["time_s"], at["gel_c"], "k:", linewidth=0.8, label="gel")
+        warm.set(ylabel="temperature, °C",
+                 ylim=(at["true_c"].min() - 6.0, at["true_c"].max() + 12.0))  # fmt: skip
+        for name, label, hue in (("grip_n", "Fn by pad", "C0"), ("weight_n", "Ft of both", "C2")):
+            force.plot(at["time_s"], at[name], hue, linewidth=0.6, label=f"{label}, felt")
+            force.plot(at["time_s"], at[f"true_{name}"], "k", linewidth=0.8, alpha=0.7)
+        force.set_ylabel("force, N (truth black)")
+        for span in self.spans:
+            for one in axes:
+                hue = hues.get(span.name, "w")
+                one.axvspan(span.began_s, span.ended_s, color=hue, alpha=0.1, linewidth=0)
+            warm.text(0.5 * (span.began_s + span.ended_s), 0.98, span.name, fontsize=7, ha="center",
+                      va="top", rotation=90, transform=warm.get_xaxis_transform())  # fmt: skip
+        axes[-1].set(xlabel="time, s", xlim=(0.0, None))
+        return figure, *more

@@ -21,20 +21,16 @@ NOISE_C, UNIT_SIGMA_C = 0.05, 0.24
 """One-sigma of a unit's noise, and of its constants [assumed: a current of 1 %]."""
 JUMP_C_PER_S, DRIFT_C_PER_S15 = 2.0, 0.04
 """One-sigma of a jump of the rate, and of its other changes after a second [assumed]."""
-WALL_SIGMA = 0.005
-"""Heat that a wall loses to the room: relative one-sigma of its difference to it [assumed]."""
 TOUCHED, LET_GO = 5.0, 2.0
 """Sigmas of the normal force at which a unit becomes touched, and at which it ceases to be."""
-SMOOTH_S = 0.2
-"""Time constant of the temperatures from which a step of their mean is computed."""
-INNOVATION_S, CHANGED = 0.12, 4.0
-"""Time constant of the mean of innovations, and sigmas of it at which a rate has changed."""
-JUMP_AGES_S = (0.2, 0.4, 0.6, 0.8)
-"""How long ago the change may have been [assumed]."""
+SMOOTH_S, AHEAD_S = 0.2, 2.0
+"""Time constant of the temperatures from which a step of their mean is computed; time before a
+limit, at this rate, at which it is reported."""
+INNOVATION_S, CHANGED, AGES_S = 0.12, 4.0, (0.2, 0.4, 0.6, 0.8)
+"""Time constant of the mean of innovations; its sigmas at which a rate has changed, and how long
+ago that may have been [assumed]."""
 TURN_SIGMAS, JUMPED_S = 4.0, 2.0
 """Rate over its sigma at which a phase begins; half of it so long after a change of the rate."""
-AHEAD_S = 2.0
-"""Time before a limit, at this rate, at which it is reported."""
 
 
 class Kalman:
@@ -44,10 +40,7 @@ class Kalman:
     change of one state within the last second, and of what followed from it.
     """
 
-    def __init__(
-        self, flows: np.ndarray, noisy: int, intensity: float, period_s: float,
-        innovation_s: float = INNOVATION_S,
-    ) -> None:  # fmt: skip
+    def __init__(self, flows: np.ndarray, noisy: int, intensity: float, period_s: float) -> None:
         size = len(flows)
         # Van Loan, "Computing integrals involving the matrix exponential", 1978
         block = np.block([[-flows, np.zeros((size, size))], [np.zeros((size, size)), flows.T]])
@@ -55,9 +48,8 @@ class Kalman:
         both = expm(block * period_s)
         self.step = both[size:, size:].T
         self.noise = self.step @ both[:size, size:]
-        self.later = [expm(flows * age_s) for age_s in JUMP_AGES_S]
-        self.gain = period_s / innovation_s
-        self.mean = 0.0
+        self.later = [expm(flows * age_s) for age_s in AGES_S]
+        self.gain, self.mean = period_s / INNOVATION_S, 0.0
         self.x, self.cov = np.zeros(size), np.zeros((size, size))
 
     def update(self, row: int, value: float, variance: float) -> None:
@@ -107,7 +99,6 @@ class Temperature:
         self.inside_c = self.sigma_c = self.rate_c_per_s = self.rate_sigma = self.gel_c = math.nan
         self.phase, self.began_s, self.changes = "unknown", math.nan, 0
         self._crossed_s, self._jumped_s, self._was_rising = 0.0, -math.inf, False
-        self._room_c = math.nan
 
     def update(self, state: Any, time_s: float) -> None:
         """Process a cycle."""
@@ -120,9 +111,8 @@ class Temperature:
         self._smooth = np.where(heard, known + gain * (units.temperature - known), self._smooth)
         members = self._touched & heard
         self.gel_c = float(units.temperature[members].mean()) if members.any() else math.nan
-        if math.isnan(self._room_c):
+        if not own.cov.any():
             if members.any():
-                self._room_c = self.gel_c
                 own.x = np.array([self.gel_c, 0.0, self.gel_c, self.gel_c])
                 own.cov = np.diag([900.0, 1.0, 904.0, NOISE_C**2])
                 own.cov[INSIDE, WALL] = own.cov[WALL, INSIDE] = 900.0
@@ -146,7 +136,7 @@ class Temperature:
         self.rate_sigma = own.sigma(RATE)
         self.sigma_c = math.hypot(
             own.sigma(INSIDE), UNIT_SIGMA_C / math.sqrt(max(members.sum(), 1)),
-            WALL_SIGMA * (self.inside_c - self._room_c), LAG_SIGMA_S * self.rate_c_per_s,
+            LAG_SIGMA_S * self.rate_c_per_s,
         )  # fmt: skip
         self._turn(time_s)
 

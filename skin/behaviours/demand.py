@@ -80,12 +80,10 @@ class Demand:
 
     def set_horizon(self, horizon_s: float) -> None:
         """Forecast so many seconds from now on."""
-        slow, middle, fast = self._gains
         self._ahead = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
-        age = np.arange(200)
-        answer = (1.0 + self._ahead) * fast * (1.0 - fast) ** age
-        answer -= self._ahead * middle * (1.0 - middle) ** age
-        self._left_ahead = float(np.sqrt((answer**2).sum()))
+        responses = self._gains * (1.0 - self._gains) ** np.arange(200)[:, np.newaxis]
+        self._left_ahead = float(np.linalg.norm(
+            responses @ (0.0, -self._ahead, 1.0 + self._ahead)))  # fmt: skip
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
         """Process a cycle; a pad that is silent is left out."""

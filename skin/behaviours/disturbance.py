@@ -19,7 +19,7 @@ sum of the pads' normal forces.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -143,13 +143,7 @@ class Rest:
 
 
 class Disturbance:
-    """Follows the change of the pads' summed wrench, cycle by cycle.
-
-    Parameters
-    ----------
-    topology : Topology
-    pads : iterable of str, optional
-        Patches that form one gripper; all if not given.
+    """Follows the change of the wrench of some pads together, cycle by cycle.
 
     Attributes
     ----------
@@ -161,11 +155,8 @@ class Disturbance:
         Whether the disturbance is, so far, a return to the own load of what is held.
     time_s, began_s, duration_s : float
         Duration until the last cycle above the noise.
-    rest : Rest
     pad_force_n : ndarray, shape (3, p)
-        See `PadLoads.force_n`, of this cycle.
-    load_n : float
-        Sum of the normal forces of the pads.
+        See `PadLoads.force_n`, of this cycle; `load_n` is the sum of the normal forces.
     impulse_ns : ndarray, shape (6,)
         Integral of the change so far, newton second; torque over lever.
     energy : ndarray, shape (3,)
@@ -221,15 +212,11 @@ class Disturbance:
         nothing."""
         return float(np.linalg.norm(self.impulse_ns)) / self.peak_n if self.peak_n > 0.0 else 0.0
 
-    @property
-    def sigma_n(self) -> float:
-        """One-sigma of a component of `force_n`."""
-        return math.sqrt(self.mean_variance(self._period_s / self._shares[0]))
-
-    def mean_variance(self, duration_s: float) -> float:
-        """Variance of a component of the mean change over a time, newton squared: of noise and
-        rest."""
-        return float(self.rest.noise[:3].mean()) * self._period_s / duration_s + WANDER_N**2
+    def sigma_n(self, duration_s: float = 2.0 * SMOOTH_S) -> float:
+        """One-sigma of a component of the mean change over a time, of noise and rest; by default of
+        `force_n`."""
+        noise = float(self.rest.noise[:3].mean()) * self._period_s / duration_s
+        return math.sqrt(noise + WANDER_N**2)
 
     def update(self, state: State) -> bool:
         """Process a cycle; returns whether the loads of the pads are known."""
@@ -281,9 +268,7 @@ class Disturbance:
             self.held, self._centre = held, centre
             self.settle()
 
-    def _follow(
-        self, now: np.ndarray, last: np.ndarray, state: State, loads: PadLoads
-    ) -> None:
+    def _follow(self, now: np.ndarray, last: np.ndarray, state: State, loads: PadLoads) -> None:
         """Compare with the rest; begin, continue or end a disturbance."""
         rest, off = self.rest, now - self.rest.load
         self._change = self._change + self._gains[0] * (off - self._change)
@@ -365,7 +350,7 @@ class Disturbance:
         return float(np.linalg.norm(slope)) * math.sqrt(12.0 / spread)
 
 
-def _centre(loads: PadLoads) -> Sequence[float] | np.ndarray:
+def _centre(loads: PadLoads) -> np.ndarray:
     """Centre of pressure of all pads together; NaN where nothing presses."""
     weight = np.where(np.isfinite(loads.centre_m[0]), np.maximum(loads.load_n, 0.0), 0.0)
     total = weight.sum()

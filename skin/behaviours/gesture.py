@@ -9,13 +9,14 @@ functions.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.special import betaln, log_ndtr
 
-from skin.behaviours.decision import Decisions
+from skin.behaviours.decision import KEPT, Decision
 from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.pads import unit_vector
 from skin.errors import OptionError, check_kind, check_number, shown
@@ -28,6 +29,8 @@ LOOK_S = 0.02
 """Interval at which the confidence is computed during a gesture [assumed]."""
 EDGE = 0.005
 """Fractions are kept this far from 0 and 1: noise resolves no less [assumed]."""
+UNKNOWN_RAD = math.pi / math.sqrt(3.0)
+"""One-sigma of an angle of which nothing is known [derived]."""
 AWAY = 0.38
 """Cosine beyond which a force points away from the person: half of 45 degrees past perpendicular
 [derived]."""
@@ -165,8 +168,8 @@ class Gestures:
     Attributes
     ----------
     disturbance : Disturbance
-    decisions : Decisions
-    last : Gesture or None
+    decisions : deque of Decision
+        Oldest first.
     right, up : ndarray, shape (3,)
         Axes of the plane of the pads, skin frame, for a view onto the face of the first pad: `up`
         is the given one in the plane, or y where that is along the normal.
@@ -203,8 +206,7 @@ class Gestures:
             for kind, densities in kinds.items():
                 check_kind(f"gestures: {name} {kind!r}", densities, Kind)
         self.disturbance = Disturbance(topology, pads)
-        self.decisions = Decisions()
-        self.last: Gesture | None = None
+        self.decisions: deque[Decision] = deque(maxlen=KEPT)
         self.right, self.up = _plane(self.disturbance.pads.normal, unit_vector("gestures: up", up))
         self._towards = (
             np.zeros(3) if towards is None else unit_vector("gestures: towards", towards)
@@ -231,13 +233,10 @@ class Gestures:
         if not seen.ended and not is_sure:
             return None
         self._reported_kind = "" if seen.ended else gesture.kind
-        self.last = gesture
-        since = "after" if gesture.ended else "for"
-        self.decisions.add(
-            seen.time_s, gesture.kind, f"{gesture.confidence:.3f} sure {since} "
-            f"{gesture.duration_s:.3f} s, {gesture.peak_n:.2f} N at most, "
-            f"{math.degrees(gesture.angle_rad):.0f} degrees",
-        )  # fmt: skip
+        sure = f"{gesture.confidence:.3f} sure {'after' if gesture.ended else 'for'}"
+        size = f"{gesture.peak_n:.2f} N at most, {math.degrees(gesture.angle_rad):.0f} degrees"
+        why = f"{sure} {gesture.duration_s:.3f} s, {size}"
+        self.decisions.append(Decision(seen.time_s, gesture.kind, why))
         return gesture
 
     def _classify(self) -> Gesture:
@@ -254,12 +253,11 @@ class Gestures:
         length = math.hypot(u, v)
         if name == "pull" and force @ self._towards < -AWAY * length:
             kind = "push"
-        noise = math.sqrt(seen.mean_variance(duration_s))
         x, y, z = force.tolist()
         return Gesture(
             kind=kind, confidence=odds[name], probabilities=odds, began_s=seen.began_s,
             duration_s=seen.duration_s, force_n=(x, y, z), angle_rad=math.atan2(v, u),
-            angle_sigma_rad=min(math.atan2(noise, length), math.pi / math.sqrt(3.0)),
+            angle_sigma_rad=min(math.atan2(seen.sigma_n(duration_s), length), UNKNOWN_RAD),
             peak_n=seen.peak_n, ended=seen.ended,
         )  # fmt: skip
 
@@ -278,8 +276,8 @@ def _log_odds(kinds: list[Kind], seen: Disturbance) -> np.ndarray:
     shares = {"normal": along / force, "moment": moment / (force + moment), "moved": seen.moved}
     for name, share in shares.items():
         a, b = np.array([getattr(kind, name) for kind in kinds]).T
-        share = min(max(share, EDGE), 1.0 - EDGE)
-        logs += (a - 1.0) * math.log(share) + (b - 1.0) * math.log(1.0 - share) - betaln(a, b)
+        kept = min(max(share, EDGE), 1.0 - EDGE)
+        logs += (a - 1.0) * math.log(kept) + (b - 1.0) * math.log(1.0 - kept) - betaln(a, b)
     return logs
 
 

@@ -15,13 +15,14 @@ short dips of the grip on an object that hangs still (`skin.behaviours.probe`).
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
 
-from skin.behaviours.decision import Decisions
+from skin.behaviours.decision import KEPT, Decision
 from skin.behaviours.demand import FAST_S, SLOW_S, Demand
 from skin.behaviours.friction import LEAST_RATIO, LOWER, Friction
 from skin.behaviours.pads import PadLoads, Pads
@@ -76,7 +77,6 @@ REPORTED_GAIN, REPORTED_RISE = 1.1, 0.05
 ARM_CYCLES, ARM_M = 10, 0.015
 """Interval of updates of the arm of the torsion, which changes with the contact [numeric]; mean
 distance of the load from its centre, without a contact [assumed: a pad of 4 x 4]."""
-INCIPIENT, GROSS = int(SlipState.INCIPIENT), int(SlipState.GROSS)
 
 
 class Phase(StrEnum):
@@ -182,7 +182,8 @@ class GripControl:
     Attributes
     ----------
     phase : Phase
-    decisions : Decisions
+    decisions : deque of Decision
+        Oldest first.
     load_n, shear_n : float
         Newton, mean over the pads, measured.
     wanted_n : float
@@ -193,8 +194,6 @@ class GripControl:
         Coefficients: median of the static one, its lower bound (1 %), mean of the kinetic one.
     response_s : float
         Second, from a command until half of it is felt; 0.02 until a dip has shown it.
-    slips : int
-        Slips so far, without those of probes.
     is_tested : bool
         Whether friction was measured: the object was lifted and hangs.
     is_steady : bool
@@ -217,31 +216,20 @@ class GripControl:
         self._pads = Pads(topology, pads)
         if len(self._pads.names) < 2:
             raise OptionError(f"pads: must be two or more; got {', '.join(self._pads.names)}")
-        self.gripper, self.decisions = gripper, Decisions()
+        self.gripper = gripper
+        self.decisions: deque[Decision] = deque(maxlen=KEPT)
         self._period_s = period_s = 1.0 / topology.cycle_rate_hz
         self._demand = Demand(len(self._pads.names), period_s, HORIZON_S)
         self._probe = Probe(period_s, own.safety, own.least_grip_n, own.most_grip_n)
         self.load_n = self.shear_n = 0.0
         self.wanted_n, self.gain = own.first_grip_n, 1.0
-        self.slips, self.is_steady, self.response_s = 0, True, HORIZON_S
+        self.is_steady, self.response_s = True, HORIZON_S
         self._started_ns = self._stamp_ns = -1
         self._unheard_s, self._heard_s, self._slipped_s = 0.0, math.inf, math.inf
         self._sure_n, self._arm_m, self._cycles = own.first_grip_n, ARM_M, 0
-        self._is_alarmed = self._begins = False
-        self._sliding: set[int] = set()
+        self._is_alarmed, self._sliding = False, frozenset[int]()
         self._sent_n = self._felt_n = self._held_n = 0.0
         self.close()
-
-    @property
-    def time_s(self) -> float:
-        """Of the last cycle, since the first."""
-        return 1e-9 * (self._stamp_ns - self._started_ns)
-
-    @property
-    def margin(self) -> float:
-        """Remaining fraction of the estimated friction; NaN before a contact."""
-        held_n = self.friction * self.load_n
-        return 1.0 - self.shear_n / held_n if held_n > 0.0 else math.nan
 
     @property
     def safety(self) -> float:
@@ -431,18 +419,17 @@ class GripControl:
     def _read_contacts(self, state: State) -> None:
         """Whether a slip begins, and, at intervals, the arm of the torsion."""
         contacts = if_wanted(state, "contacts") or ()
-        records = [contact.record for contact in contacts]
         self._is_alarmed = any(
-            one["slip"] >= INCIPIENT and one["onset_ns"] == one["seen_ns"] for one in records
+            one.slip >= SlipState.INCIPIENT and one.onset_s == 0.0 for one in contacts
         )
-        sliding = {one.id for one, record in zip(contacts, records, strict=True)
-                   if record["slip"] >= GROSS}  # fmt: skip
+        sliding = frozenset(one.id for one in contacts if one.slip >= SlipState.GROSS)
         self._begins, self._sliding = bool(sliding - self._sliding), sliding
         self._cycles += 1
-        if self._cycles % ARM_CYCLES == 0:
-            known = [(one.load, one.arm) for one in contacts if one.load > 0.0 and one.arm > 0.0]
-            if total_n := sum(load_n for load_n, _ in known):
-                self._arm_m = sum(load_n * arm_m for load_n, arm_m in known) / total_n
+        if contacts and self._cycles % ARM_CYCLES == 0:
+            load_n, arm_m = np.array([(one.load, one.arm) for one in contacts]).T
+            weight = np.where((load_n > 0.0) & (arm_m > 0.0), load_n, 0.0)
+            if weight.any():
+                self._arm_m = float(weight @ np.nan_to_num(arm_m) / weight.sum())
 
     def _look_for_slip(self) -> None:
         """Grip harder where faces begin to slip, or are at the limit of friction."""
@@ -455,7 +442,6 @@ class GripControl:
         slides = bool(self._sliding) and ratio > self._least_kinetic
         if not at_limit and not slides and not (self._is_alarmed and near):
             return
-        self.slips += 1
         self._slipped_s = 0.0
         if at_limit or slides:
             why = "it slides" if slides else "friction is used up"
@@ -509,4 +495,5 @@ class GripControl:
         return elapsed_s
 
     def _decide(self, what: str, why: str) -> None:
-        self.decisions.add(self.time_s, what, why)
+        time_s = 1e-9 * (self._stamp_ns - self._started_ns)
+        self.decisions.append(Decision(time_s, what, why))

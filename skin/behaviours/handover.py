@@ -18,11 +18,12 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from enum import StrEnum
+from itertools import takewhile
 
 import numpy as np
 from scipy.special import betaln, log_ndtr
 
-from skin.behaviours.decision import Decisions
+from skin.behaviours.decision import KEPT, Decision
 from skin.behaviours.disturbance import HELD_N, Disturbance
 from skin.behaviours.pads import unit_vector
 from skin.errors import check_number
@@ -106,7 +107,8 @@ class Handover:
         Fraction of the weight that a person bears; negative where they load it, NaN where the
         weight is unknown.
     disturbance : Disturbance
-    decisions : Decisions
+    decisions : deque of Decision
+        Oldest first.
 
     Raises
     ------
@@ -137,7 +139,7 @@ class Handover:
         self._least, self._least_n = least_confidence, least_n
         self._up = unit_vector("handover: up", up)
         self.disturbance = Disturbance(topology, pads)
-        self.decisions = Decisions()
+        self.decisions: deque[Decision] = deque(maxlen=KEPT)
         self.phase = Phase.IDLE
         self.probabilities: dict[str, float] = {}
         self._period_s = 1.0 / topology.cycle_rate_hz
@@ -197,14 +199,14 @@ class Handover:
     def _clear(self) -> None:
         pads = len(self.disturbance.pads.names)
         self._most_n = math.inf
-        self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
+        self.support, self._still_s = math.nan, 0.0
         self._still_n = np.full(3, math.inf)
         self._rest, self._lift = np.zeros(pads), np.zeros(pads)
         self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
         self.phase = phase
-        self.decisions.add(self.disturbance.time_s, phase.value, why)
+        self.decisions.append(Decision(self.disturbance.time_s, phase.value, why))
 
     def _give(self) -> None:
         """Weigh the hypotheses, and report when the object is taken."""
@@ -223,36 +225,26 @@ class Handover:
             self._recent.clear()
             return
         hand, light = _even_log(self.support, *TAKE), _even_log(self.support, -math.inf, *LIGHT)
-        self._age(hand > light, seen.sigma_n / weight_n)
+        age_s = self._aged_s(hand > light, seen.sigma_n() / weight_n)
         even, agree = -math.log(2.0 * WIDEST), self._agree()
-        longer = math.log(max(self._age_s / BUMP_NEAR, 1e-3) / BUMP_S[0]) / BUMP_S[1]
-        logs = {
-            "hand": hand + agree,
-            "light": light + agree,
-            "bump": even + agree + float(log_ndtr(-longer)),
-            "fault": even,
-        }
+        longer = math.log(max(age_s / BUMP_NEAR, 1e-3) / BUMP_S[0]) / BUMP_S[1]
+        bump = even + agree + float(log_ndtr(-longer))
+        logs = {"hand": hand + agree, "light": light + agree, "bump": bump, "fault": even}
         odds = {name: PRIORS[name] * math.exp(value) for name, value in logs.items()}
         total = sum(odds.values())
         self.probabilities = {name: value / total for name, value in odds.items()}
         if self.probabilities["hand"] >= self._least:
-            why = (
-                f"{self.probabilities['hand']:.3f} sure: {self.support:.0%} of {weight_n:.2f} N "
-                f"borne for {self._age_s:.3f} s"
-            )
-            self._enter(Phase.TAKEN, why)
+            sure = f"{self.probabilities['hand']:.3f} sure: {self.support:.0%} of {weight_n:.2f} N"
+            self._enter(Phase.TAKEN, f"{sure} borne for {age_s:.3f} s")
 
-    def _age(self, is_hand: bool, sigma: float) -> None:
-        """Update how long the support has been that of a hand, and near its peak."""
+    def _aged_s(self, is_hand: bool, sigma: float) -> float:
+        """How long the support has been that of a hand, and near its peak."""
         if not is_hand:
             self._recent.clear()
         self._recent.append(self.support)
-        least, cycles = NEAR * max(self._recent) - sigma, 0
-        for support in reversed(self._recent):
-            if support < least:
-                break
-            cycles += 1
-        self._age_s = cycles * self._period_s if is_hand else 0.0
+        least = NEAR * max(self._recent) - sigma
+        near = takewhile(lambda support: support >= least, reversed(self._recent))
+        return self._period_s * len(list(near)) if is_hand else 0.0
 
     def _agree(self) -> float:
         """Log-likelihood that two pads share a lift."""
@@ -273,7 +265,7 @@ class Handover:
             return
         now = seen.rest.load[:3] + seen.force_n
         weight_n = -float(now @ self._up)
-        moved = math.dist(now, self._still_n) > STILL * seen.sigma_n
+        moved = math.dist(now, self._still_n) > STILL * seen.sigma_n()
         if moved or not seen.held or weight_n < self._least_n:
             self._still_s, self._still_n = 0.0, now
         self._still_s += self._period_s

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -208,12 +207,13 @@ def unit_vector(where: str, value: Any) -> np.ndarray:
     >>> unit_vector("down", (0, 0, -2)).tolist()
     [0.0, 0.0, -1.0]
     """
-    is_three = isinstance(value, tuple | list) and len(value) == 3
-    if is_three and all(isinstance(one, Real) and not isinstance(one, bool) for one in value):
+    try:
         vector = np.array(value, float)
-        length = float(np.linalg.norm(vector))
-        if math.isfinite(length) and length > 1e-9:
-            return vector / length
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
+    length = float(np.linalg.norm(vector))
+    if vector.shape == (3,) and math.isfinite(length) and length > 1e-9:
+        return vector / length
     raise OptionError(
         f"{where}: must be three numbers (x, y, z), not all of them 0; got {shown(value)}"
     )

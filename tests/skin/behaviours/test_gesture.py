@@ -11,8 +11,8 @@ from bus.status import Status
 from fig4b_gestures import run, story
 from skin.behaviours.gesture import Gestures, Kind
 from skin.errors import OptionError
-from topology import load
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
+from topology import load
 
 PULL = ramp(1.2, 0.15, 0.7)
 

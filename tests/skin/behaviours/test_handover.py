@@ -9,8 +9,8 @@ from benchmarks.handover_trial import run_carry, run_take
 from bus.status import Status
 from skin.behaviours.handover import Handover, Phase
 from skin.errors import OptionError
-from topology import load
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
+from topology import load
 
 
 def giving(held=None):
@@ -34,8 +34,8 @@ def test_a_hand_that_bears_the_weight_is_recognised_within_three_tenths(rise_s, 
     told = play(handover, held, ramp(share * held.weight_n, rise_s, 5.0), 1.5)
     half_s = rise_s * 0.5 / share
     assert half_s < taken_s(told) < half_s + 0.3
-    assert handover.decisions.last.what == "taken"
-    assert "borne for" in handover.decisions.last.why
+    assert handover.decisions[-1].what == "taken"
+    assert "borne for" in handover.decisions[-1].why
 
 
 @pytest.mark.parametrize(
