@@ -71,7 +71,6 @@ class Demand:
 
     def __init__(self, pads: int, period_s: float, horizon_s: float) -> None:
         self._gains = np.array([-math.expm1(-period_s / t) for t in (SLOW_S, MIDDLE_S, FAST_S)])
-        self._left = np.sqrt(self._gains / (2.0 - self._gains))
         self._means = np.full((3, 4, pads), np.nan)
         self.now_n = self.fast_n = self.lower_n = self.forecast_n = self.pull_n = 0.0
         self.borne_n = self.noise_n = self.fast_noise_n = 0.0
@@ -80,45 +79,39 @@ class Demand:
 
     def set_horizon(self, horizon_s: float) -> None:
         """Forecast so many seconds from now on."""
-        self._ahead = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
-        responses = self._gains * (1.0 - self._gains) ** np.arange(200)[:, np.newaxis]
-        self._left_ahead = float(np.linalg.norm(
-            responses @ (0.0, -self._ahead, 1.0 + self._ahead)))  # fmt: skip
+        ahead = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
+        # The slow mean, the fast one and the forecast, from the three means; and the fraction of a
+        # sigma that is in each, by its response to one sample.
+        self._mix = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -ahead, 1.0 + ahead]])
+        age = np.arange(round(20.0 * SLOW_S / FAST_S))[:, np.newaxis]
+        responses = self._gains * (1.0 - self._gains) ** age
+        self._left = np.linalg.norm(responses @ self._mix.T, axis=0)
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
         """Process a cycle; a pad that is silent is left out."""
         heard = np.isfinite(loads.load_n)
         if not heard.any():
             return
-        x = np.vstack([loads.shear_n, loads.torsion_nm / arm_m])[:, heard]
+        x = np.concatenate([loads.shear_n, [loads.torsion_nm / arm_m]])[:, heard]
         means = self._means[:, :, heard]
         means = np.where(np.isnan(means), x, means)
         means += self._gains[:, np.newaxis, np.newaxis] * (x - means)
         self._means[:, :, heard] = means
-        slow, middle, fast = means
-        soon = fast + self._ahead * (fast - middle)
         sigma = loads.sigma_n[heard]
         sigma = np.where(np.isnan(sigma), UNKNOWN_SIGMA_N, sigma)
-
-        def mean_load(signals: np.ndarray, left: float) -> float:
-            torsion = np.maximum(np.abs(signals[3]) - DOUBT * left * sigma, 0.0)
-            return float((_size(signals) + FARTHEST * torsion).mean())
-
-        slow_left, _, fast_left = self._left.tolist()
-        self.sigma_n = float(np.sqrt((sigma**2).sum())) / sigma.size
-        self.now_n, self.fast_n = mean_load(slow, slow_left), mean_load(fast, fast_left)
-        forecast_n = mean_load(soon, self._left_ahead) - DOUBT * self._left_ahead * self.sigma_n
-        self.forecast_n = max(self.now_n, self.fast_n, min(forecast_n, FURTHEST * self.fast_n))
-        along = (x[:3] * slow[:3]).sum(axis=0) / np.maximum(_size(slow), 1e-12)
-        self.pull_n, self.borne_n = float(along.mean()), float(np.sqrt((slow**2).sum(0)).mean())
-        self.noise_n = self.fast_noise_n = fast_left * self.sigma_n
+        self.sigma_n = math.sqrt(sigma @ sigma) / sigma.size
+        signals = (self._mix @ means.reshape(3, -1)).reshape(means.shape)
+        sizes = np.sqrt((signals[:, :3] ** 2).sum(axis=1))
+        torsion = np.abs(signals[:, 3]) - DOUBT * self._left[:, np.newaxis] * sigma
+        faces = (sizes + FARTHEST * np.maximum(torsion, 0.0)).sum(axis=1) / sigma.size
+        self.now_n, self.fast_n, soon_n = faces.tolist()
+        slow_noise_n, self.fast_noise_n, soon_noise_n = (self._left * self.sigma_n).tolist()
+        soon_n = min(soon_n - DOUBT * soon_noise_n, FURTHEST * self.fast_n)
+        self.forecast_n = max(self.now_n, self.fast_n, soon_n)
+        along = (x[:3] * means[0, :3]).sum(axis=0) / np.maximum(sizes[0], 1e-12)
+        self.pull_n = float(along.sum()) / sigma.size
+        self.borne_n = float(np.hypot(sizes[0], means[0, 3]).sum()) / sigma.size
         self.lower_n = self.fast_n - 2.0 * self.fast_noise_n
         least_n = MOVING * self.fast_noise_n + MOVING_SHARE * self.now_n
         self.is_moving = abs(self.fast_n - self.now_n) > least_n
-        if not self.is_moving:
-            self.noise_n = slow_left * self.sigma_n
-
-
-def _size(signals: np.ndarray) -> np.ndarray:
-    """Of the tangential loads, by pad."""
-    return np.sqrt((signals[:3] ** 2).sum(axis=0))
+        self.noise_n = self.fast_noise_n if self.is_moving else slow_noise_n

@@ -212,9 +212,10 @@ class Disturbance:
         nothing."""
         return float(np.linalg.norm(self.impulse_ns)) / self.peak_n if self.peak_n > 0.0 else 0.0
 
-    def sigma_n(self, duration_s: float = 2.0 * SMOOTH_S) -> float:
+    def sigma_n(self, duration_s: float | None = None) -> float:
         """One-sigma of a component of the mean change over a time, of noise and rest; by default of
         `force_n`."""
+        duration_s = 2.0 * SMOOTH_S + self._period_s if duration_s is None else duration_s
         noise = float(self.rest.noise[:3].mean()) * self._period_s / duration_s
         return math.sqrt(noise + WANDER_N**2)
 
@@ -225,7 +226,7 @@ class Disturbance:
         self.time_s = 1e-9 * (state.stamp_ns - self._start_ns)
         loads, rest = self.pads.read(state), self.rest
         now = self._read(loads, if_wanted(state, "contacts"))
-        if not np.isfinite(now).all():
+        if not math.isfinite(now.sum()):
             return False
         self.load_n = float(now[6])
         valid = state.units.valid.tobytes()
@@ -251,14 +252,15 @@ class Disturbance:
         self.pad_force_n = loads.force_n
         force = loads.force_n.sum(axis=1)
         if self.held:
-            moment = loads.moment_nm.sum(axis=1) - np.cross(self._centre, force)
+            (x, y, z), (u, v, w) = force.tolist(), self._centre.tolist()
+            moment = loads.moment_nm.sum(axis=1) - (v * z - w * y, w * x - u * z, u * y - v * x)
         else:
             torsion = loads.torsion_nm.sum()
             if contacts is not None and np.isfinite(force).all():
                 force = sum([one.wrench[:3] for one in contacts], np.zeros(3))
                 torsion = np.nansum([one.torsion for one in contacts])
             moment = torsion * self.pads.normal
-        return np.array([*force, *moment / self._lever_m, loads.load_n.sum()], float)
+        return np.concatenate([force, moment / self._lever_m, [loads.load_n.sum()]])
 
     def _check(self, loads: PadLoads) -> None:
         """Whether an object is held; if that is new, or it is elsewhere, learn the rest again."""

@@ -80,12 +80,16 @@ class Friction:
         edges = LEAST * step ** (np.arange(STEPS + 1) - 0.5)
         return float(np.interp(share, np.concatenate([[0.0], sums]) / sums[-1], edges))
 
-    def kinetic_quantile(self, share: float, slides_at: float = 0.0) -> float:
-        """Quantile of the kinetic coefficient, if the object slides at so much grip over its
-        load."""
-        weights = np.where(self.static * slides_at < 1.0, self.weights, 0.0)[self._order]
-        sums = np.cumsum(weights)
-        return float(np.interp(share * sums[-1], sums, self.kinetic[self._order]))
+    def kinetic_quantile(self, share: float) -> float:
+        """Quantile of the kinetic coefficient."""
+        sums = np.cumsum(self.weights[self._order])
+        return float(np.interp(share, sums, self.kinetic[self._order]))
+
+    def kinetic_if_slides(self, grip: float) -> float:
+        """Lower bound, a tenth, of the kinetic coefficient, if an object slides at so much grip
+        over its load."""
+        sums = np.cumsum(np.where(self.static * grip < 1.0, self.weights, 0.0)[self._order])
+        return float(self.kinetic[self._order][np.searchsorted(sums, 0.1 * sums[-1])])
 
     def bound(self, ratio: float) -> None:
         """A tangential load of so much over the grip was borne: friction is no less."""

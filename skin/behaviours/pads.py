@@ -91,21 +91,24 @@ class Pads:
         self.names = _patches(topology, names)
         patches = np.array([topology.patch_names.index(name) for name in self.names])
         self._of_pad = (topology.patch == patches[:, np.newaxis]).astype(float)
-        self._position = np.array(topology.position, float)
-        self._rotation = np.array(topology.rotation, float)
-        normals = [self._rotation[:, 2, own > 0.0].mean(axis=1) for own in self._of_pad]
-        total = np.zeros(3)
-        for one in normals:
-            total = total + one if total @ one >= 0.0 else total - one
-        self.normal = total / np.linalg.norm(total)
+        self.move(topology.position, topology.rotation)
         self._gain = min(1.0, 1.0 / (SHARE_S * topology.cycle_rate_hz))
-        self._share = np.full(topology.n, np.nan)
-        self._load_n = np.zeros(len(self.names))
+        self._share, self._usual_n = np.full(topology.n, np.nan), np.full(topology.n, np.nan)
         self._no_sigma = np.full((3, topology.n), np.nan, np.float32)
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set the poses of the units, shapes (3, n) and (3, 3, n), as `Skin.move` does."""
-        self._position[:], self._rotation[:] = position, rotation
+        arms = np.cross(position[:, np.newaxis], rotation, axis=0)
+        # Sums over the units of each pad are products with one matrix each.
+        wrench = np.concatenate([rotation, arms])[:, np.newaxis] * self._of_pad[:, np.newaxis]
+        self._wrench = wrench.reshape(6 * len(self.names), -1)
+        rows = np.concatenate([rotation[:, 2], position, np.ones((1, position.shape[1]))])
+        self._pressed = (rows[:, np.newaxis] * self._of_pad).reshape(7 * len(self.names), -1)
+        total = np.zeros(3)
+        for own in self._of_pad:
+            normal = rotation[:, 2, own > 0.0].mean(axis=1)
+            total = total + normal if total @ normal >= 0.0 else total - normal
+        self.normal = total / np.linalg.norm(total)
 
     def read(self, state: State) -> PadLoads:
         """Loads of the pads in this cycle; `state` has force, and preferably sigma.
@@ -123,44 +126,41 @@ class Pads:
             raise OptionError(
                 f"state: must be of the {n} units of the topology; got {units.valid.size} units"
             )
-        heard = units.valid & np.isfinite(force).all(axis=0)
-        scale = self._heard_part(heard)
-        force = np.where(heard, force, 0.0).astype(float)
-        load, sigma = force[2], self._no_sigma if sigma is None else sigma
-        least = PRESSED * sigma[2]
-        usual = self._share * (self._load_n @ self._of_pad)
-        is_pressed = ~(load < least) | (usual > 0.2 * least)
+        sigma, force = self._no_sigma if sigma is None else sigma, force.astype(float)
+        heard, scale = units.valid & np.isfinite(force.sum(axis=0)), np.ones(len(self.names))
+        if not heard.all():
+            force, sigma = np.where(heard, force, 0.0), np.where(heard, sigma, 0.0)
+            scale = self._scale(heard)
+        least_n = PRESSED * sigma[2]
+        is_pressed = ~(force[2] < least_n) | (self._usual_n > 0.2 * least_n)
         force[:2] *= is_pressed
-        variance = np.where(heard & is_pressed, 0.5 * (sigma[:2] ** 2).sum(axis=0), 0.0)
-        loads = self._loads(force, self._of_pad @ variance, scale)
-        self._learn(heard, load, loads.load_n)
+        variance = self._of_pad @ (0.5 * is_pressed * (sigma[0] ** 2 + sigma[1] ** 2))
+        loads = self._loads(force, variance, scale)
+        self._learn(heard, force[2], loads.load_n)
         return loads
 
-    def _heard_part(self, heard: np.ndarray) -> np.ndarray:
+    def _scale(self, heard: np.ndarray) -> np.ndarray:
         """Whole load over that on heard units, by pad; NaN where too little is heard."""
-        known = np.where(np.isnan(self._share), 0.0, 1.0)
-        counts, shares = self._of_pad @ known, self._of_pad @ np.nan_to_num(self._share)
-        mean = np.where(counts > 0.0, shares / np.maximum(counts, 1.0), 1.0)
-        share = np.where(known > 0.0, self._share, mean @ self._of_pad)
-        whole = self._of_pad @ share
-        lost = np.where(whole > 0.0, self._of_pad @ np.where(heard, 0.0, share), 0.0)
-        part = np.clip(1.0 - lost / np.where(whole > 0.0, whole, 1.0), 0.0, 1.0)
-        return np.where(part >= LEAST_HEARD, 1.0 / np.maximum(part, LEAST_HEARD), np.nan)
+        known = np.isfinite(self._share)
+        mean = np.array([self._share[known & (own > 0.0)].mean() if (known & (own > 0.0)).any()
+                         else 1.0 for own in self._of_pad])  # fmt: skip
+        share = np.where(known, self._share, mean @ self._of_pad)
+        whole, lost = self._of_pad @ share, self._of_pad @ np.where(heard, 0.0, share)
+        part = 1.0 - lost / np.where(whole > 0.0, whole, np.inf)
+        return 1.0 / np.where(part >= LEAST_HEARD, np.minimum(part, 1.0), np.nan)
 
     def _loads(self, force: np.ndarray, variance: np.ndarray, scale: np.ndarray) -> PadLoads:
         """Sum over the units of each pad, add the estimates of lost units, and split the force
         into normal and shear."""
-        pressed, place = np.maximum(force[2], 0.0), self._position
-        world = np.einsum("ijn,jn->in", self._rotation, force)
-        rows = [world, np.cross(place, world, axis=0), pressed * self._rotation[:, 2],
-                pressed * place]  # fmt: skip
-        total, moment, normal, centre = np.stack(rows) @ self._of_pad.T
-        length = np.sqrt((normal**2).sum(axis=0))
-        normal = normal / np.where(length > 0.0, length, 1.0)
-        presses = self._of_pad @ pressed
-        centre = centre / np.where(presses > 0.0, presses, np.nan)
+        pads = scale.size
+        total, moment = (self._wrench @ force.ravel()).reshape(2, 3, pads)
+        presses = (self._pressed @ np.maximum(force[2], 0.0)).reshape(7, pads)
+        length = np.sqrt((presses[:3] ** 2).sum(axis=0))
+        normal = presses[:3] / np.where(length > 0.0, length, 1.0)
+        centre = presses[3:6] / np.where(presses[6] > 0.0, presses[6], np.nan)
+        (x, y, z), (u, v, w) = total, np.where(presses[6] > 0.0, centre, 0.0)
+        own = moment - (v * z - w * y, w * x - u * z, u * y - v * x)
         along = normal * (total * normal).sum(axis=0)
-        own = moment - np.cross(np.nan_to_num(centre), total, axis=0)
         filled = 0.5 * (scale - 1.0)
         return PadLoads(
             load_n=scale * (self._of_pad @ force[2]), force_n=scale * total,
@@ -170,13 +170,13 @@ class Pads:
         )  # fmt: skip
 
     def _learn(self, heard: np.ndarray, load: np.ndarray, load_n: np.ndarray) -> None:
-        """Follow the fractions of the units."""
-        self._load_n = np.nan_to_num(load_n)
-        of_unit = self._load_n @ self._of_pad
+        """Follow the fractions of the units, and what they bear by these."""
+        of_unit = np.where(np.isfinite(load_n), load_n, 0.0) @ self._of_pad
         learns = heard & (of_unit > SHARE_LOAD_N)
         now = load / np.where(learns, of_unit, 1.0)
         before = np.where(np.isnan(self._share), now, self._share)
         self._share = np.where(learns, before + self._gain * (now - before), self._share)
+        self._usual_n = self._share * of_unit
 
 
 def _patches(topology: Topology, names: Iterable[str] | None) -> tuple[str, ...]:

@@ -162,7 +162,7 @@ class Probe:
         """Dip, brake, settle; loads, and tangential loads over that before, of its cycles."""
         friction, most_n = self._friction, self._most_n
         loads, shears, braked_s = [], [], math.nan
-        brakes = (1.0 + BRAKES) / friction.kinetic_quantile(0.1, low_n / borne_n)
+        brakes = (1.0 + BRAKES) / friction.kinetic_if_slides(low_n / borne_n)
         brake_n, command_n = min(brakes * borne_n, most_n), low_n
         known_s = UNKNOWN_S if math.isnan(self.response_s) else self.response_s
         friction.begin()
