@@ -21,7 +21,7 @@ from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 from benchmarks.workers import in_parallel
 from fig4b_gestures import Asked, Seen, Trial
 from fig4b_gestures import run as run_trial
-from shared.people import brush, bump, pull, twist
+from shared.people import brush, bump, pull
 
 REPORTED = 8000
 KINDS = ("tap", "brush", "press", "pull", "twist")
@@ -140,7 +140,7 @@ def _draw(kind: str, random: np.random.Generator) -> Asked:
     if kind == "twist":
         axis = random.normal(size=3)
         moment = float(random.uniform(0.02, 0.06)) * axis / np.linalg.norm(axis)
-        return Asked(kind, math.nan, twist(moment, **_course(random)))
+        return Asked(kind, math.nan, pull(moment_nm=moment, **_course(random)))
     force = float(random.uniform(0.5, 2.5)) * tilted
     return Asked(kind, angle, pull(force, **_course(random)))
 

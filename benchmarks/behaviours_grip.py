@@ -4,13 +4,13 @@ On the simulator: 300 runs of `examples/fig4c_adaptive_grasp.py`: friction 0.3 t
 300 g, pulls and turns as in the paper, scaled to the weight; two of 32 units feel nothing in a
 third of them. `dropped_rate` is the share that went more than 10 mm along the pads, or never hung.
 Margins are friction at rest times grip over the tangential load, minus 1, by the truth, as the
-paper means its 245 % at rest and 108 % at the peak (with a friction of 0.5): `margin_rest` in the last 0.3 s before
-the pulls, `margin_peak` at the largest load, `margin_median` over all from then to the end; each is
-the median over the runs that held. `share_used_median` is the other way to say it: the share of
-what friction could bear that is in use, 1 / (1 + margin). `return_error` is how far the grip in the
-last 0.3 s is from that at rest, `returned_rate` the share of runs within 5 %. `reaction_ms` is the
-time from the first unit that really slips, in the pulls, to a rise of the command by 1 %. `delays`
-has some figures of `DELAYED` runs each with a gripper that is late.
+paper means its 245 % at rest and 108 % at the peak (with a friction of 0.5): `margin_rest` in the
+last 0.3 s before the pulls, `margin_peak` at the largest load, `margin_median` over all from then
+to the end; each is the median over the runs that held. `share_used_median` is the other way to say
+it: the share of what friction could bear that is in use, 1 / (1 + margin). `return_error` is how
+far the grip in the last 0.3 s is from that at rest, `returned_rate` the share of runs within 5 %.
+`reaction_ms` is the time from the first unit that really slips, in the pulls, to a rise of the
+command by 1 %. `delays` has some figures of `DELAYED` runs each with a gripper that is late.
 
 `brushes` are the figures of `benchmarks.brush_cells`: pads whose mechanics is not the simulator's,
 a gripper that is driven by commanded force, late and sticky, curved and soft things, and units that

@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from shared.gripper import held
-from shared.people import Act, Hand, Person, bump, draw_block, draw_person, pull, twist
+from shared.people import Act, Hand, Person, bump, draw_block, draw_person, pull
 from skin.behaviours.gesture import Gesture, Gestures
 
 PAUSE_S, AFTER_S = 0.45, 0.15
@@ -80,7 +80,7 @@ def story(random: np.random.Generator) -> list[Asked]:
           for angle, force in zip(angles, forces, strict=True)),
         Asked("tap", -math.pi / 2.0, bump((0.0, 0.0, -2.0), 0.05)),
         Asked("press", math.nan, pull((1.5, 0.0, 0.0), **course)),
-        Asked("twist", math.nan, twist((0.04, 0.0, 0.0), **course)),
+        Asked("twist", math.nan, pull(moment_nm=(0.04, 0.0, 0.0), **course)),
     ]  # fmt: skip
 
 

@@ -90,14 +90,14 @@ def plan(station: Station, burner_w: float, rounds: int) -> Generator[str]:
                 station.move("lift", 0.04 + min(since_s, 1.0) * SHAKEN_M * turn)
                 yield "shake"
             yield from station.go("heat", lift=0.04)
-    except Stop:
-        pass
+    except Stop as alarm:
+        station.why = str(alarm)
     station.power_w = 0.0
     yield from station.put_down("put down")
 
 
-def run(seed: int, rounds: int = 2, water_c: float | None = None) -> tuple[Station, str]:
-    """Play the story; the station with its rows, and why it was stopped, "" where it was not."""
+def run(seed: int, rounds: int = 2, water_c: float | None = None) -> Station:
+    """Play the story."""
     random = np.random.default_rng((seed, 31))
     friction, place_m = random.uniform(0.5, 0.9), random.uniform(-0.008, 0.008)
     glass_kg, water_kg, cold_c = random.uniform((0.06, 0.1, 18.0), (0.1, 0.16, 24.0))
@@ -117,10 +117,11 @@ def run(seed: int, rounds: int = 2, water_c: float | None = None) -> tuple[Stati
         felt = station.temperature
         warm = what in ("heat", "shake")
         unknown_s = unknown_s + station.period_s if felt.sigma_c > UNKNOWN_C else 0.0
+        alarm = ""
         if warm and felt.is_near(LIMIT_C):
-            raise Stop(f"the solution would clot: {felt.inside_c:.1f} °C")
-        if warm and unknown_s > UNKNOWN_S:
-            raise Stop("the temperature is not known")
+            alarm = f"the solution would clot: {felt.inside_c:.1f} °C"
+        elif warm and unknown_s > UNKNOWN_S:
+            alarm = "the temperature is not known"
         if what != "shake":
             weights.clear()
             hz = math.nan
@@ -129,16 +130,16 @@ def run(seed: int, rounds: int = 2, water_c: float | None = None) -> tuple[Stati
         if count * station.period_s > LEAST_S and len(weights) % 64 == 0:
             last = np.array(weights[-count:])[: count - count % 8]
             hz = frequency(*last.reshape(-1, 8, 2).mean(axis=1).T)
-        return {"frequency_hz": hz}
+        return {"frequency_hz": hz, "alarm": alarm}
 
     burner_w = float(FASTER * random.uniform(150.0, 200.0))
-    return station, station.play(plan(station, burner_w, rounds), watch)
+    station.play(plan(station, burner_w, rounds), watch)
+    return station
 
 
-def figures(station: Station, why: str) -> dict[str, Any]:
+def figures(station: Station) -> dict[str, Any]:
     """What a run reached; delays and onsets of turns in second, after the true ones."""
-    at, found = station.columns(), {"done": not why, "why": why or "done"}
-    delays_s, onsets_s = [], []
+    at, delays_s, onsets_s = station.columns(), [], []
     for span in station.spans:
         sign = {"heat": 1.0, "shake": -1.0}.get(span.name)
         if sign is None or span.ended_s - span.began_s < 1.0:
@@ -153,7 +154,8 @@ def figures(station: Station, why: str) -> dict[str, Any]:
         onsets_s.append(at["began_s"][told[0]] - turn_s if told.size else math.inf)
     hz = at["frequency_hz"][np.isfinite(at["frequency_hz"])]
     warm = at["time_s"] > max([s.ended_s for s in station.spans if s.name == "lift"], default=0.0)
-    return found | {
+    return {
+        "done": not station.why, "why": station.why or "done",
         "dropped": bool(np.nanmax(at["slid_m"]) > DROPPED_M),
         "turn_delays_s": delays_s, "onset_errors_s": onsets_s,
         "turns_within_1s": sum(abs(one) <= 1.0 for one in delays_s),
@@ -185,9 +187,9 @@ if __name__ == "__main__":
     options.add_argument("--rounds", type=int, default=2)
     options.add_argument("--water", type=float, help="°C at first")
     given = options.parse_args()
-    station, why = run(given.seed, given.rounds, given.water)
+    station = run(given.seed, given.rounds, given.water)
     for span in station.spans:
         print(f"{span.began_s:7.2f} to {span.ended_s:7.2f} s  {span.name}")
-    for name, value in figures(station, why).items():
+    for name, value in figures(station).items():
         print(f"{name:<18} {np.round(value, 3) if isinstance(value, (list, float)) else value}")
     draw(station, "fig5_pva.png")

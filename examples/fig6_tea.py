@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from shared.people import Hand, take
+from shared.people import take
 from shared.station import BENCH_M, CLEAR_M, DROPPED_M, TAP_LAG_S, G, Station, Stop, Vessel
 from shared.temperature import INNOVATION_S, Kalman
 from skin.behaviours.handover import Handover, Phase
@@ -30,8 +30,8 @@ BOUNDS_ML_PER_S = {"micro": 0.4, "low": 3.5, "high": 10.0}
 """Least flow of a stage [assumed: means of the paper's]."""
 JUMP_KG_PER_S, DRIFT_KG_PER_S15 = 8e-3, 1e-4
 """One-sigma of a jump of the flow, and of its other changes after a second [assumed]."""
-NOISE_N, TARE_S, PERSON_S = 0.15, 1.0, 1.0
-"""Of the weight in a cycle; time of the tare; delay until a person takes an offered glass."""
+TARE_S, PERSON_S = 1.0, 1.0
+"""Time of the tare; delay until a person takes an offered glass."""
 HOT_C, CAPACITY, SPREAD = 88.0, 0.6, 0.4
 """What is known of the tea before: its temperature, the heat capacity of the cold glass over that
 of as much water, and the relative one-sigma of what a millilitre warms [assumed]."""
@@ -131,7 +131,8 @@ def plan(
                 yield stage
         station.flow_kg_per_s = 0.0
         yield from station.wait("settle", 3.0)
-    except Stop:
+    except Stop as alarm:
+        station.why = str(alarm)
         station.flow_kg_per_s = 0.0
         yield from station.put_down("put down")
         return
@@ -139,24 +140,15 @@ def plan(
     yield from station.wait("deliver", 1.0)
     handover.give()
     yield from station.wait("offer", PERSON_S)
-    hand = Hand(station.world)
-    weight_n = G * station.vessel.mass_kg
-    hand.begin(take((0.0, 0.0, weight_n), rise_s))
-    waited_s = station.time_s
-    while handover.phase is not Phase.TAKEN and station.time_s < waited_s + 10.0:
-        hand.update()
-        station.push_n = hand.force_n
+    station.hand.begin(take((0.0, 0.0, G * station.vessel.mass_kg), rise_s))
+    while handover.phase is not Phase.TAKEN:
         yield "offer"
     station.control.release()
-    released_s = station.time_s
-    while station.time_s < released_s + 1.0:
-        hand.update()
-        station.push_n = hand.force_n
-        yield "hand over"
+    yield from station.wait("hand over", 1.0)
 
 
-def run(seed: int, goal_c: float = GOAL_C) -> tuple[Station, str]:
-    """Play the story; the station with its rows, and why it was stopped, "" where it was not."""
+def run(seed: int, goal_c: float = GOAL_C) -> Station:
+    """Play the story."""
     random = np.random.default_rng((seed, 41))
     glass_kg, water_kg, cold_c = random.uniform((0.14, 0.08, 16.0), (0.2, 0.12, 24.0))
     loss, lag_s, share = random.uniform((0.2, 0.8, 0.992), (0.6, 1.2, 1.0))
@@ -173,6 +165,7 @@ def run(seed: int, goal_c: float = GOAL_C) -> tuple[Station, str]:
 
     def watch(what: str) -> dict[str, Any]:
         nonlocal unknown_s
+        alarm = ""
         if handover.phase is not Phase.IDLE:
             handover.update(station.state)
         if what in FLOWS or what == "settle":
@@ -180,22 +173,24 @@ def run(seed: int, goal_c: float = GOAL_C) -> tuple[Station, str]:
             is_unknown = not station.temperature.sigma_c < UNKNOWN_C
             unknown_s = unknown_s + station.period_s if is_unknown else 0.0
             if unknown_s > UNKNOWN_S:
-                raise Stop("the temperature is not known")
+                alarm = "the temperature is not known"
             if pouring.poured_ml > FULL_ML:
-                raise Stop(f"the glass is full: {pouring.poured_ml:.0f} ml")
+                alarm = f"the glass is full: {pouring.poured_ml:.0f} ml"
         return {
+            "alarm": alarm,
             "flow_ml_per_s": pouring.flow_ml_per_s,
             "true_flow_ml_per_s": 1e3 * vessel.flow_kg_per_s,
             "poured_ml": pouring.poured_ml, "sigma_ml": pouring.sigma_ml, "stage": pouring.stage,
             "true_poured_ml": 1e3 * vessel.poured_kg / density(vessel.water_c),
-            "hand_n": station.push_n[2], "handed": handover.phase is Phase.TAKEN,
+            "hand_n": station.hand.force_n[2], "handed": handover.phase is Phase.TAKEN,
         }  # fmt: skip
 
     tap, rise_s = float(random.uniform(14.0, 18.0)), float(random.uniform(0.2, 0.8))
-    return station, station.play(plan(station, pouring, tap, handover, rise_s, goal_c), watch)
+    station.play(plan(station, pouring, tap, handover, rise_s, goal_c), watch, most_s=90.0)
+    return station
 
 
-def figures(station: Station, why: str) -> dict[str, Any]:
+def figures(station: Station) -> dict[str, Any]:
     """What a run reached; delays from a change of the tap to its stage, in second."""
     at, last = station.columns(), station.rows[-1]
     delays_s = {}
@@ -209,7 +204,7 @@ def figures(station: Station, why: str) -> dict[str, Any]:
     secure = np.flatnonzero(at["hand_n"] > 0.5 * G * station.vessel.mass_kg)
     error_ml = last["poured_ml"] - last["true_poured_ml"]
     return {
-        "done": not why and bool(taken.size), "why": why or "done",
+        "done": not station.why and bool(taken.size), "why": station.why or "done",
         "dropped": bool(np.nanmax(at["slid_m"][held]) > DROPPED_M),
         "stage_delays_s": delays_s,
         "stages_within_1s": sum(delay_s <= 1.0 for delay_s in delays_s.values()),
@@ -241,9 +236,9 @@ if __name__ == "__main__":
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--goal", type=float, default=GOAL_C, help="°C of the tea")
     given = options.parse_args()
-    station, why = run(given.seed, given.goal)
+    station = run(given.seed, given.goal)
     for span in station.spans:
         print(f"{span.began_s:7.2f} to {span.ended_s:7.2f} s  {span.name}")
-    for name, value in figures(station, why).items():
+    for name, value in figures(station).items():
         print(f"{name:<20} {value:.3f}" if isinstance(value, float) else f"{name:<20} {value}")
     draw(station, "fig6_tea.png")

@@ -18,7 +18,7 @@ import numpy as np
 from skin.sim import GraspObject
 
 __all__ = ["Act", "Hand", "Person", "brush", "bump", "draw_block", "draw_person", "knots_between",
-           "loads_at", "pull", "take", "twist"]  # fmt: skip
+           "loads_at", "pull", "take"]  # fmt: skip
 
 Vector = Sequence[float] | np.ndarray
 
@@ -68,16 +68,15 @@ class Act(NamedTuple):
     holds: bool
 
 
-def pull(force_n: Vector, *, rise_s: float, hold_s: float, fall_s: float) -> Act:
-    """Pull, push or press: the target moves by force over stiffness, stays and returns."""
+def pull(
+    force_n: Vector = (0.0, 0.0, 0.0), moment_nm: Vector = (0.0, 0.0, 0.0), *,
+    rise_s: float, hold_s: float, fall_s: float,
+) -> Act:  # fmt: skip
+    """Pull, push, press or twist: the hand's target moves by force over stiffness, stays and
+    returns."""
+    force, moment = np.array(force_n, float), np.array(moment_nm, float)
     course = partial(_trapezoid, rise_s, hold_s, fall_s)
-    return Act(rise_s + hold_s + fall_s, np.array(force_n, float), np.zeros(3), course, True)
-
-
-def twist(moment_nm: Vector, *, rise_s: float, hold_s: float, fall_s: float) -> Act:
-    """Turn it."""
-    course = partial(_trapezoid, rise_s, hold_s, fall_s)
-    return Act(rise_s + hold_s + fall_s, np.zeros(3), np.array(moment_nm, float), course, True)
+    return Act(rise_s + hold_s + fall_s, force, moment, course, True)
 
 
 def bump(force_n: Vector, seconds: float) -> Act:

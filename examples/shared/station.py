@@ -21,6 +21,7 @@ from skin.sim import GraspObject, grasp
 from topology import load
 
 from .gripper import OPEN_M, SimulatedGripper
+from .people import Hand
 from .temperature import Temperature
 
 __all__ = ["Span", "Station", "Stop", "Vessel"]
@@ -91,8 +92,9 @@ class Span(NamedTuple):
 class Station:
     """The world, the grip, and what is felt of the vessel.
 
-    `power_w`, `flow_kg_per_s` and `hot_c` set flame and tap, `push_n` is the force of a person;
-    `loads` are those of the pads in this cycle. `play` fills `spans` and `rows`, one a cycle.
+    `power_w`, `flow_kg_per_s` and `hot_c` set flame and tap, `hand` is a person's; `loads` are
+    those of the pads in this cycle. `play` fills `spans` and `rows`, one a cycle; a plan that is
+    stopped says `why`.
     """
 
     def __init__(self, thing: GraspObject, vessel: Vessel, *, seed: int) -> None:
@@ -103,13 +105,12 @@ class Station:
             episode=UNITS.draw(topology, seed=seed), want=("force", "temperature", "sigma"),
         )  # fmt: skip
         self.period_s = 1.0 / topology.cycle_rate_hz
-        near_m = OPEN_M - thing.size_m[0] - 0.004
-        self.gripper = SimulatedGripper(self.world, near_m)
-        self.control = GripControl(topology, self.gripper)
+        gripper = SimulatedGripper(self.world, OPEN_M - thing.size_m[0] - 0.004)
+        self.control = GripControl(topology, gripper)
         self.pads, self.temperature = Pads(topology), Temperature(topology)
         self.power_w = self.flow_kg_per_s = self.hot_c = self.time_s = 0.0
-        self.push_n = np.zeros(3)
-        self.spans: list[Span] = []
+        self.hand = Hand(self.world)
+        self.why, self.spans = "", list[Span]()
         self.rows: list[dict[str, Any]] = []
         self.at = {"lift": 0.0, "aside": 0.0}
         self._moved_s, self._lowest_m, self.released = 0.0, math.nan, False
@@ -163,41 +164,38 @@ class Station:
 
     # -- playing -----------------------------------------------------------------------------------
 
-    def play(self, plan: Generator[str], watch: Any, most_s: float = 300.0) -> str:
-        """Run a plan to its end, one `next` a cycle; why it was stopped, "" where it was not.
+    def play(self, plan: Generator[str], watch: Any, most_s: float = 300.0) -> None:
+        """Run a plan to its end, one `next` a cycle.
 
-        `watch(what)` may throw a `Stop` into the plan, and gives the rest of a row.
+        `watch(what)` gives the rest of a row; its `alarm`, a text, is thrown into the plan once.
         """
-        what, began_s, why = "", 0.0, ""
+        what, began_s = "", 0.0
         for state in self.world:
             self.state, self.time_s = state, self.world.time_s
             self.loads = self.pads.read(state)
             self.temperature.update(state, self.time_s)
+            row = watch(what)
             try:
-                row, now = watch(what), next(plan)
-            except Stop as alarm:
-                why = why or f"{what}: {alarm}"
-                row, now = {}, plan.throw(alarm)
+                alarmed = row["alarm"] and not self.why
+                now = plan.throw(Stop(row["alarm"])) if alarmed else next(plan)
             except StopIteration:
                 break
             if now != what:
                 self.spans += [Span(what, began_s, self.time_s)] if what else []
                 what, began_s = now, self.time_s
-            self.control.is_steady = (
-                self.time_s - self._moved_s > STEADY_S and self.flow_kg_per_s == 0.0
-            )
+            stands = self.time_s - self._moved_s > STEADY_S
+            self.control.is_steady = stands and self.flow_kg_per_s == 0.0
             self.control.update(state)
             self.vessel.step(self.period_s, self.power_w, self.flow_kg_per_s, self.hot_c)
             self.world.warm(self._name, self.vessel.wall_c)
             self.world.weigh(self._name, self.vessel.mass_kg)
-            self.world.push(self._name, self.push_n)
+            self.hand.update()
             self.rows.append(self._row() | row)
             if self.time_s > most_s:
-                why = f"{what}: not within {most_s:g} s"
+                self.why = f"{what}: not within {most_s:g} s"
                 break
         self.spans.append(Span(what, began_s, self.time_s))
         self.world.close()
-        return why
 
     def _row(self) -> dict[str, Any]:
         """Felt beside true, newton by pad and of both, °C."""
@@ -222,8 +220,7 @@ class Station:
 
     def columns(self) -> dict[str, np.ndarray]:
         """The rows as columns of shape (t,)."""
-        return {name: np.array([row.get(name, math.nan) for row in self.rows])
-                for name in self.rows[len(self.rows) // 2]}  # fmt: skip
+        return {name: np.array([row[name] for row in self.rows]) for name in self.rows[0]}
 
     def draw(self, at: dict[str, np.ndarray], hues: dict[str, str]) -> tuple[Any, Any, Any]:
         """Temperature and loads over time, felt over truth, over the steps of the plan; the figure,
@@ -242,8 +239,7 @@ class Station:
         force.set_ylabel("force, N (truth black)")
         for span in self.spans:
             for one in axes:
-                hue = hues.get(span.name, "w")
-                one.axvspan(span.began_s, span.ended_s, color=hue, alpha=0.1, linewidth=0)
+                one.axvspan(*span[1:], color=hues.get(span.name, "w"), alpha=0.1, linewidth=0)
             warm.text(0.5 * (span.began_s + span.ended_s), 0.98, span.name, fontsize=7, ha="center",
                       va="top", rotation=90, transform=warm.get_xaxis_transform())  # fmt: skip
         axes[-1].set(xlabel="time, s", xlim=(0.0, None))
