@@ -9,8 +9,7 @@ from importlib import import_module
 from typing import Any
 
 PARTS = (
-    "behaviours_grip", "behaviours_gesture", "behaviours_handover", "behaviours_temperature",
-    "behaviours_pouring", "behaviours_shaking",
+    "behaviours_grip", "behaviours_gesture", "behaviours_handover",
 )  # fmt: skip
 """Modules with `run(quick)` and `table(figures)`."""
 

@@ -19,17 +19,14 @@ import numpy as np
 from benchmarks.slip_intervals import per_minute, rate
 from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 from benchmarks.workers import in_parallel
-from skin.demos.gesture_trial import (
-    KINDS,
-    STRENGTHS_N,
-    GestureTrial,
-    Seen,
-    asked_kinds,
-    asked_pulls,
-    run_gestures,
-)
+from fig4b_gestures import Asked, Seen, Trial
+from fig4b_gestures import run as run_trial
+from shared.people import brush, bump, pull
 
 REPORTED = 8000
+KINDS = ("tap", "brush", "press", "pull", "twist")
+STRENGTHS_N = (0.5, 1.0, 2.0)
+"""Of pulls, as in the paper's Fig. 4c."""
 BINS = (0.0, 0.7, 0.9, 0.98, 0.995, 1.0)
 SECTOR_RAD = math.pi / 8.0
 
@@ -98,18 +95,68 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _play(job: tuple[str, int, int]) -> GestureTrial:
+def asked_pulls(random: np.random.Generator, strength_n: float) -> list[Asked]:
+    """Pulls in eight directions, in random order, each up to 22.5 degrees off."""
+    found = []
+    for k in random.permutation(8):
+        angle = math.radians(45.0 * float(k))
+        size = strength_n * float(random.uniform(0.9, 1.1))
+        force = size * np.array([0.0, math.cos(angle), math.sin(angle)])
+        found.append(Asked("pull", angle, pull(force, **_course(random))))
+    return found
+
+
+def asked_kinds(random: np.random.Generator, each: int = 2) -> list[Asked]:
+    """Taps, brushes, presses, pulls and twists, some of each, in random order."""
+    found = [_draw(kind, random) for kind in KINDS for _ in range(each)]
+    return [found[i] for i in random.permutation(len(found))]
+
+
+def _course(random: np.random.Generator) -> dict[str, float]:
+    return {
+        "rise_s": float(random.uniform(0.08, 0.4)),
+        "hold_s": float(random.uniform(0.1, 0.8)),
+        "fall_s": float(random.uniform(0.08, 0.3)),
+    }
+
+
+def _draw(kind: str, random: np.random.Generator) -> Asked:
+    """A gesture of a kind, with random strength and direction in the range of hands."""
+    angle = float(random.uniform(-math.pi, math.pi))
+    across = np.array([0.0, math.cos(angle), math.sin(angle)])
+    along = np.array([float(random.choice([-1.0, 1.0])), 0.0, 0.0])
+    tilted = across + np.array([0.15 * random.normal(), 0.0, 0.0])
+    if kind == "tap":
+        is_across = random.random() < 0.5
+        force = float(random.uniform(0.8, 4.0)) * (across if is_across else along)
+        return Asked(kind, angle if is_across else math.nan,
+                     bump(force, float(random.uniform(0.02, 0.07))))  # fmt: skip
+    if kind == "brush":
+        force = float(random.uniform(0.15, 0.4)) * tilted
+        return Asked(kind, angle, brush(force, float(random.uniform(0.05, 0.3))))
+    if kind == "press":
+        force = float(random.uniform(0.7, 3.0)) * (along + 0.1 * random.normal() * across)
+        return Asked(kind, math.nan, pull(force, **_course(random)))
+    if kind == "twist":
+        axis = random.normal(size=3)
+        moment = float(random.uniform(0.02, 0.06)) * axis / np.linalg.norm(axis)
+        return Asked(kind, math.nan, pull(moment_nm=moment, **_course(random)))
+    force = float(random.uniform(0.5, 2.5)) * tilted
+    return Asked(kind, angle, pull(force, **_course(random)))
+
+
+def _play(job: tuple[str, int, int]) -> Trial:
     kind, seed, count = job
     if kind == "pulls":
         strength_n = STRENGTHS_N[count]
-        return run_gestures(3 * seed + count, partial(asked_pulls, strength_n=strength_n))
+        return run_trial(3 * seed + count, partial(asked_pulls, strength_n=strength_n))
     if kind == "held":
-        return run_gestures(seed, partial(asked_kinds, each=count))
+        return run_trial(seed, partial(asked_kinds, each=count))
     return run_touches(seed, count)
 
 
-def _directions(trials: list[GestureTrial], strengths: list[float]) -> dict[str, Any]:
-    def row(of: list[GestureTrial]) -> dict[str, Any]:
+def _directions(trials: list[Trial], strengths: list[float]) -> dict[str, Any]:
+    def row(of: list[Trial]) -> dict[str, Any]:
         every = [seen for trial in of for seen in trial.seen]
         off = np.degrees([seen.off_rad for seen in every])
         right = sum(seen.is_right and abs(seen.off_rad) < SECTOR_RAD for seen in every)
@@ -128,7 +175,7 @@ def _directions(trials: list[GestureTrial], strengths: list[float]) -> dict[str,
     }
 
 
-def _confusion(trials: list[GestureTrial], kinds: tuple[str, ...]) -> dict[str, Any]:
+def _confusion(trials: list[Trial], kinds: tuple[str, ...]) -> dict[str, Any]:
     every = [seen for trial in trials for seen in trial.seen]
     rows: dict[str, dict[str, int]] = {kind: {} for kind in kinds}
     for seen in every:
@@ -156,8 +203,8 @@ def _calibration(every: list[Seen]) -> list[dict[str, Any]]:
     return rows
 
 
-def _rested_s(trial: GestureTrial) -> float:
-    return trial.time_s[-1] - sum(seen.asked.act.seconds for seen in trial.seen)
+def _rested_s(trial: Trial) -> float:
+    return trial.rows[-1][0] - sum(seen.asked.act.seconds for seen in trial.seen)
 
 
 def _shown(found: dict[str, float] | None) -> str:

@@ -35,9 +35,8 @@ from benchmarks.brush_trial import (
 from benchmarks.slip_intervals import rate
 from benchmarks.trust_skin import BAG, QUICK_BAG
 from benchmarks.workers import in_parallel
-from skin.behaviours.grip_parameters import GripParameters
-from skin.demos.disturbance import DROPPED_M
-from skin.demos.disturbance_score import LATEST_S, LOOK_S, QUIET_S, RISEN
+from fig4c_adaptive_grasp import DROPPED_M, LATEST_S, LOOK_S, QUIET_S, RISEN
+from skin.behaviours.grip import GripParameters
 
 __all__ = ["cells", "row", "score", "trials"]
 

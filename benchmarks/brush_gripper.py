@@ -42,7 +42,7 @@ class Servo(NamedTuple):
 
 
 class LateGripper:
-    """A `skin.behaviours.gripper.Gripper`, and its force on each pad.
+    """A `skin.behaviours.grip.Gripper`, and its force on each pad.
 
     Parameters
     ----------

@@ -24,17 +24,10 @@ from benchmarks.brush_pads import FACES, Body, Pads
 from benchmarks.trust_plant import Touch
 from benchmarks.trust_quick import QuickPlant
 from benchmarks.trust_skin import BAG, Player, Skin, skin_of
+from fig4c_adaptive_grasp import DOWNWARDS, DROPPED_M, PAPER_WEIGHT_N, SIDEWAYS
+from shared.people import knots_between, loads_at
 from skin.behaviours.decision import Decision
-from skin.behaviours.grip import GripControl
-from skin.behaviours.grip_parameters import GripParameters
-from skin.demos.disturbance import (
-    DOWNWARDS,
-    DROPPED_M,
-    PAPER_WEIGHT_N,
-    SIDEWAYS,
-    knots_between,
-    loads_at,
-)
+from skin.behaviours.grip import GripControl, GripParameters
 
 __all__ = ["Cell", "Fixed", "Trial", "run_trial", "thing_of"]
 

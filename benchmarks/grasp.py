@@ -1,4 +1,4 @@
-"""A grasp in MuJoCo with the skin's own forces: creep, slip, sag, energy, momentum, time, trials.
+"""A grasp in MuJoCo with the skin's own forces: creep, slip, sag, energy, momentum, time.
 
 `creep_um_per_s` is how fast a held object of 60 g goes down when all has settled, beside
 `creep_engine_um_per_s` of MuJoCo's own contacts in the same gripper (elliptic cone, impratio 10).
@@ -7,8 +7,7 @@ Coulomb's weight over normal force. `sag_error` is against weight over stiffness
 `kick_energy_gain` is the largest rise of energy after a kick over the kick's, `cycle_energy_gain`
 what a slow push and release gives back above what it took, over what it took. `third_law_error`
 compares the sum of the units' forces with mass times acceleration. Real-time factors are of the
-closed loop: engine, forces, units, frames, decoder, contacts. `trials` are those of `skin demo
-grasp`.
+closed loop: engine, forces, units, frames, decoder, contacts.
 """
 
 from __future__ import annotations
@@ -22,8 +21,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.grasp_hand import hand_model, hand_topology
-from benchmarks.slip_intervals import rate
-from skin.demos.grasp_trial import OVER_SQUEEZED, run_trial
 from skin.grasp.object import GraspObject
 from skin.grasp.plant import Plant
 from skin.grasp.spec import engine_library
@@ -32,8 +29,6 @@ from skin.grasp.world import grasp
 from topology import load
 
 G = 9.81
-REPORTED = 5000
-"""First seed of the trials: the controller was made on those below 1200."""
 PERIOD_S = 0.004
 MASS_KG = 0.06
 OFF_M = 0.006  # in front of one unit of each pad
@@ -66,7 +61,6 @@ def run(quick: bool) -> dict[str, Any]:
         **_energy(),
         **_pinch_time(1.0 if quick else 4.0),
         **_hand_time(1.0 if quick else 4.0),
-        **_trials(4 if quick else 100),
         **_joints(quick),
     }
 
@@ -79,7 +73,6 @@ def table(figures: dict[str, Any]) -> str:
             f"{name:<10}{creep:>12.1e}{figures['creep_engine_um_per_s'][name]:>13.1f}"
             f"{figures['sag_error'][name]:>11.1e}{figures['third_law_error'][name]:>11.1e}"
         )
-    trials = figures["trials"]
     lines += [
         f"slip at friction {figures['slip_friction']:.5f}, Coulomb "
         f"{figures['coulomb_friction']:.5f}: error {figures['slip_friction_error']:.2%}",
@@ -87,8 +80,6 @@ def table(figures: dict[str, Any]) -> str:
         f"release {figures['cycle_energy_gain']:.1e}",
         f"real time: pinch x {figures['real_time_factor_pinch']:.1f} (engine and forces alone "
         f"x {figures['engine_factor_pinch']:.1f}), hand x {figures['real_time_factor_hand']}",
-        f"trials: {trials['count']}, dropped {trials['dropped']}, over-squeezed "
-        f"{trials['over_squeezed']}, worst slide {trials['worst_slide_mm']:.1f} mm",
     ]
     return "\n".join(lines)
 
@@ -275,26 +266,6 @@ def _factor(world: Any, warm_s: float, seconds: float) -> float:
         if world.time_s >= warm_s + seconds:
             break
     return seconds / (time.perf_counter() - started)
-
-
-def _trials(count: int) -> dict[str, Any]:
-    """Objects of unknown weight and friction, held by slip onset, grip margin and one probe."""
-    trials = {seed: run_trial(seed) for seed in range(REPORTED, REPORTED + count)}
-    dropped = [seed for seed, trial in trials.items() if trial.dropped]
-    squeezed = [seed for seed, trial in trials.items() if trial.over_squeezed_s > 1.0]
-    return {
-        "trials": {
-            "count": count,
-            "dropped": len(dropped),
-            "dropped_rate": rate(len(dropped), count),
-            "dropped_seeds": dropped,
-            "over_squeezed": len(squeezed),
-            "over_squeezed_rate": rate(len(squeezed), count),
-            "over_squeezed_margin": OVER_SQUEEZED,
-            "worst_slide_mm": 1e3 * max(trial.slid_m[-1] for trial in trials.values()),
-            "margin_median": float(np.median([trial.true_margin[-1] for trial in trials.values()])),
-        }
-    }
 
 
 def _joints(quick: bool) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skin.behaviours.handover import Handover, HandoverParameters, Phase
-from skin.demos.held import held_object, thing_of
-from skin.demos.person import Act, Hand, Person, brush, bump, draw_person, take
+from shared.gripper import held
+from shared.people import Act, Hand, Person, brush, bump, draw_block, draw_person, take
+from skin.behaviours.handover import Handover, Phase
 from skin.grasp.world import World
 
 __all__ = ["Carry", "Take", "run_carry", "run_take"]
@@ -81,10 +81,10 @@ class Take:
         return self.taken_s >= self.secure_s and self.moved_m < LOST_M
 
 
-def run_take(seed: int, parameters: HandoverParameters | None = None) -> Take:
+def run_take(seed: int) -> Take:
     """Let one person take one block; the same for the same seed."""
     random = np.random.default_rng((seed, 43))
-    thing, person = thing_of(random), draw_person(random)
+    thing, person = draw_block(random), draw_person(random)
     weight_n = 9.81 * thing.mass_kg
     hesitates = float(random.uniform(0.1, 0.35)) if random.random() < 0.4 else 0.0
     waits_s = float(random.uniform(0.3, 0.8)) if hesitates else 0.0
@@ -98,10 +98,10 @@ def run_take(seed: int, parameters: HandoverParameters | None = None) -> Take:
     acts.append((0.9, take(wanted, rise_s, hesitates=hesitates, waits_s=waits_s)))
     trial = Take(person, weight_n, hesitates, rise_s)
     until_s = 0.9 + waits_s + rise_s + GIVE_UP_S
-    with held_object(thing, strongest_n=STRONGEST_N, seed=seed, want=WANT) as (world, grip, states):
-        handover = Handover(world.skin.topology, parameters)
+    with held(thing, strongest_n=STRONGEST_N, seed=seed, want=WANT) as (world, control, states):
+        handover = Handover(world.skin.topology)
         handover.give()
-        hand, start_s = Hand(world, thing.name, person), world.time_s
+        hand, start_s = Hand(world, person), world.time_s
         before = world.truth.position[:, 0].copy()
         for state in states:
             now_s = world.time_s - start_s
@@ -111,9 +111,9 @@ def run_take(seed: int, parameters: HandoverParameters | None = None) -> Take:
             begun_ns = time.perf_counter_ns()
             phase = handover.update(state)
             trial.update_us.append(1e-3 * (time.perf_counter_ns() - begun_ns))
-            if phase == Phase.TAKEN and not grip.opening:
-                trial.taken_s, trial.why = now_s, str(handover.decisions.last)
-                grip.release()
+            if phase == Phase.TAKEN and math.isnan(trial.taken_s):
+                trial.taken_s, trial.why = now_s, str(handover.decisions[-1])
+                control.release()
                 until_s = now_s + AFTER_S
             hand.update()
             if now_s >= until_s:
@@ -172,15 +172,15 @@ class Carry:
     most: float = 0.0
 
 
-def run_carry(seed: int, seconds: float, parameters: HandoverParameters | None = None) -> Carry:
+def run_carry(seed: int, seconds: float) -> Carry:
     """Carry a block up and down, with something that touches it every second."""
     random = np.random.default_rng((seed, 44))
-    thing, person = thing_of(random), draw_person(random)
+    thing, person = draw_block(random), draw_person(random)
     carry = Carry(seconds)
-    with held_object(thing, strongest_n=STRONGEST_N, seed=seed, want=WANT) as (world, _, states):
-        handover = Handover(world.skin.topology, parameters)
+    with held(thing, strongest_n=STRONGEST_N, seed=seed, want=WANT) as (world, _, states):
+        handover = Handover(world.skin.topology)
         handover.give()
-        hand, start_s = Hand(world, thing.name, person), world.time_s
+        hand, start_s = Hand(world, person), world.time_s
         next_s, home_m = 0.4, world.joints.targets["lift"]
         swing_m, swing_s = random.uniform(0.01, 0.05), random.uniform(0.8, 2.0)
         for state in states:
@@ -190,7 +190,7 @@ def run_carry(seed: int, seconds: float, parameters: HandoverParameters | None =
                 hand.begin(_touch(carry, random, 9.81 * thing.mass_kg))
             _swing(world, home_m, swing_m * 0.5 * (1.0 - math.cos(math.pi * now_s / swing_s)))
             if handover.update(state) == Phase.TAKEN:
-                carry.released.append(str(handover.decisions.last))
+                carry.released.append(str(handover.decisions[-1]))
                 handover.give()
             carry.most = max(carry.most, handover.probabilities.get("hand", 0.0))
             hand.update()
@@ -216,8 +216,7 @@ def _touch(carry: Carry, random: np.random.Generator, weight_n: float) -> Act:
     share = float(random.uniform(0.1, 0.35))
     seconds = float(random.uniform(0.2, 0.8))
     course = take((0.0, 0.0, share * weight_n), 1.0, hesitates=1.0, waits_s=seconds)
-    return Act(seconds=seconds, force_n=course.force_n, course=course.course,
-               moment_nm=course.moment_nm, holds=False)  # fmt: skip
+    return course._replace(seconds=seconds, holds=False)
 
 
 def _bump(random: np.random.Generator, most_n: float) -> Act:

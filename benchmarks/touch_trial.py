@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 import skin.opening
+from fig4b_gestures import Asked, Trial, match
+from shared.people import Person, bump
 from skin.behaviours.gesture import Gesture, Gestures
-from skin.demos.gesture_trial import Asked, GestureTrial, match
-from skin.demos.person import Person, bump
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import BodyTable, Key, SceneFile, Sphere
 from topology import load
@@ -23,7 +23,7 @@ FINGER_M = 0.06
 FIRST_S, PAUSE_S = 0.6, 0.5
 
 
-def run_touches(seed: int, each: int = 1) -> GestureTrial:
+def run_touches(seed: int, each: int = 1) -> Trial:
     """Play gestures on the palm, some of each kind, in any order; the same for the same seed."""
     random = np.random.default_rng((seed, 42))
     kinds = [kind for kind in TOUCH_KINDS for _ in range(each)]
@@ -41,7 +41,7 @@ def run_touches(seed: int, each: int = 1) -> GestureTrial:
     scene = ScriptedScene(
         palm, SceneFile(format=1, seconds=begin_s, bodies=tuple(bodies), seed=seed)
     )
-    gestures, trial = Gestures(palm), GestureTrial(Person())
+    gestures, trial = Gestures(palm), Trial(Person())
     told: list[tuple[float, Gesture]] = []
     want = {"force", "sigma", "contacts"}
     with skin.opening.open(palm, simulate=scene, pace=False, want=want) as opened:

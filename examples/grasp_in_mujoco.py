@@ -8,8 +8,8 @@ control are those of hardware.
 import matplotlib.pyplot as plt
 
 import skin.sim
+from shared.gripper import SimulatedGripper
 from skin.behaviours.grip import GripControl
-from skin.demos.simulated_gripper import SimulatedGripper
 
 cube = skin.sim.GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.08, friction=0.5)
 log = []
@@ -30,7 +30,7 @@ with skin.sim.grasp("gripper", objects=[cube], seed=1) as world:
         log.append((world.time_s, control.wanted_n, world.truth.margin()))
         if world.time_s > 6.0:
             break
-    print(control.decisions)
+    print(*control.decisions, sep="\n")
     print(f"cube at {1e3 * world.truth.position[2, 0]:.1f} mm")
 
 time_s, wanted, margin = zip(*log, strict=True)

@@ -6,18 +6,17 @@ last valid cycle, or the mean fraction of the others if it never was valid.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from bus.compiled.bound import Bound
-from bus.compiled.jit import compiled, jitable
-from skin.behaviours.checks import check_patches, check_state
+from skin.errors import OptionError, shown
 from skin.state import State, if_wanted
 from topology import Topology
 
-__all__ = ["PadLoads", "Pads"]
+__all__ = ["PadLoads", "Pads", "unit_vector"]
 
 SHARE_LOAD_N = 0.3
 """Load of a pad above which fractions are learned: 16 units have 0.05 N of noise [derived]."""
@@ -36,7 +35,7 @@ leave nothing to extrapolate from]."""
 
 
 class PadLoads(NamedTuple):
-    """Loads of p pads. Views, valid until the next cycle; NaN where too little is heard.
+    """Loads of p pads in a cycle; NaN where too little is heard.
 
     Attributes
     ----------
@@ -49,29 +48,22 @@ class PadLoads(NamedTuple):
         Newton, skin frame: the part of `force_n` across the mean normal.
     torsion_nm : ndarray, shape (p,)
         Newton metre: torque about the mean normal through the centre of pressure.
-    load_sigma_n, force_sigma_n : ndarray, shape (p,)
-        One-sigma of `load_n`, and of a component of `force_n`: noise of the units, and half of the
-        estimates for those that are not valid. NaN where sigma is not wanted.
-    heard : ndarray, shape (p,)
-        Fraction of the load on valid units.
-    temperature_c : ndarray, shape (p,)
-        Degree Celsius: mean of the valid units, weighted by normal force; NaN where there is none.
     moment_nm : ndarray, shape (3, p)
         Newton metre, skin frame: torque of the world on the pad, about the skin's origin.
     centre_m : ndarray, shape (3, p)
         Metre, skin frame: centre of pressure of the valid units; NaN where nothing presses.
+    sigma_n : ndarray, shape (p,)
+        One-sigma of a component of `force_n`: noise of the units, and half of the estimates for
+        those that are not valid. NaN where sigma is not wanted.
     """
 
     load_n: np.ndarray
     force_n: np.ndarray
     shear_n: np.ndarray
     torsion_nm: np.ndarray
-    load_sigma_n: np.ndarray
-    force_sigma_n: np.ndarray
-    heard: np.ndarray
-    temperature_c: np.ndarray
     moment_nm: np.ndarray
     centre_m: np.ndarray
+    sigma_n: np.ndarray
 
 
 class Pads:
@@ -83,6 +75,12 @@ class Pads:
     names : iterable of str, optional
         Patches, one a pad; all of them if not given.
 
+    Attributes
+    ----------
+    names : tuple of str
+    normal : ndarray, shape (3,)
+        Mean normal of the pads, into the first one; opposing pads count alike.
+
     Raises
     ------
     OptionError
@@ -90,223 +88,132 @@ class Pads:
     """
 
     def __init__(self, topology: Topology, names: Iterable[str] | None = None) -> None:
-        self.names = check_patches(topology, names)
-        pad_of = {topology.patch_names.index(name): pad for pad, name in enumerate(self.names)}
-        pad = np.array([pad_of.get(int(patch), -1) for patch in topology.patch], np.int64)
-        self._position = np.ascontiguousarray(topology.position, float)
-        self._rotation = np.ascontiguousarray(topology.rotation, float)
-        count = len(self.names)
-        sums = PadSums(
-            *(np.zeros(count) for _ in range(7)), *(np.zeros((3, count)) for _ in range(4))
-        )
+        self.names = _patches(topology, names)
+        patches = np.array([topology.patch_names.index(name) for name in self.names])
+        self._of_pad = (topology.patch == patches[:, np.newaxis]).astype(float)
+        self.move(topology.position, topology.rotation)
+        self._gain = min(1.0, 1.0 / (SHARE_S * topology.cycle_rate_hz))
+        self._share, self._usual_n = np.full(topology.n, np.nan), np.full(topology.n, np.nan)
         self._no_sigma = np.full((3, topology.n), np.nan, np.float32)
-        self._no_temperature = np.full(topology.n, np.nan, np.float32)
-        self.loads = PadLoads(
-            load_n=np.zeros(count), force_n=np.zeros((3, count)), shear_n=np.zeros((3, count)),
-            torsion_nm=np.zeros(count), load_sigma_n=np.zeros(count),
-            force_sigma_n=np.zeros(count), heard=np.zeros(count), temperature_c=np.zeros(count),
-            moment_nm=np.zeros((3, count)), centre_m=np.zeros((3, count)),
-        )  # fmt: skip
-        places = Places(pad, self._position, self._rotation)
-        gain = min(1.0, 1.0 / (SHARE_S * topology.cycle_rate_hz))
-        share = np.full(topology.n, np.nan)
-        self._kept = (places, gain, share, sums, self.loads)
-        self._last: Readings | None = None
-        self._call: Bound | None = None
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set the poses of the units, shapes (3, n) and (3, 3, n), as `Skin.move` does."""
-        self._position[:], self._rotation[:] = position, rotation
+        arms = np.cross(position[:, np.newaxis], rotation, axis=0)
+        # Sums over the units of each pad are products with one matrix each.
+        wrench = np.concatenate([rotation, arms])[:, np.newaxis] * self._of_pad[:, np.newaxis]
+        self._wrench = wrench.reshape(6 * len(self.names), -1)
+        rows = np.concatenate([rotation[:, 2], position, np.ones((1, position.shape[1]))])
+        self._pressed = (rows[:, np.newaxis] * self._of_pad).reshape(7 * len(self.names), -1)
+        total = np.zeros(3)
+        for own in self._of_pad:
+            normal = rotation[:, 2, own > 0.0].mean(axis=1)
+            total = total + normal if total @ normal >= 0.0 else total - normal
+        self.normal = total / np.linalg.norm(total)
 
     def read(self, state: State) -> PadLoads:
-        """Loads of the pads in this cycle; `state` has force, and preferably sigma and temperature.
+        """Loads of the pads in this cycle; `state` has force, and preferably sigma.
 
         Raises
         ------
         OptionError
             The state is of another topology, or has no force.
         """
-        units = state.units
-        sigma, warmth = if_wanted(units, "force_sigma"), if_wanted(units, "temperature")
-        sigma = self._no_sigma if sigma is None else sigma
-        warmth = self._no_temperature if warmth is None else warmth
-        last = self._last
-        if (
-            last is not None
-            and units.force is last.force
-            and sigma is last.force_sigma
-            and warmth is last.temperature
-            and units.valid is last.valid
-        ):
-            if self._call is None:
-                self._call = Bound(pad_loads, last, *self._kept)
-            self._call()
-        else:  # arrays of a copy, or of the first cycle
-            check_state(state, self._no_temperature.size, "force")
-            self._last = last = Readings(units.force, sigma, warmth, units.valid)
-            self._call = None
-            pad_loads(last, *self._kept)
-        return self.loads
+        units, n = state.units, self._share.size
+        force, sigma = if_wanted(units, "force"), if_wanted(units, "force_sigma")
+        if force is None:
+            raise OptionError("want: must have 'force' for this behaviour; got states without")
+        if units.valid.shape != (n,):
+            raise OptionError(
+                f"state: must be of the {n} units of the topology; got {units.valid.size} units"
+            )
+        sigma, force = self._no_sigma if sigma is None else sigma, force.astype(float)
+        heard, scale = units.valid & np.isfinite(force.sum(axis=0)), np.ones(len(self.names))
+        if not heard.all():
+            force, sigma = np.where(heard, force, 0.0), np.where(heard, sigma, 0.0)
+            scale = self._scale(heard)
+        least_n = PRESSED * sigma[2]
+        is_pressed = ~(force[2] < least_n) | (self._usual_n > 0.2 * least_n)
+        force[:2] *= is_pressed
+        variance = self._of_pad @ (0.5 * is_pressed * (sigma[0] ** 2 + sigma[1] ** 2))
+        loads = self._loads(force, variance, scale)
+        self._learn(heard, force[2], loads.load_n)
+        return loads
+
+    def _scale(self, heard: np.ndarray) -> np.ndarray:
+        """Whole load over that on heard units, by pad; NaN where too little is heard."""
+        known = np.isfinite(self._share)
+        mean = np.array([self._share[known & (own > 0.0)].mean() if (known & (own > 0.0)).any()
+                         else 1.0 for own in self._of_pad])  # fmt: skip
+        share = np.where(known, self._share, mean @ self._of_pad)
+        whole, lost = self._of_pad @ share, self._of_pad @ np.where(heard, 0.0, share)
+        part = 1.0 - lost / np.where(whole > 0.0, whole, np.inf)
+        return 1.0 / np.where(part >= LEAST_HEARD, np.minimum(part, 1.0), np.nan)
+
+    def _loads(self, force: np.ndarray, variance: np.ndarray, scale: np.ndarray) -> PadLoads:
+        """Sum over the units of each pad, add the estimates of lost units, and split the force
+        into normal and shear."""
+        pads = scale.size
+        total, moment = (self._wrench @ force.ravel()).reshape(2, 3, pads)
+        presses = (self._pressed @ np.maximum(force[2], 0.0)).reshape(7, pads)
+        length = np.sqrt((presses[:3] ** 2).sum(axis=0))
+        normal = presses[:3] / np.where(length > 0.0, length, 1.0)
+        centre = presses[3:6] / np.where(presses[6] > 0.0, presses[6], np.nan)
+        (x, y, z), (u, v, w) = total, np.where(presses[6] > 0.0, centre, 0.0)
+        own = moment - (v * z - w * y, w * x - u * z, u * y - v * x)
+        along = normal * (total * normal).sum(axis=0)
+        filled = 0.5 * (scale - 1.0)
+        return PadLoads(
+            load_n=scale * (self._of_pad @ force[2]), force_n=scale * total,
+            shear_n=scale * (total - along), torsion_nm=scale * (normal * own).sum(axis=0),
+            moment_nm=scale * moment, centre_m=centre,
+            sigma_n=np.sqrt(scale**2 * variance + filled**2 * (total**2).sum(axis=0)),
+        )  # fmt: skip
+
+    def _learn(self, heard: np.ndarray, load: np.ndarray, load_n: np.ndarray) -> None:
+        """Follow the fractions of the units, and what they bear by these."""
+        of_unit = np.where(np.isfinite(load_n), load_n, 0.0) @ self._of_pad
+        learns = heard & (of_unit > SHARE_LOAD_N)
+        now = load / np.where(learns, of_unit, 1.0)
+        before = np.where(np.isnan(self._share), now, self._share)
+        self._share = np.where(learns, before + self._gain * (now - before), self._share)
+        self._usual_n = self._share * of_unit
 
 
-class Readings(NamedTuple):
-    """Of the units, as in `skin.state.Reading`."""
-
-    force: np.ndarray
-    force_sigma: np.ndarray
-    temperature: np.ndarray
-    valid: np.ndarray
-
-
-class Places(NamedTuple):
-    """Pad of each unit, -1 for none, shape (n,); positions (3, n) and rotations (3, 3, n)."""
-
-    pad: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
+def _patches(topology: Topology, names: Iterable[str] | None) -> tuple[str, ...]:
+    """Names of patches without duplicates; all patches of the topology if None."""
+    if isinstance(names, str):
+        raise OptionError(f"pads: must be a tuple of patches; got {names!r}")
+    chosen = tuple(topology.patch_names if names is None else names)
+    if not chosen:
+        raise OptionError("pads: must be one patch or more; got none")
+    for i, name in enumerate(chosen):
+        if name not in topology.patch_names:
+            raise OptionError.unknown("pads", name, topology.patch_names)
+        if name in chosen[:i]:
+            raise OptionError(f"pads: must name a patch once; got {name!r} twice")
+    return chosen
 
 
-class PadSums(NamedTuple):
-    """Sums over the valid units of each pad, shape (p,), or (3, p) in the skin frame.
+def unit_vector(where: str, value: Any) -> np.ndarray:
+    """A direction of three numbers, normalised.
 
-    `load` counts normal forces, `pressed` only pressing ones; `heat` is temperature times normal
-    force, `heated` that force; `lost` is the fraction of the load on units that are not valid.
+    Raises
+    ------
+    OptionError
+        It has not three finite numbers, or no length.
+
+    Examples
+    --------
+    >>> unit_vector("down", (0, 0, -2)).tolist()
+    [0.0, 0.0, -1.0]
     """
-
-    load: np.ndarray
-    pressed: np.ndarray
-    load_variance: np.ndarray
-    variance: np.ndarray
-    heat: np.ndarray
-    heated: np.ndarray
-    lost: np.ndarray
-    force: np.ndarray
-    moment: np.ndarray
-    normal: np.ndarray
-    centre: np.ndarray
-
-
-def pad_loads_python(
-    readings: Readings,
-    places: Places,
-    gain: float,
-    share: np.ndarray,
-    sums: PadSums,
-    out: PadLoads,
-) -> None:
-    """Sum the loads of each pad's units, with estimates for silent ones."""
-    _sum_valid(readings, places, share, out.load_n, sums)
-    _add_lost(readings, places.pad, share, sums)
-    for pad in range(sums.load.size):
-        _finish(sums, pad, out)
-    for i in range(share.size):
-        pad = places.pad[i]
-        if pad >= 0 and _is_heard(readings, i) and out.load_n[pad] > SHARE_LOAD_N:
-            now = readings.force[2, i] / out.load_n[pad]
-            share[i] = now if np.isnan(share[i]) else share[i] + gain * (now - share[i])
-
-
-@jitable
-def _is_heard(readings, i):
-    """Whether a unit reports a finite force."""
-    force = readings.force[0, i] + readings.force[1, i] + readings.force[2, i]
-    return readings.valid[i] and np.isfinite(force)
-
-
-@jitable
-def _sum_valid(readings, places, share, last_n, sums):
-    """Sums over the valid units."""
-    for row in (sums.load, sums.pressed, sums.load_variance, sums.variance, sums.heat, sums.heated):
-        row[:] = 0.0
-    for rows in (sums.force, sums.moment, sums.normal, sums.centre):
-        rows[:] = 0.0
-    for i in range(places.pad.size):
-        pad = places.pad[i]
-        if pad < 0 or not _is_heard(readings, i):
-            continue
-        load = readings.force[2, i]
-        pressed = max(load, 0.0)
-        sums.load[pad] += load
-        sums.pressed[pad] += pressed
-        sums.load_variance[pad] += readings.force_sigma[2, i] ** 2
-        least = PRESSED * readings.force_sigma[2, i]
-        is_pressed = not load < least or share[i] * last_n[pad] > 0.2 * least
-        if is_pressed:
-            across = readings.force_sigma[0, i] ** 2 + readings.force_sigma[1, i] ** 2
-            sums.variance[pad] += 0.5 * across
-        if np.isfinite(readings.temperature[i]):
-            sums.heat[pad] += pressed * readings.temperature[i]
-            sums.heated[pad] += pressed
-        fx = readings.force[0, i] if is_pressed else 0.0
-        fy, fz = readings.force[1, i] if is_pressed else 0.0, readings.force[2, i]
-        turn = places.rotation[:, :, i]
-        x = turn[0, 0] * fx + turn[0, 1] * fy + turn[0, 2] * fz
-        y = turn[1, 0] * fx + turn[1, 1] * fy + turn[1, 2] * fz
-        z = turn[2, 0] * fx + turn[2, 1] * fy + turn[2, 2] * fz
-        at_x, at_y, at_z = places.position[0, i], places.position[1, i], places.position[2, i]
-        sums.force[0, pad] += x
-        sums.force[1, pad] += y
-        sums.force[2, pad] += z
-        sums.moment[0, pad] += at_y * z - at_z * y
-        sums.moment[1, pad] += at_z * x - at_x * z
-        sums.moment[2, pad] += at_x * y - at_y * x
-        for a in range(3):
-            sums.normal[a, pad] += pressed * turn[a, 2]
-            sums.centre[a, pad] += pressed * places.position[a, i]
-
-
-@jitable
-def _add_lost(readings, pad_of, share, sums):
-    """Fractions of the load on units that are not valid."""
-    for pad in range(sums.lost.size):
-        total, count = 0.0, 0
-        for i in range(share.size):
-            if pad_of[i] == pad and not np.isnan(share[i]):
-                total += share[i]
-                count += 1
-        mean = total / count if count else 1.0
-        lost, whole = 0.0, 0.0
-        for i in range(share.size):
-            if pad_of[i] == pad:
-                own = mean if np.isnan(share[i]) else share[i]
-                whole += own
-                lost += 0.0 if _is_heard(readings, i) else own
-        sums.lost[pad] = lost / whole if whole > 0.0 else 0.0
-
-
-@jitable
-def _finish(sums, pad, out):
-    """Add the estimates of lost units, and split the force into normal and shear."""
-    heard = min(max(1.0 - sums.lost[pad], 0.0), 1.0)
-    scale = 1.0 / heard if heard >= LEAST_HEARD else np.nan
-    force, moment = sums.force[:, pad], sums.moment[:, pad]
-    normal, centre = sums.normal[:, pad], sums.centre[:, pad]
-    pressed = sums.pressed[pad]
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    share = scale / length if length > 0.0 else 0.0
-    along = share * (force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2])
-    for a in range(3):
-        out.force_n[a, pad] = scale * force[a]
-        out.moment_nm[a, pad] = scale * moment[a]
-        out.centre_m[a, pad] = centre[a] / pressed if pressed > 0.0 else np.nan
-        out.shear_n[a, pad] = out.force_n[a, pad] - (along * normal[a] / length if length else 0.0)
-    twist = 0.0
-    if length > 0.0:
-        cx, cy, cz = centre[0] / pressed, centre[1] / pressed, centre[2] / pressed
-        twist += normal[0] * (moment[0] - cy * force[2] + cz * force[1])
-        twist += normal[1] * (moment[1] - cz * force[0] + cx * force[2])
-        twist += normal[2] * (moment[2] - cx * force[1] + cy * force[0])
-    out.torsion_nm[pad] = share * twist
-    out.load_n[pad] = scale * sums.load[pad]
-    filled = 0.5 * (scale - 1.0)
-    size = force[0] ** 2 + force[1] ** 2 + force[2] ** 2
-    out.load_sigma_n[pad] = np.sqrt(
-        scale**2 * sums.load_variance[pad] + (filled * sums.load[pad]) ** 2
+    try:
+        vector = np.array(value, float)
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
+    length = float(np.linalg.norm(vector))
+    if vector.shape == (3,) and math.isfinite(length) and length > 1e-9:
+        return vector / length
+    raise OptionError(
+        f"{where}: must be three numbers (x, y, z), not all of them 0; got {shown(value)}"
     )
-    out.force_sigma_n[pad] = np.sqrt(scale**2 * sums.variance[pad] + filled**2 * size)
-    out.heard[pad] = heard
-    heated = sums.heated[pad]
-    out.temperature_c[pad] = sums.heat[pad] / heated if heated > 0.0 else np.nan
-
-
-pad_loads = compiled(pad_loads_python, fastmath={"contract"})

@@ -12,8 +12,8 @@ until the felt load rises again is the response time of the gripper.
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 
@@ -25,27 +25,21 @@ __all__ = ["Outcome", "Probe"]
 WAIT_S, MEAN_S = 0.12, 0.16
 """Duration after which a load is steady, and of its mean [derived: noise of two pads of 16 units,
 0.035 N, in a mean over 40 cycles is 0.006 N]."""
-
 STEADY = 4.0
 """Largest deviation of a steady load from its mean, sigmas [assumed]."""
-
 CHANGED = 0.05
 """Relative change of the load over a dip, beyond noise, above which it is not learned from."""
-
 SLIDE_M, MOST_SLIDE_M = 1e-3, 2.5e-3
 """Slide that a dip may cost, root mean square, and a probe [assumed]."""
-
 FIRST_S, LONGEST_S = 0.016, 0.12
 """Duration of the first dip, and of the longest [assumed]."""
-BRAKE_S = 0.05
-"""Duration of the harder grip after a dip, which brakes a slide [assumed]."""
+BRAKE_S, SETTLE_S = 0.05, 0.06
+"""Duration of the harder grip after a dip, which brakes a slide, and of the rest after it
+[assumed]."""
 SLIDES = 0.1
 """Probability of a slide above which braking goes on, harder and harder [assumed]."""
-SETTLE_S = 0.06
-"""After that, until pads have come to rest [assumed]."""
 UNKNOWN_S = 0.1
 """Response time of a gripper of which nothing is known, for the wait after a dip [assumed]."""
-
 ENOUGH = 0.1
 """Median of friction over its lower bound, minus one, at which a probe ends: less than the other
 parts of a margin [assumed]."""
@@ -57,10 +51,9 @@ of the wanted grip; where less than `REACHED` of it is felt, the next dip is `LO
 slide is budgeted for a gripper that follows at once."""
 STEP = 1.4
 """A dip's ratio of loads over what is known to hold, at most [assumed]."""
-UNFOLLOWED = 3
-"""Dips that the felt load does not show, after which the probe ends."""
-LEAST_DEPTH = 0.1
-"""Share of the wanted depth that the felt load must show."""
+UNFOLLOWED, LEAST_DEPTH = 3, 0.1
+"""Dips that the felt load does not show, after which the probe ends; share of the wanted depth that
+it must show."""
 
 
 class Outcome(StrEnum):
@@ -74,6 +67,14 @@ class Outcome(StrEnum):
 class Probe:
     """Waits for an object that hangs still, and dips until its friction is known.
 
+    Parameters
+    ----------
+    period_s : float
+    safety : float
+        Relative margin of the grip between dips.
+    least_n, most_n : float
+        Newton: bounds of the grip.
+
     Attributes
     ----------
     command_n : float
@@ -82,11 +83,11 @@ class Probe:
         From a command until half of it is felt; NaN until a dip has shown it.
     """
 
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._wait, self._mean = round(WAIT_S / period_s), round(MEAN_S / period_s)
-        self.response_s = math.nan
-        self._pulse, self._unfollowed = FIRST_S, 0
+    def __init__(self, period_s: float, safety: float, least_n: float, most_n: float) -> None:
+        self._period_s, self._safety, self._least_n, self._most_n = (
+            period_s, safety, least_n, most_n,
+        )  # fmt: skip
+        self.response_s, self._pulse_s, self._unfollowed = math.nan, FIRST_S, 0
         self.restart()
 
     @property
@@ -96,138 +97,112 @@ class Probe:
 
     def restart(self) -> None:
         """Abort and wait for a load at rest."""
-        self.command_n = math.nan
-        self._count, self._mean_n, self._borne_n = 0, 0.0, 0.0
-        self._dips, self._elapsed_s, self._slid_m = 0, 0.0, 0.0
-        self._loads: list[float] = []
-        self._shears: list[float] = []
-        self._brake_n = self._low_n = 0.0
-        self._braked_s = math.nan
+        self.command_n, self._course = math.nan, None
 
-    def update(
-        self, load_n: float, demand: Demand, friction: Friction, safety: float, least_n: float,
-        most_n: float,
-    ) -> Outcome | None:  # fmt: skip
-        """Process a cycle; returns the outcome when there is one.
-
-        Parameters
-        ----------
-        load_n : float
-            Newton by pad, of this cycle.
-        demand : Demand
-            Of this cycle.
-        friction : Friction
-            Learns.
-        safety : float
-            Relative margin of the grip between dips.
-        least_n, most_n : float
-            Newton: bounds of the grip.
-        """
-        if not self.dips:
-            self._watch(demand)
-            if self._count < self._wait + self._mean:
-                return None
-            self._borne_n = demand.borne_n
-            return self._next(load_n, friction, least_n, most_n)
-        self._elapsed_s += self._period_s
-        self._loads.append(load_n)
-        self._shears.append(demand.pull_n / self._mean_n)
-        noise = demand.sigma_n / self._mean_n
-        friction.watch(self._borne_n, load_n, self._shears[-1], noise)
-        since_s = self._period_s * len(self._loads)
-        # An unnoticed slide ends at this grip, too.
-        rest_n = (1.0 + safety) * self._borne_n / friction.quantile(SLIDES, kinetic=True)
-        rest_n = max(rest_n, demand.forecast_n / friction.quantile(0.5))  # somebody may pull
-        rest_n = self.command_n = min(max(rest_n, least_n), most_n)
-        known_s = UNKNOWN_S if math.isnan(self.response_s) else self.response_s
-        if since_s < self._pulse:
-            self.command_n = self._low_n
-            return None
-        if math.isnan(self._braked_s):
-            self.command_n = min(max(self._brake_n, rest_n), most_n)
-            if since_s < self._pulse + known_s + BRAKE_S:
-                return None
-            if friction.slides > SLIDES:
-                self._brake_n *= math.exp(BRAKES * self._period_s / BRAKE_S)
-                return None
-            self._braked_s = since_s
-            self.command_n = rest_n
-        if since_s < self._braked_s + known_s + SETTLE_S:
-            return None
-        return self._ends(noise, friction, least_n, most_n)
-
-    def _watch(self, demand: Demand) -> None:
-        """Average a steady load."""
-        self._count += 1
-        self._mean_n += (demand.pull_n - self._mean_n) / min(self._count, self._mean)
-        if abs(demand.pull_n - self._mean_n) > STEADY * demand.sigma_n:
-            self._count = 0
-
-    def _ends(
-        self, noise: float, friction: Friction, least_n: float, most_n: float
-    ) -> Outcome | None:
-        """A dip is over: learn from it, and begin the next."""
-        last = round(SETTLE_S / self._period_s) // 2
-        after = float(np.mean(self._shears[-last:]))
-        if abs(after - 1.0) > CHANGED + STEADY * noise / math.sqrt(last):
-            if after < 1.0:
-                friction.take()
+    def update(self, load_n: float, demand: Demand, friction: Friction) -> Outcome | None:
+        """Process a cycle, with the grip by pad, newton; returns the outcome when there is one."""
+        self._load_n, self._demand, self._friction = load_n, demand, friction
+        if self._course is None:
+            self._course = self._probed()
+        try:
+            self.command_n = next(self._course)
+        except StopIteration as end:
             self.restart()
-            return Outcome.DISTURBED
-        self._measure()
-        self._slid_m += friction.take()
-        if self._unfollowed >= UNFOLLOWED:
-            self.restart()
-            return Outcome.UNFOLLOWED
-        return self._next(float(np.mean(self._loads[-last:])), friction, least_n, most_n)
-
-    def _measure(self) -> None:
-        """How deep, how late and how long the felt load fell."""
-        loads = np.array(self._loads)
-        before = max(float(loads[0]), 1e-3)
-        lowest = int(np.argmin(loads))
-        depth, wanted = before - float(loads[lowest]), before - self._low_n
-        if depth < LEAST_DEPTH * wanted:
-            self._unfollowed += 1
-        half = before - 0.5 * depth
-        back = lowest + int(np.argmax(loads[lowest:] > half))
-        if depth > 0.1 * before and back > lowest:
-            self.response_s = max(self._period_s * back - self._pulse, self._period_s)
-        if depth < REACHED * wanted:
-            self._pulse = min(LONGER * self._pulse, LONGEST_S)
-
-    def _next(
-        self, load_n: float, friction: Friction, least_n: float, most_n: float
-    ) -> Outcome | None:
-        """Plan a dip, or end."""
-        borne_n = self._borne_n
-        lower, median = friction.quantile(LOWER), friction.quantile(0.5)
-        steepest = min(median, STEP * lower)
-        wanted_n = self._target(friction, load_n, borne_n, steepest, least_n)
-        done = median / lower - 1.0 <= ENOUGH or wanted_n > 0.97 * borne_n / lower
-        done |= self._slid_m > MOST_SLIDE_M
-        if done or self._dips >= MOST_DIPS or self._elapsed_s > MOST_S:
-            self.restart()
-            return Outcome.DONE
-        self._dips += 1
-        self._low_n = float(_deeper(wanted_n, load_n))
-        brakes = (1.0 + BRAKES) / friction.kinetic_if_slides(self._low_n / borne_n)
-        self._brake_n = min(brakes * borne_n, most_n)
-        self.command_n = self._low_n
-        self._loads, self._shears, self._braked_s = [], [], math.nan
-        friction.begin()
+            return end.value
         return None
 
-    def _target(
-        self, friction: Friction, load_n: float, borne_n: float, ratio: float, least_n: float
-    ) -> float:
-        """Grip of the next dip: half of the posterior holds, and the slide is within its budget."""
-        grips = np.geomspace(1.0 / ratio, 1.0 / friction.quantile(LOWER), 24)
-        slides = friction.slide_m(_deeper(grips, load_n / borne_n), self._pulse)
-        allowed = grips[slides <= SLIDE_M]
-        return max(borne_n * float(allowed[0] if allowed.size else grips[-1]), least_n)
+    def _probed(self) -> Generator[float, None, Outcome]:
+        """The commands, a cycle a yield."""
+        wait, mean = round(WAIT_S / self._period_s), round(MEAN_S / self._period_s)
+        count, mean_n = 0, 0.0
+        while count < wait + mean:
+            demand, count = self._demand, count + 1
+            mean_n += (demand.pull_n - mean_n) / min(count, mean)
+            if abs(demand.pull_n - mean_n) > STEADY * demand.sigma_n:
+                count = 0
+            if count < wait + mean:
+                yield math.nan
+        borne_n, before_n = self._demand.borne_n, self._load_n
+        elapsed_s = slid_m = 0.0
+        for _ in range(MOST_DIPS):
+            low_n = self._low_n(borne_n, before_n)
+            if math.isnan(low_n) or slid_m > MOST_SLIDE_M or elapsed_s > MOST_S:
+                break
+            loads, shears = yield from self._dip(low_n, borne_n, mean_n)
+            elapsed_s += self._period_s * len(loads)
+            last = round(SETTLE_S / self._period_s) // 2
+            after, noise = float(np.mean(shears[-last:])), self._demand.sigma_n / mean_n
+            if abs(after - 1.0) > CHANGED + STEADY * noise / math.sqrt(last):
+                if after < 1.0:
+                    self._friction.take()
+                return Outcome.DISTURBED
+            self._measure(np.array(loads), low_n)
+            slid_m += self._friction.take()
+            if self._unfollowed >= UNFOLLOWED:
+                return Outcome.UNFOLLOWED
+            before_n = float(np.mean(loads[-last:]))
+        return Outcome.DONE
+
+    def _low_n(self, borne_n: float, load_n: float) -> float:
+        """Command of the next dip; NaN where none is needed. Half of the posterior holds, and the
+        slide is within its budget."""
+        friction = self._friction
+        lower, median = friction.quantile(LOWER), friction.quantile(0.5)
+        grips = np.geomspace(1.0 / min(median, STEP * lower), 1.0 / lower, 24)
+        slides_m = friction.slide_m(_deeper(grips, load_n / borne_n), self._pulse_s)
+        allowed = grips[slides_m <= SLIDE_M]
+        wanted_n = max(borne_n * float(allowed[0] if allowed.size else grips[-1]), self._least_n)
+        if median / lower - 1.0 <= ENOUGH or wanted_n > 0.97 * borne_n / lower:
+            return math.nan
+        return float(_deeper(np.array(wanted_n), load_n))
+
+    def _dip(
+        self, low_n: float, borne_n: float, mean_n: float
+    ) -> Generator[float, None, tuple[list[float], list[float]]]:
+        """Dip, brake, settle; loads, and tangential loads over that before, of its cycles."""
+        friction, most_n = self._friction, self._most_n
+        loads, shears, braked_s = [], [], math.nan
+        brakes = (1.0 + BRAKES) / friction.kinetic_if_slides(low_n / borne_n)
+        brake_n, command_n = min(brakes * borne_n, most_n), low_n
+        known_s = UNKNOWN_S if math.isnan(self.response_s) else self.response_s
+        friction.begin()
+        while True:
+            yield command_n
+            demand = self._demand
+            loads.append(self._load_n)
+            shears.append(demand.pull_n / mean_n)
+            friction.watch(borne_n, self._load_n, shears[-1], demand.sigma_n / mean_n)
+            since_s = self._period_s * len(loads)
+            if since_s < self._pulse_s:
+                continue
+            # An unnoticed slide ends at this grip, too; and somebody may pull.
+            rest_n = (1.0 + self._safety) * borne_n / friction.kinetic_quantile(SLIDES)
+            rest_n = max(rest_n, demand.forecast_n / friction.quantile(0.5))
+            command_n = rest_n = min(max(rest_n, self._least_n), most_n)
+            if math.isnan(braked_s):
+                command_n = min(max(brake_n, rest_n), most_n)
+                if since_s < self._pulse_s + known_s + BRAKE_S:
+                    continue
+                if friction.slides > SLIDES:
+                    brake_n *= math.exp(BRAKES * self._period_s / BRAKE_S)
+                    continue
+                braked_s, command_n = since_s, rest_n
+            if since_s >= braked_s + known_s + SETTLE_S:
+                return loads, shears
+
+    def _measure(self, loads: np.ndarray, low_n: float) -> None:
+        """How deep, how late and how long the felt load fell."""
+        before_n = max(float(loads[0]), 1e-3)
+        lowest = int(np.argmin(loads))
+        depth_n, wanted_n = before_n - float(loads[lowest]), before_n - low_n
+        self._unfollowed += depth_n < LEAST_DEPTH * wanted_n
+        back = lowest + int(np.argmax(loads[lowest:] > before_n - 0.5 * depth_n))
+        if depth_n > 0.1 * before_n and back > lowest:
+            self.response_s = max(self._period_s * back - self._pulse_s, self._period_s)
+        if depth_n < REACHED * wanted_n:
+            self._pulse_s = min(LONGER * self._pulse_s, LONGEST_S)
 
 
-def _deeper(wanted_n: Any, load_n: float) -> Any:
+def _deeper(wanted_n: np.ndarray, load_n: float) -> np.ndarray:
     """Command of a dip from one load to another."""
     return np.maximum(wanted_n - DEEPER * (load_n - wanted_n), DEEPEST * wanted_n)

@@ -14,19 +14,9 @@ import numpy as np
 import tyro
 
 from skin.cli import options
-from skin.cli.demo_picture import check_picture
 from skin.cli.table import facts
 
-__all__ = ["SUBCOMMANDS", "demo", "errors_against_truth"]
-
-SUBCOMMANDS = {
-    "grasp": "skin.cli.demo_grasp:demo_grasp",
-    "gesture": "skin.cli.demo_gesture:demo_gesture",
-    "pva": "skin.cli.demo_pva:demo_pva",
-    "tea": "skin.cli.demo_tea:demo_tea",
-    "grip": "skin.cli.demo_grip:demo_grip",
-}
-"""Words that stand for commands of their own: module and function."""
+__all__ = ["demo", "errors_against_truth"]
 
 LOADED_N = 0.05
 """True normal load above which a unit counts as loaded in the force error."""
@@ -62,19 +52,20 @@ def demo(
 
     A sphere presses, slides and lifts all over the units. The picture shows the forces, the wrench
     and the centre of pressure with the true ones; it needs matplotlib, all else does not.
-
-    Other demos, each with its own --help: skin demo grasp, gesture, pva, tea, grip.
     """
     import skin
     from skin.contact.record import SlipState
-    from skin.errors import LibraryError
+    from skin.errors import LibraryError, OptionError
+    from skin.view.kinds import PICTURE
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
     from topology import load
 
     _check_word(file)
     options.check_seconds(seconds, at_most=3600.0)
-    check_picture(picture)
+    options.check_folder("--picture", picture, PICTURE)
+    if picture.suffix.lower() != ".png":
+        raise OptionError(f"--picture: must be a file that ends with .png; got '{picture}'")
     options.check_seconds(view_seconds, option="--view-seconds")
     loaded = load(file)
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
@@ -121,13 +112,13 @@ def demo(
 
 
 def _check_word(file: str) -> None:
-    """Refuse what is neither a file, nor like a topology that is built in, nor another demo."""
+    """Refuse what is neither a file, nor like a topology that is built in."""
     from skin.errors import OptionError
     from topology import builtin
 
     is_word = not Path(file).suffix and not Path(file).exists()
     if is_word and not get_close_matches(file, builtin, n=1):
-        raise OptionError.unknown("skin demo", file, [*builtin, *SUBCOMMANDS])
+        raise OptionError.unknown("skin demo", file, builtin)
 
 
 def _offer_view(file: str, seed: int, seconds: float | None) -> None:

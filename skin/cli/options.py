@@ -80,7 +80,7 @@ Json = Annotated[bool, quiet("end with one JSON object")]
 Fast = Annotated[bool, quiet("as fast as possible instead of in real time")]
 
 Picture = Annotated[Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")]
-"""See `skin.cli.demo_picture.check_picture`."""
+"""A PNG file."""
 
 Listening = Annotated[float, tyro.conf.arg(metavar="SECONDS", help="how long to listen")]
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from benchmarks.brush_pads import FACES, Body, Pads, law_of
-from skin.demos.simulated_gripper import SimulatedGripper
+from shared.gripper import SimulatedGripper
 from skin.grasp.object import GraspObject
 from skin.grasp.world import grasp
 

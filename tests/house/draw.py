@@ -15,7 +15,6 @@ PICTURE = ROOT / "docs" / "pictures" / "imports.svg"
 PLACES = {
     "cli": (1.6, 0),
     "view": (0.8, 1),
-    "demos": (2.9, 0),
     "behaviours": (4.0, 0),
     "grasp": (3.1, 1),
     "opening": (2.1, 1),
@@ -53,8 +52,7 @@ NOTES = {
     "robot": "joints, mounting",
     "moving": "where units are",
     "grasp": "a hand in MuJoCo",
-    "demos": "stories, people, flames",
-    "behaviours": "grip, gestures, pouring",
+    "behaviours": "grip, gestures, handover",
     "opening": "opens the buses",
     "offline": "logs to states",
     "blocks": "many cycles at once",

@@ -57,8 +57,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "blocks": COMMON | {"pipeline", "contact", "cycle"},
     "offline": COMMON | {"pipeline", "compiling", "blocks", "sinks"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker", "sinks", "io", "robot"},
-    "behaviours": COMMON | {"contact", "decode", "physics"},
-    "demos": COMMON | {"contact", "behaviours", "grasp", "physics", "sim", "live", "opening"},
+    "behaviours": COMMON | {"contact"},
     "grasp": COMMON | {"physics", "contact", "sim", "live", "opening"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
@@ -77,7 +76,6 @@ TYPE_ONLY = {
     ("calibrate", "pipeline"),  # what learns is a sink of a pipeline
     ("sinks", "pipeline"),  # that calls them
     ("live", "io"),  # a Skin names its recorder
-    ("view", "demos"),  # pictures draw what demos have noted
     ("sim", "grasp"),  # its world is found under `skin.sim`, and opens a skin
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""

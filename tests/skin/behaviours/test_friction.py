@@ -110,7 +110,7 @@ def test_the_slide_that_a_dip_may_cost_is_at_least_that_of_the_block():
     friction = Friction(0.25, PERIOD_S)
     friction._log[:] = np.where(abs(friction.static - 0.6) < 0.02, 0.0, -50.0)
     friction._log[friction.kinetic < 0.75 * friction.static] = -50.0
-    friction._weigh()
+    friction._learn(0.0)
     low = 1.25 / 0.6 * 0.7
     _, way = hung(0.6, 0.5, dip(low, 1.6 * low))
     assert friction.slide_m(np.array([low]), 0.024)[0] == pytest.approx(way, rel=0.6)

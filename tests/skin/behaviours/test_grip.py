@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from skin.behaviours.grip import GripControl, Phase
-from skin.behaviours.grip_parameters import GripParameters
+from skin.behaviours.grip import GripControl, GripParameters, Phase
 from skin.errors import OptionError
 from tests.skin.behaviours.pinch import PERIOD_S, Pinch
 

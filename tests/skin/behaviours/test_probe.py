@@ -29,7 +29,8 @@ class Played:
         stuck=False, least_n=0.4,
     ):  # fmt: skip
         rng, self.friction = np.random.default_rng(seed), Friction(0.25, PERIOD_S)
-        self.probe, self.slid_m, self.outcome, self.commands = Probe(PERIOD_S), 0.0, None, []
+        self.probe = Probe(PERIOD_S, 0.05, least_n, 20.0)
+        self.slid_m, self.outcome, self.commands = 0.0, None, []
         self.began = -1
         queue, grip_n, speed = deque([START_N] * (delay + 1)), START_N, 0.0
         for self.cycle in range(1500):
@@ -44,7 +45,7 @@ class Played:
             self.speed = speed
             felt = Felt(drag_n + rng.normal(0.0, SIGMA_N))
             load_n = grip_n + rng.normal(0.0, 0.02)
-            self.outcome = self.probe.update(load_n, felt, self.friction, 0.05, least_n, 20.0)
+            self.outcome = self.probe.update(load_n, felt, self.friction)
             rest_n = 1.05 * HUNG_N / self.friction.quantile(LOWER)
             command_n = self.probe.command_n if self.probe.dips else min(rest_n, START_N)
             self.commands.append(command_n)

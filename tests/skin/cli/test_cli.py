@@ -62,7 +62,6 @@ def test_every_command_has_help(name, capsys):
     ("arguments", "message"),
     [
         (["demo", "plam"], "nearest: 'palm'"),
-        (["demo", "pvaa"], "nearest: 'pva'"),
         (["demo", "--picture", "x.docx"], "--picture: must be a file that ends with .png"),
         (["demo", "--seconds", "-1"], "--seconds: must be above 0"),
         (["run", "palm", "--seconds", "0"], "--seconds: must be above 0"),
@@ -416,7 +415,7 @@ def test_help_of_a_flag_that_turns_off_says_what_it_leaves_out(name, capsys, mon
         assert re.match(r"do not|leave ", first), first
 
 
-@pytest.mark.parametrize("name", ["calibrate", "demo", "export"])
+@pytest.mark.parametrize("name", ["calibrate", "export"])
 def test_help_of_a_command_names_its_own_commands(name, capsys):
     module = importlib.import_module(f"skin.cli.{name}")
     text = help_of(name, capsys)
@@ -536,10 +535,3 @@ def test_an_unknown_topology_is_refused_alike(name, capsys, tmp_path):
         "plam: must be a file or a ready-made topology (fingertip, gripper, hand, palm, strip); "
         "got no such file; nearest: 'palm'\n"
     )
-
-
-def test_the_help_of_demo_names_all_demos(capsys):
-    with pytest.raises(SystemExit):
-        main(["demo", "--help"])
-    told = capsys.readouterr().out
-    assert all(word in told for word in ("grasp", "gesture", "pva", "tea", "grip"))

@@ -57,13 +57,7 @@ WRITERS = {
             "--simulate",
         ],
     ),
-    **{
-        f"picture of {demo}": (
-            "a.png",
-            lambda file, tmp, demo=demo: ["demo", demo, "--picture", file],
-        )
-        for demo in ("palm", "gesture", "grasp", "grip", "pva", "tea")
-    },
+    "picture": ("a.png", lambda file, tmp: ["demo", "--picture", file]),
     "view": ("a.html", lambda file, tmp: ["view", "strip", "--export", file, *SIMULATED]),
     "bus": ("strip-main.dbc", lambda file, tmp: ["dbc", "strip", "-o", str(tmp)]),
 }
