@@ -1,8 +1,8 @@
 """Damaged logs whose truth is known: what each file still says, whoever reads it.
 
 Bytes are changed only in ways that leave no other well-formed log behind, since a reader cannot
-know of those: text gets bytes that no line has, loses or gains half a byte or a whole one beside its
-length, and whole lines; the contents of containers and blocks with checksums are flipped, those
+know of those: text gets bytes that no line has, loses or gains half a byte or a whole one beside
+its length, and whole lines; the contents of containers and blocks with checksums are flipped, those
 without only where they hold structure. Heads of texts, which say how all lines are read, stay.
 """
 
