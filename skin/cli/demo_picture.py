@@ -12,7 +12,7 @@ __all__ = ["check_picture"]
 def check_picture(picture: Path) -> None:
     """Refuse what is no PNG file in a folder that exists, before the work and not after."""
     from skin.errors import OptionError
-    from skin.view.kinds import PICTURE
+    from skin.view.plots import PICTURE
 
     options.check_folder("--picture", picture, PICTURE)
     if picture.suffix.lower() != ".png":
