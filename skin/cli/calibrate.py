@@ -60,7 +60,7 @@ def calibrate(
     from skin.calibrate.bench.run import calibrate_bench
     from skin.compiling import announcer
     from skin.errors import SkinError
-    from skin.view.kinds import REPORT
+    from skin.view.calibration import REPORT
 
     options.check_folder("--report", report, REPORT)
     if output is not None and not output.is_dir():

@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -41,9 +40,6 @@ LookAt = Annotated[
 ]
 Of = Annotated[str | None, options.quiet("topology of the log that FILE is", metavar="FILE")]
 Simulate = Annotated[bool, options.quiet("show simulated units, on no bus of the file")]
-Export = Annotated[
-    Path | None, options.quiet("at the end, write the last 10 s as one page", metavar="FILE.html")
-]
 Host = Annotated[
     str, tyro.conf.arg(metavar="HOST", help="address of this machine; others let others in")
 ]
@@ -68,24 +64,21 @@ def view(
     seed: options.Seed = None,
     host: Host = "127.0.0.1",
     port: Port = None,
-    export: Export = None,
     json: options.Json = False,
 ) -> int:
     """Show what the skin feels in a browser: loads, forces, contacts, slip, health.
 
     Prints the address, and serves it until Ctrl-C, or for a time. With `--simulate` a sphere
     presses, slides and lifts all over simulated units, or a scene is played. What `skin record` has
-    recorded, or a log, is played as fast as it was; its last minute can be gone through then.
+    recorded, or a log, is played as fast as it was.
     Exits with 1 if the process of the view ends, or a recording holds no cycle or is damaged.
     """
     import skin
     from skin.errors import SkinError
     from skin.view import show
-    from skin.view.kinds import PAGE
     from topology import load
 
     options.check_seconds(seconds)
-    options.check_folder("--export", export, PAGE)
     check_simulated(simulate, scene, seed, sync, interface, channel)
     is_recorded = topology is not None or is_recording(file)
     if is_recorded and simulate:
@@ -121,14 +114,11 @@ def view(
             if shown.failure is None:
                 shown.fail()
             faults.append(str(shown.failure))
-        elif export is not None:
-            shown.export(export)
         report = tally.report() | {
             "topology": source.topology.name,
             "address": shown.address,
             "snapshots": shown.snapshots.taken,
             "snapshots_missed": shown.snapshots.missed,
-            "page": None if export is None or not shown.alive else str(export.resolve()),
             "faults": faults,
         }
     print(json_text.dumps(report) if json else _table(report))
@@ -215,6 +205,5 @@ def _table(report: dict[str, Any]) -> str:
         "cycles": "{cycles}",
         "snapshots": "{snapshots}, {snapshots_missed} missed",
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
-        "page": "{page}",
     }
-    return facts(rows, report | {"page": report["page"] or "none"})
+    return facts(rows, report)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skin.errors import check_number
@@ -11,7 +9,7 @@ from skin.sinks import WorkerSink
 from skin.state import State
 from skin.view.layout import described_layout
 from skin.view.server import check_installed
-from skin.view.snapshot import RATE_HZ, Snapshots, snapshot_dtype
+from skin.view.snapshot import Snapshots, snapshot_dtype
 from skin.worker import RingBuffer
 
 if TYPE_CHECKING:
@@ -23,9 +21,6 @@ __all__ = ["HOST", "View", "show"]
 HOST = "127.0.0.1"
 SLOTS = 8
 """Snapshots that may wait for the view, as a time span: a quarter of a second."""
-KEPT_S = 60.0
-MOST_BYTES = 2**28
-"""Time span of the stored snapshots."""
 LISTED = 6
 """Refused units that are named."""
 
@@ -47,14 +42,12 @@ class View(WorkerSink):
         super().__init__("view", pipeline)
         self._source, topology = source, source.topology
         timing = getattr(source, "timing", None)
-        dtype = snapshot_dtype(topology, pipeline.contact_capacity)
-        self._ring = RingBuffer(dtype, SLOTS)
+        self._ring = RingBuffer(snapshot_dtype(topology, pipeline.contact_capacity), SLOTS)
         self.snapshots = Snapshots(self._ring, pipeline, timing, getattr(source, "transports", ()))
         self._calls, self._zeros = 0, _summary(pipeline)
         self.address: str = self.start("skin.view.process", self._ring, {
             "host": host, "port": port, "layout": described_layout(topology),
             "rate_hz": topology.cycle_rate_hz, "is_live": timing is not None,
-            "kept": min(round(KEPT_S * RATE_HZ), max(60, MOST_BYTES // dtype.itemsize)),
         }, "address")["address"]  # fmt: skip
 
     def state(self, state: State) -> None:
@@ -88,24 +81,6 @@ class View(WorkerSink):
     def waiting(self) -> int:
         """Snapshots that the view has not read yet."""
         return self._ring.waiting
-
-    def export(self, file: str | os.PathLike[str], seconds: float = 10.0) -> None:
-        """Write the current picture, and the seconds before it, as one HTML file; blocks until
-        done.
-
-        Parameters
-        ----------
-        file : path
-        seconds : float
-            0 for a single snapshot.
-
-        Raises
-        ------
-        SkinError
-            The file cannot be written, or the view has ended.
-        """
-        check_number("seconds", seconds, 0.0, KEPT_S)
-        self._worker.ask("export", file=str(Path(file).absolute()), seconds=float(seconds))
 
     def __enter__(self) -> View:
         return self

@@ -9,12 +9,13 @@ import numpy as np
 
 from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.run import Outcome
-from skin.view.kinds import REPORT
 from skin.view.picture import Chart, charts_svg
-from topology.files import whole_file
+from topology.files import marked, whole_file
 
 __all__ = ["write_report"]
 
+REPORT = marked("a report of a calibration", b"<title>Calibration of ")
+"""Files that reports may overwrite."""
 MOST_POINTS = 800
 STYLE = """body { font: 14px/1.45 system-ui, sans-serif; color: #1b1f24; margin: 2em auto;
  max-width: 1180px; padding: 0 1em } table { border-collapse: collapse; margin: .6em 0 }

@@ -3,6 +3,10 @@
 The scale is cividis: it runs from dark blue to yellow, and colour-blind readers see nearly the same
 (Nuñez, Anderton, Renslow 2018, doi:10.1371/journal.pone.0199239). Units that are not valid have a
 colour that is not on the scale for any reader, and a cross.
+
+The renderer of the browser applies lights and the film curve ACES, in the fit of Stephen Hill, as
+in three.js (`ACESFilmicToneMapping`): a yellow of the scale would appear olive, and the picture
+would not fit its legend. `rendered` is the inverse of both.
 """
 
 from __future__ import annotations
@@ -17,15 +21,9 @@ from skin.state import INVALID, Status
 from topology import CHANNELS
 
 __all__ = [
-    "INVALID_COLOUR",
-    "OFF_COLOUR",
-    "QUANTITIES",
-    "Quantity",
-    "Range",
-    "colours",
-    "is_on",
-    "valid",
-]
+    "AMBIENT", "DIRECTED", "INVALID_COLOUR", "OFF_COLOUR", "QUANTITIES", "Quantity", "Range",
+    "colours", "is_on", "rendered", "rendered_mesh", "valid",
+]  # fmt: skip
 
 INVALID_COLOUR = (120, 220, 240)
 """Colour of units that are not valid."""
@@ -171,3 +169,56 @@ def colours(values: np.ndarray, is_valid: np.ndarray, low: float, high: float) -
     return np.where(is_shown[:, np.newaxis], np.rint(cividis(share)), INVALID_COLOUR).astype(
         np.uint8
     )
+
+
+AMBIENT, DIRECTED = 4.3, 0.7
+"""Lights: an even one, and one from above, which makes edges visible."""
+LIT = AMBIENT + 0.8 * DIRECTED
+"""Sum of both on a face towards the light [calibrated: a grey in viser 1.1]."""
+EXPOSURE = 1.0 / (0.6 * np.pi)
+"""Input of the curve over colour times light [derived: a matt face, and the exposure of the
+fit]."""
+BRIGHTEST = 0.85
+"""Fraction of the curve's range. More needs more light, and leaves dark colours fewer steps of the
+8 bits, which the renderer takes as light and not as sRGB [assumed]."""
+TO_FILM = np.array([
+    [0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777],
+])  # fmt: skip
+FROM_FILM = np.array([
+    [1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602],
+])  # fmt: skip
+TO_SEEN, TO_LIGHT = np.linalg.inv(FROM_FILM).T, np.linalg.inv(TO_FILM).T
+SHOULDER = (0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081)
+"""a … e of (x (x + a) - b) / (x (c x + d) + e)."""
+
+
+def rendered(colours: np.ndarray) -> np.ndarray:
+    """Colours for the renderer that appear as the given ones; too bright or too saturated ones are
+    approximated.
+
+    Parameters
+    ----------
+    colours : ndarray, shape (…, 3), uint8
+        sRGB.
+
+    Returns
+    -------
+    ndarray, shape (…, 3), uint8
+        Linear light: 255 is the maximum.
+    """
+    share = np.asarray(colours, float) / 255.0
+    light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(light @ TO_SEEN, 0.0, BRIGHTEST)
+    a, b, c, d, e = SHOULDER
+    # the fit is a quotient of two parabolas: its inverse is the root of one
+    p, q, r = 1.0 - c * seen, a - d * seen, -(b + e * seen)
+    film = (-q + np.sqrt(q**2 - 4.0 * p * r)) / (2.0 * p)
+    lit = np.clip(film @ TO_LIGHT, 0.0, None)
+    return np.rint(255.0 * np.clip(lit / (EXPOSURE * LIT), 0.0, 1.0)).astype(np.uint8)
+
+
+def rendered_mesh(colour: tuple[int, int, int]) -> tuple[int, ...]:
+    """`rendered` of the one colour of a mesh, which the renderer takes as sRGB."""
+    light = rendered(np.array(colour, np.uint8)) / 255.0
+    share = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
+    return tuple(np.rint(255.0 * share).astype(int).tolist())

@@ -13,24 +13,12 @@ import numpy as np
 from skin.contact.record import Flag, SlipState
 from skin.io.messages.record import contacts_of
 from skin.view.colour import valid
-from skin.view.history import Pose
 
 __all__ = [
-    "SLIP_COLOURS",
-    "Frame",
-    "camera",
-    "contact_arrows",
-    "contact_labels",
-    "cross",
-    "directions",
-    "disc",
-    "frame_of",
-    "picked",
-    "quaternions",
-    "rim",
-    "tag_places",
+    "SLIP_COLOURS", "Frame", "Pose", "camera", "contact_arrows", "contact_labels", "cross",
+    "directions", "disc", "frame_of", "picked", "quaternions", "radii", "rim", "tag_places",
     "unit_arrows",
-]
+]  # fmt: skip
 
 LEAST_MISFIT = 30.7
 """Squared force over sigma, summed over its axes, that a force must exceed to be drawn [derived:
@@ -53,6 +41,15 @@ SLIP_COLOURS = {
 """Colours of contacts by slip state, which labels state as well. Okabe and Ito."""
 HUES = np.array([SLIP_COLOURS[state] for state in SlipState], np.uint8)
 """The same by the number of the state."""
+
+
+class Pose(NamedTuple):
+    """Pose of the units: position, shape (3, n), metre; rotation, shape (3, 3, n); and the joints
+    that it is of, shape (J,), rad or m, NaN where unknown."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+    q: np.ndarray = np.zeros(0)
 
 
 class Frame(NamedTuple):

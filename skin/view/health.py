@@ -15,9 +15,8 @@ from bus.state import BusState
 from skin.io.messages.record import BUS_STATES, COUNTERS
 from skin.state import INVALID, Status
 from skin.view.colour import is_on
-from skin.view.history import History
 
-__all__ = ["STYLE", "Health", "Level", "flagged", "plotted", "row_html"]
+__all__ = ["STYLE", "Health", "Level", "flagged", "row_html"]
 
 REASONS = 4
 """Reasons that are named at the top of the panel."""
@@ -267,15 +266,3 @@ def row_html(name: str, text: str, colour: str = "") -> str:
 
 def _rate(value: float, unit: str) -> str:
     return f", {value:.0f}{unit}" if np.isfinite(value) else ""
-
-
-def plotted(history: History, seconds: float) -> tuple[np.ndarray, ...]:
-    """Data of the plots: seconds before the newest snapshot, total force in newton, number of
-    contacts; each of shape (m,)."""
-    last = round(30 * seconds)
-    stamps = history.values("stamp_ns", last)
-    keep = stamps > stamps[-1] - round(1e9 * seconds)
-    wrench = history.values("wrench", last)[keep]
-    force = np.sqrt((wrench[:, :3] ** 2).sum(axis=1))
-    contacts = history.values("contact_count", last)[keep].astype(float)
-    return 1e-9 * (stamps[keep] - stamps[-1]), force, contacts

@@ -33,35 +33,21 @@ class Layout(NamedTuple):
 
 def described_layout(topology: Topology) -> dict[str, Any]:
     """The layout of a topology, as JSON."""
-    described: dict[str, Any] = {
+    return {
         "title": topology.name,
         "area": topology.area.tolist(),
         "names": list(topology.unit_names),
         "patch": topology.patch.tolist(),
         "patch_names": list(topology.patch_names),
+        "robot": None if topology.robot is None else robot_text(topology.robot),
     }
-    if topology.robot is not None:
-        from skin.robot.kinematics import tables
-
-        mounted = tables(topology.robot, topology)[1]
-        described["robot"] = robot_text(topology.robot)
-        described["carriers"] = [
-            (
-                int(link), unit, mounted.position[:, unit].tolist(),
-                mounted.rotation[:, :, unit].tolist(),
-            )
-            for link, unit in zip(*np.unique(mounted.link, return_index=True), strict=True)
-            for unit in [int(unit)]
-        ]  # fmt: skip
-    return described
 
 
 def layout_of(described: dict[str, Any]) -> Layout:
-    """The layout that was described; meshes of links are read by a thread."""
-    links = None
-    if "robot" in described:
-        links = LinkShapes(robot_of(described["robot"]), described["carriers"])
+    """The layout that was described, with the meshes of the links."""
+    robot = described["robot"]
     return Layout(
         described["title"], np.array(described["area"]), tuple(described["names"]),
-        np.array(described["patch"], np.int64), tuple(described["patch_names"]), links,
+        np.array(described["patch"], np.int64), tuple(described["patch_names"]),
+        None if robot is None else LinkShapes(robot_of(robot)),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Plots for reports: a map of forces, the path of a contact, a series with its sigma.
+"""Plots for reports: a style of figures, a map of forces.
 
 Each draws on axes of the caller (`figure` makes one in this package's style) and returns the
 artists. ``pip install 'f3t-skin[plot]'`` brings matplotlib.
@@ -6,7 +6,7 @@ artists. ``pip install 'f3t-skin[plot]'`` brings matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,18 +14,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.errors import CountsError, LibraryError
-from skin.view.kinds import PICTURE, SOFTWARE
 from topology import Topology
-from topology.files import whole_file
+from topology.files import marked, whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = [
-    "HUES", "INK", "MUTED", "contact_path", "figure", "force_map", "plane", "save_png", "series",
-    "torn",
+    "HUES", "INK", "MUTED", "PICTURE", "figure", "force_map", "plane", "save_png", "torn",
 ]  # fmt: skip
 
+SOFTWARE = "f3t-skin"
+PICTURE = marked("a picture of this package", b"Software\0" + SOFTWARE.encode())
+"""Files that pictures may overwrite."""
 INK = "#1b1f24"
 MUTED = "#6b7280"
 HUES = ("#0072b2", "#d55e00", "#009e73")
@@ -149,104 +150,6 @@ def force_map(
             axes.plot(*centre, marker="+", color=colour, markersize=11, markeredgewidth=width)
     _around(axes, topology, flat)
     return discs
-
-
-def contact_path(
-    axes: Axes, topology: Topology, path_m: np.ndarray, covariance: np.ndarray | None = None
-) -> Any:
-    """Draw the path of a contact's centre over the units.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-    topology : Topology
-    path_m : ndarray, shape (t, 3)
-        Centres, metre, skin frame; NaN breaks the line.
-    covariance : ndarray, shape (3, 3), optional
-        Of the last centre, m²; drawn as the ellipse of one sigma.
-
-    Returns
-    -------
-    matplotlib Line2D
-
-    Raises
-    ------
-    CountsError
-        Centres of another shape.
-    """
-    from matplotlib.collections import EllipseCollection
-
-    if path_m.ndim != 2 or path_m.shape[1] != 3:
-        raise CountsError(f"path_m: must be of shape (t, 3); got {path_m.shape}")
-    flat = plane(topology)
-    x, y = topology.position[flat] * 1e3
-    size = 2e3 * np.sqrt(topology.area / np.pi)
-    axes.add_collection(EllipseCollection(
-        size, size, np.zeros(x.size), units="xy", offsets=np.stack([x, y], axis=1),
-        offset_transform=axes.transData, facecolors="none", edgecolors="#d7dbe0", linewidths=0.6,
-    ))  # fmt: skip
-    centres = path_m[:, flat] * 1e3
-    (line,) = axes.plot(*centres.T, color=HUES[0], linewidth=1.2)
-    known = centres[np.isfinite(centres).all(axis=1)]
-    if known.size:
-        axes.plot(*known[-1], marker="o", color=HUES[0], markersize=4)
-        if covariance is not None:
-            values, vectors = np.linalg.eigh(covariance[np.ix_(flat, flat)] * 1e6)
-            long, short = 2.0 * np.sqrt(np.maximum(values[::-1], 0.0))
-            turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
-            axes.add_collection(EllipseCollection(
-                [long], [short], [turn], units="xy", offsets=known[-1:],
-                offset_transform=axes.transData, facecolors=HUES[0], alpha=0.3,
-            ))  # fmt: skip
-    _around(axes, topology, flat)
-    return line
-
-
-def series(
-    axes: Axes,
-    time_s: np.ndarray,
-    values: np.ndarray,
-    sigma: np.ndarray | None = None,
-    *,
-    names: Sequence[str],
-    unit: str,
-) -> list[Any]:
-    """Draw values over time, each with a band of one sigma.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-    time_s : ndarray, shape (t,)
-    values, sigma : ndarray, shape (t, m)
-        NaN breaks a line; see `torn` for missing cycles.
-    names : sequence of str
-        m names, for the legend.
-    unit : str
-
-    Returns
-    -------
-    list of matplotlib Line2D
-
-    Raises
-    ------
-    CountsError
-        Arrays of different lengths, or more than three values.
-    """
-    shape = (np.size(time_s), len(names))
-    if values.shape != shape or (sigma is not None and sigma.shape != shape):
-        got = values.shape if sigma is None else (values.shape, sigma.shape)
-        raise CountsError(f"values, sigma: must be of shape {shape}; got {got}")
-    if len(names) > len(HUES):
-        raise CountsError(f"names: must be {len(HUES)} or fewer; got {len(names)}")
-    lines = []
-    for i, (name, hue) in enumerate(zip(names, HUES, strict=False)):
-        lines += axes.plot(time_s, values[:, i], color=hue, linewidth=1.1, label=name)
-        if sigma is not None:
-            low, high = values[:, i] - sigma[:, i], values[:, i] + sigma[:, i]
-            axes.fill_between(time_s, low, high, color=hue, alpha=0.2, linewidth=0.0)
-    axes.legend(frameon=False, ncols=4, loc="best", fontsize=8)
-    axes.set(xlabel="time / s", ylabel=unit)
-    return lines
 
 
 def torn(time_s: np.ndarray, period_s: float, *values: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import time
-from pathlib import Path
+import warnings
 from typing import Any
 
 import numpy as np
 
-from skin.view.cameras import set_camera
-from skin.view.client_errors import log_in_lines
-from skin.view.export import EXPORTED_S, as_html
+from skin.view.drawing import Pose
 from skin.view.health import Health
-from skin.view.history import History, Moment
-from skin.view.kinds import PAGE
 from skin.view.layout import layout_of
-from skin.view.panel import MOMENT, STRETCH, Panel
+from skin.view.panel import Panel
 from skin.view.scene import Scales, Scene
 from skin.view.server import address_of, open_server
 from skin.view.snapshot import RATE_HZ
 from skin.worker import Service, WorkerEnd, run
-from topology.files import whole_file
 
 LOOK_S = 0.85 / RATE_HZ
 """Interval of polling for snapshots, requests and commands [assumed]: rarely two snapshots are
@@ -33,70 +29,61 @@ WORDS_S = 0.1
 
 
 class Viewer(Service):
-    """Draws the snapshots of the ring, and executes requests of browsers."""
+    """Draws the snapshots of the ring, and handles requests of browsers."""
 
     batch = 64
     reads_to_end = False
 
     def __init__(self, end: WorkerEnd) -> None:
         self._end, asked = end, end.request
-        self._layout = layout_of(asked["layout"])
-        title = self._layout.title
-        self._server = open_server(asked["host"], asked["port"], title, checks_origin=True)
+        self._layout = layout = layout_of(asked["layout"])
+        self._server = open_server(asked["host"], asked["port"], layout.title, checks_origin=True)
         self.address = address_of(asked["host"], self._server.get_port())
-        self._history = History(end.ring.dtype, asked["kept"])
-        layout = self._layout
-        self._health = Health(layout.names, asked["rate_hz"], layout.patch, layout.patch_names)
-        span_s = asked["kept"] / RATE_HZ
-        self._panel = Panel(self._server, layout, self._health, span_s, asked["is_live"])
+        health = Health(layout.names, asked["rate_hz"], layout.patch, layout.patch_names)
+        self._panel = Panel(self._server, layout, health, asked["is_live"])
         self._scales = Scales()
         self._scene: Scene | None = None
+        self._pose, self._moved = Pose(np.zeros((3, 0)), np.zeros((3, 3, 0))), -1
         self._newest: Any = np.zeros(1, end.ring.dtype)[0]
-        self._owes_words, self._words_due_s = False, 0.0
-        self._is_new, self._due_s = False, time.monotonic()
+        self._words_due_s, self._due_s = 0.0, time.monotonic()
+        self._is_new = self._owes_words = False
         self.commands = {
             "address": lambda: {"address": self.address},
             "zeros": self._panel.report_tare,
-            "export": self._save,
         }
         self._connect()
 
     def _connect(self) -> None:
-        """Start a new client from the camera of the last one. Values set by threads of the server
-        are written only by `look`, which knows whether the server still runs."""
-        server = self._server
-
+        """Leave requests for `look`: callbacks run in threads of the server, and a new client
+        starts from the camera of the last one."""
+        server, requests = self._server, self._panel.requests
         server.scene.on_click()(
-            lambda event: self._panel.wishes.put(("point", (event.ray_origin, event.ray_direction)))
+            lambda event: requests.put(("point", (event.ray_origin, event.ray_direction)))
         )
-
-        @server.on_client_connect
-        def came(client: Any) -> None:
-            self._panel.wishes.put(("draw", client))
+        server.on_client_connect(lambda client: requests.put(("draw", client)))
 
         @server.on_client_disconnect
         def left(client: Any) -> None:
             camera = client.camera
-            pose = camera.position, camera.look_at, camera.up_direction
-            self._panel.wishes.put(("left", pose))
+            requests.put(("left", (camera.position, camera.look_at, camera.up_direction)))
 
     def take(self, records: np.ndarray) -> None:
         """Store the snapshots of the ring."""
         for record in records:
-            self._health.add(record)
-            if not self._panel.paused or self._scene is None:
-                self._history.add(record)
-        self._newest = records[-1].copy()
-        self._is_new = True
-        self._panel.has_new(time.monotonic())
+            if record["moved"] != self._moved:
+                self._moved = int(record["moved"])
+                pose = record["pose"].astype(np.float32)
+                self._pose = Pose(pose[:3], pose[3:].reshape(3, 3, -1), record["q"].copy())
+            self._panel.add(record, time.monotonic())
+        self._newest, self._is_new = records[-1].copy(), True
         if self._scene is None:
-            self._scene = Scene(self._server, self._layout, self._history[-1])
+            self._scene = Scene(self._server, self._layout, self._pose)
 
     def look(self) -> None:
-        """Execute requests of browsers, and draw new snapshots."""
+        """Handle requests of browsers, and draw new snapshots while a browser is connected."""
         is_new, self._is_new = self._is_new, False
-        is_asked = self._grant()
-        if self._is_seen():
+        is_asked = self._handle_requests()
+        if self._server.get_clients():
             self._refresh(is_new, is_asked, time.monotonic())
         self._due_s = max(self._due_s + LOOK_S, time.monotonic())
 
@@ -108,99 +95,57 @@ class Viewer(Service):
         """Stop serving."""
         self._server.stop()
 
-    def _is_seen(self) -> bool:
-        """Whether a browser is connected; a new one requests a picture."""
-        return bool(self._server.get_clients())
-
     def _refresh(self, is_new: bool, is_asked: bool, now_s: float) -> None:
         """Draw a new or requested picture; update labels that are due in any case."""
         has_words = is_asked or (now_s >= self._words_due_s and (is_new or self._owes_words))
-        if self._scene is not None and (is_new or has_words):
+        if self._scene is None:
+            return
+        if is_new or has_words:
             self._owes_words = not has_words
             if has_words:
                 self._words_due_s = now_s + WORDS_S
-            self._draw(has_words)
-        self._panel.refresh(self._newest, self._history, now_s)
+            self._draw(self._scene, has_words)
+        self._panel.refresh(self._newest, now_s)
 
-    def _grant(self) -> bool:
-        """Execute requests of browsers; True where that changes the picture."""
+    def _handle_requests(self) -> bool:
+        """Handle requests of browsers; True where that changes the picture."""
         panel, is_changed = self._panel, False
-        while not panel.wishes.empty():
-            wish, of = panel.wishes.get()
-            if wish == "left":
+        while not panel.requests.empty():
+            request, of = panel.requests.get()
+            is_changed = is_changed or request != "left"
+            if request == "left":
                 first = self._server.initial_camera
                 first.position, first.look_at, first.up = of
-                continue
-            is_changed = True
-            if wish in ("point", "close"):
-                if self._scene is not None:
-                    panel.choose(None if wish == "close" else self._scene.pick(*of))
-            elif wish == "look":
-                panel.look_again()
-            elif wish == "turn":
-                self._turn(*of)
-            elif wish == "pause":
-                panel.pause()
-                if not panel.paused and self._scene is not None:
-                    self._history.add(self._newest)  # earlier ones of the pause are lost
-            elif wish == "fit":
+            elif request == "close":
+                panel.choose(None)
+            elif request == "point" and self._scene is not None:
+                panel.choose(self._scene.pick(*of))
+            elif request == "camera" and self._scene is not None:
+                if of.client_id in self._server.get_clients():  # it may have left meanwhile
+                    self._scene.reset_camera(of.camera)
+            elif request == "fit":
                 self._scales.reset()
-            elif wish == "tare":
+            elif request == "tare":
                 self._end.ring.call()
                 panel.report_tare("requested: touch nothing for two seconds")
-            elif wish in (MOMENT, STRETCH) and of is not None and self._scene is not None:
-                page = self._page(0.0 if wish == MOMENT else EXPORTED_S).encode()
-                if of.client_id in self._server.get_clients():  # it may have left meanwhile
-                    of.send_file_download(f"{self._layout.title}.html", page)
         return is_changed
 
-    def _turn(self, view: str, client: Any) -> None:
-        """Set the camera of a browser, which may have left meanwhile."""
-        if self._scene is not None and client.client_id in self._server.get_clients():
-            with client.atomic():
-                set_camera(client.camera, view, self._scene.extent, self._scene.pose)
-
-    def _moment(self) -> Moment:
-        """The snapshot to draw."""
-        back_s = self._panel.back_s
-        return self._history.back(back_s) if back_s else self._history[-1]
-
-    def _draw(self, has_words: bool) -> None:
-        panel, moment = self._panel, self._moment()
-        shown = panel.shown
-        assert self._scene is not None
+    def _draw(self, scene: Scene, has_words: bool) -> None:
+        panel, newest, shown = self._panel, self._newest, self._panel.shown
         with self._server.atomic():
-            self._scales.widen(moment, shown.quantity)
-            self._scene.draw(moment, shown, self._scales, words=has_words)
+            self._scales.widen(newest, shown.quantity)
+            scene.draw(newest, self._pose, shown, self._scales, words=has_words)
             if has_words:
-                panel.describe(moment, self._scales)
+                panel.describe(newest)
         panel.scales(self._scales)
         self._server.flush()  # now, without waiting for the server's own clock
-
-    def _page(self, seconds: float) -> str:
-        """The current snapshot, or the seconds up to it, as HTML."""
-        moment, shown = self._moment(), self._panel.shown
-        moments = self._history.stretch(moment, seconds) if seconds else [moment]
-        for one in moments:
-            self._scales.widen(one, shown.quantity)
-        return as_html(moments, self._layout, shown, self._scales)
-
-    def _save(self, file: str, seconds: float) -> dict[str, Any]:
-        if self._scene is None:
-            return {"error": f"{file}: must be of a skin with a cycle; got none yet"}
-        page = self._page(seconds)
-        try:
-            with whole_file(Path(file), over=PAGE) as out:
-                out.write(page.encode())
-        except OSError as error:
-            return {"error": f"{file}: {error.strerror}"}
-        return {"bytes": len(page)}
 
 
 def view(end: WorkerEnd) -> Viewer:
     """Serve the requested view."""
     sys.stdout = open(os.devnull, "w", encoding="utf-8")  # viser greets
-    log_in_lines()
+    warnings.filterwarnings("ignore", category=UserWarning, module="viser")  # about unusual values
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # clients that are no browsers
     return Viewer(end)
 
 

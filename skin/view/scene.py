@@ -7,9 +7,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skin.io.messages.record import contacts_of
-from skin.view.colour import OFF_COLOUR, QUANTITIES, Range, is_on, valid
+from skin.view.colour import (
+    AMBIENT,
+    DIRECTED,
+    OFF_COLOUR,
+    QUANTITIES,
+    Range,
+    colours,
+    is_on,
+    rendered,
+    valid,
+)  # fmt: skip
 from skin.view.drawing import (
     Frame,
+    Pose,
     camera,
     contact_arrows,
     contact_labels,
@@ -23,11 +34,9 @@ from skin.view.drawing import (
     rim,
     tag_places,
     unit_arrows,
-)
-from skin.view.history import Moment, Pose
+)  # fmt: skip
 from skin.view.layout import Layout
 from skin.view.links import Links
-from skin.view.tone import AMBIENT, DIRECTED, given, given_colours
 
 __all__ = ["BACKGROUND", "Scales", "Scene", "Shown", "described_force"]
 
@@ -73,9 +82,8 @@ class Scales:
         self.unit = Range(QUANTITIES["load"])
         self.contact = Range(QUANTITIES["load"])
 
-    def widen(self, moment: Moment, quantity: str) -> bool:
+    def widen(self, record: np.void, quantity: str) -> bool:
         """Include the values of a snapshot; True where the scale of the quantity changed."""
-        record = moment.record
         heard = valid(record)
         self.unit.widen(_lengths(record["force"])[heard])
         self.contact.widen(_lengths(contacts_of(record)["wrench"][:, :3].T))
@@ -93,25 +101,28 @@ class Scales:
 
 
 class Scene:
-    """All objects of the picture; made from the first snapshot, which has the poses.
+    """All objects of the picture.
 
     Parameters
     ----------
     server : viser.ViserServer
     layout : Layout
-    first : Moment
+    pose : Pose
+        Of the first picture.
     """
 
-    def __init__(self, server: Any, layout: Layout, first: Moment) -> None:
+    def __init__(self, server: Any, layout: Layout, pose: Pose) -> None:
         self._server, self._scene, self._layout = server, server.scene, layout
-        self._pose: Pose = first.pose
-        radius = radii(first.pose.position, layout.area)
-        self.frame: Frame = frame_of(first.pose, radius)
+        self._pose = pose
+        radius = radii(pose.position, layout.area)
+        self.frame: Frame = frame_of(pose, radius)
         self._radius = (radius * self.frame.scale).astype(np.float32)
         self._n = layout.area.size
-        self._links: Links | None = None
         self._set_up()
-        points, turns = self.frame.points(first.pose.position), quaternions(first.pose.rotation)
+        self._links = None if layout.links is None else Links(self._scene, layout.links, self.frame)
+        if self._links is not None:
+            self._links.move(pose.q)
+        points, turns = self.frame.points(pose.position), quaternions(pose.rotation)
         size = np.repeat(self._radius[:, np.newaxis], 3, axis=1)
         self._discs = self._scene.add_batched_meshes_simple(
             "/units", *disc(), turns, points, batched_scales=size, lod="off", side="double",
@@ -133,7 +144,7 @@ class Scene:
         self._normals = self._arrows("/normals", none, NORMAL_COLOUR, 0.004)
         self._wrenches = self._arrows("/wrenches", none, np.zeros((0, 3), np.uint8), 0.008)
         self._hues, self._heard = np.zeros((0, 3), np.uint8), np.ones(self._n, bool)
-        self._sent: dict[tuple[int, str], np.ndarray] = {}
+        self._sent = np.zeros((0, 3), np.uint8)
         self._texts: list[str] = []
         self._tails: list[np.ndarray] = []
         self._labels: list[Any] = []
@@ -142,25 +153,15 @@ class Scene:
         )
         self._unit_text = ""
         self._add_names(points)
+        view = server.initial_camera
+        view.position, view.look_at, view.up = self._view()
+        view.near, view.far = 0.01, 50.0
 
     @property
     def points(self) -> np.ndarray:
         """Corners of what is drawn: units and links, picture units, shape (m, 3)."""
         points = self.frame.points(self._pose.position)
         return points if self._links is None else np.concatenate([points, self._links.extent])
-
-    @property
-    def extent(self) -> np.ndarray:
-        """The same, with the axes where they are shown."""
-        if not self._axes.visible:
-            return self.points
-        tips = np.array(self._axes.position) + 1.25 * AXES * np.vstack([np.zeros(3), np.eye(3)])
-        return np.concatenate([self.points, tips])
-
-    @property
-    def pose(self) -> Pose:
-        """As last drawn."""
-        return self._pose
 
     def pick(self, origin: Any, direction: Any) -> int | None:
         """The unit that a ray meets first; see `skin.view.drawing.picked`."""
@@ -170,30 +171,21 @@ class Scene:
             pose.rotation[:, 2], self._radius,
         )  # fmt: skip
 
-    def draw(self, moment: Moment, shown: Shown, scales: Scales, *, words: bool = True) -> None:
+    def draw(
+        self, record: np.void, pose: Pose, shown: Shown, scales: Scales, *, words: bool = True
+    ) -> None:
         """Draw a snapshot; without `words`, existing labels keep their texts."""
-        record = moment.record
-        self._show_links(moment.pose, shown.links)
-        if moment.pose is not self._pose:
-            self._move(moment.pose)
+        if self._links is not None:
+            self._links.show(shown.links)
+        if pose is not self._pose:
+            self._move(pose)
         for node in self._named:
             if node.visible is not shown.names:
                 node.visible = shown.names
-        heard, scale = valid(record), scales.of[shown.quantity]
-        values = QUANTITIES[shown.quantity].values(record)
-        seen = given_colours(values, heard, scale.low, scale.high)
-        on = is_on(record["status"])
-        if not on.all():
-            seen = np.where(on[:, np.newaxis], seen, given(np.array(OFF_COLOUR, np.uint8)))
-        self._assign(self._discs, "batched_colors", seen)
-        if not np.array_equal(heard | ~on, self._heard):
-            self._heard = heard | ~on
-            size = np.where(self._heard, NOWHERE, self._radius)
-            self._crosses.batched_scales = np.repeat(size[:, np.newaxis], 3, axis=1)
+        self._colour(record, shown.quantity, scales)
+        arrows = np.zeros((0, 2, 3), np.float32)
         if shown.forces:
-            arrows = unit_arrows(record, moment.pose, self.frame, self._radius, scales.unit.high)
-        else:
-            arrows = np.zeros((0, 2, 3), np.float32)
+            arrows = unit_arrows(record, pose, self.frame, self._radius, scales.unit.high)
         self._put(self._forces, arrows)
         forces, normals, hues, known = contact_arrows(record, self.frame, scales.contact.high)
         if not shown.contacts:
@@ -202,6 +194,19 @@ class Scene:
         self._put(self._wrenches, forces, hues)
         self._label(record, dict(zip(known.tolist(), forces[:, 0], strict=True)), words)
         self._choose(record, shown.unit, words)
+
+    def _colour(self, record: np.void, quantity: str, scales: Scales) -> None:
+        """Colour the discs, and cross out units that are not valid."""
+        heard, on, scale = valid(record), is_on(record["status"]), scales.of[quantity]
+        seen = colours(QUANTITIES[quantity].values(record), heard, scale.low, scale.high)
+        seen[~on] = OFF_COLOUR
+        if not np.array_equal(seen, self._sent):
+            self._sent = seen
+            self._discs.batched_colors = rendered(seen)
+        if not np.array_equal(heard | ~on, self._heard):
+            self._heard = heard | ~on
+            size = np.where(self._heard, NOWHERE, self._radius)
+            self._crosses.batched_scales = np.repeat(size[:, np.newaxis], 3, axis=1)
 
     def _choose(self, record: np.void, unit: int | None, words: bool) -> None:
         """Mark the chosen unit by its rim and a label."""
@@ -230,22 +235,7 @@ class Scene:
         colours = np.repeat(RIM_COLOUR[np.newaxis], self._n, axis=0)
         if unit is not None:
             colours[unit] = CHOSEN_COLOUR
-        return given(colours)
-
-    def _show_links(self, pose: Pose, shown: bool) -> None:
-        """Add the links once their shapes are read; place and show them."""
-        shapes = self._layout.links
-        if shapes is None or (self._links is None and not shapes.is_ready):
-            return
-        if self._links is None:
-            self._links = Links(self._scene, shapes, self.frame)
-            self._links.move(pose)
-            self._place_axes()
-            self._widen()
-        elif pose is not self._pose:
-            self._links.move(pose)
-        if self._links.visible is not shown:
-            self._links.visible = shown
+        return rendered(colours)
 
     def _place_axes(self) -> None:
         """Place the axes next to the lowest corner of all that is drawn, as high as it."""
@@ -253,14 +243,17 @@ class Scene:
         away[np.abs(directions(self._pose)[0]).argmax()] = 0.0
         self._axes.position = self.points.min(axis=0) - away
 
-    def _widen(self) -> None:
-        """Let the initial camera see the links, too."""
+    def reset_camera(self, camera: Any) -> None:
+        """Let a camera of a browser see all that is drawn, from the side that most units face."""
+        camera.position, camera.look_at, camera.up_direction = self._view()
+
+    def _view(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, target and up direction of a camera that sees units and links."""
         points = self.points
         low, high = points.min(axis=0), points.max(axis=0)
-        view, size = self._server.initial_camera, max(1.0, float((high - low).max()))
-        place, look, _ = camera(self._pose)
-        middle = 0.5 * (low + high)
-        view.position, view.look_at = middle + size * place, middle + size * look
+        place, look, up = camera(self._pose)
+        size, middle = max(1.0, float((high - low).max())), 0.5 * (low + high)
+        return middle + size * place, middle + size * look, up
 
     def _add_names(self, points: np.ndarray) -> None:
         """Names of patches next to them, and the axes of the skin frame at a corner."""
@@ -316,6 +309,8 @@ class Scene:
 
     def _move(self, pose: Pose) -> None:
         self._pose = pose
+        if self._links is not None:
+            self._links.move(pose.q)
         points, turns = self.frame.points(pose.position), quaternions(pose.rotation)
         for meshes in (self._discs, self._rims, self._crosses):
             meshes.batched_positions, meshes.batched_wxyzs = points, turns
@@ -328,7 +323,7 @@ class Scene:
 
     def _arrows(self, name: str, points: np.ndarray, hues: Any, shaft: float) -> Any:
         return self._scene.add_arrows(
-            name, points, given(hues), shaft_radius=shaft, head_radius=2.1 * shaft,
+            name, points, rendered(hues), shaft_radius=shaft, head_radius=2.1 * shaft,
             head_length=4.2 * shaft, visible=False,
         )  # fmt: skip
 
@@ -336,28 +331,12 @@ class Scene:
         """Set the points of arrows; with none of them, an invisible arrow."""
         arrows.visible = len(points) > 0
         if len(points):
-            self._assign(arrows, "points", points)
+            arrows.points = points
             if hues is not None and not np.array_equal(hues, self._hues):
-                self._hues, arrows.colors = hues, given(hues)
-
-    def _assign(self, node: Any, name: str, values: np.ndarray) -> None:
-        """Set a property of a node: an array of the right type, which stays the same object.
-
-        A plain assignment looks up the types of all properties, compares, and copies twice, which
-        takes longer than the message; 30 times a second only the message is sent.
-        """
-        before = self._sent.get((id(node), name))
-        if before is not None and np.array_equal(before, values):
-            return
-        self._sent[id(node), name] = values
-        send = getattr(node, "_queue_update", None)  # of viser 1.1
-        if send is None:
-            setattr(node, name, values)
-        else:
-            send(name, values)
+                self._hues, arrows.colors = hues, rendered(hues)
 
     def _set_up(self) -> None:
-        """Lights that keep the colours, and the initial camera."""
+        """Lights that keep the colours, and the direction that is up."""
         scene = self._scene
         scene.configure_default_lights(False)
         scene.configure_environment_map(None)
@@ -365,12 +344,9 @@ class Scene:
         scene.add_light_directional("/light/above", intensity=DIRECTED, position=(1.0, -1.0, 2.0))
         scene.world_axes.visible = False
         scene.set_background_image(np.full((2, 2, 3), BACKGROUND, np.uint8), format="png")
-        place, look, up = camera(self._pose)
+        up = camera(self._pose)[2]
         self._up = up.astype(np.float32)
         scene.set_up_direction(up)
-        view = self._server.initial_camera
-        view.position, view.look_at, view.up = place, look, up
-        view.near, view.far = 0.01, 50.0
 
 
 def described_force(record: np.void, unit: int) -> str:

@@ -111,21 +111,6 @@ def test_a_unit_that_dies_is_named_and_is_seen(viewed):
     browser.wait_for("64 of 64 valid")
 
 
-def test_pause_holds_the_picture_and_follow_goes_on(viewed):
-    shown, _, browser = viewed
-    press(shown, range(8), 5.0)
-    rest = shade(0.0, 5.0)
-    time.sleep(1.0)
-    browser.press("Pause")
-    browser.wait_for("Follow live")
-    held = browser.picture()
-    press(shown, range(40), 5.0)
-    time.sleep(1.0)
-    assert abs(count(browser.picture(), rest) - count(held, rest)) < 500
-    browser.press("Follow live")
-    settled(browser, lambda seen: count(seen, rest) < 0.8 * count(held, rest))
-
-
 def test_another_quantity_has_another_scale(viewed):
     shown, _, browser = viewed
     press(shown, ())
@@ -166,24 +151,19 @@ def test_tare_reaches_the_skin_and_the_answer_the_browser(viewed):
 
 
 def test_a_browser_that_returns_finds_the_view_as_it_was(viewed):
-    shown, view, browser = viewed
-    press(shown, range(5), 5.0)
-    browser.press("Pause")
-    browser.wait_for("Follow live")
+    _, view, browser = viewed
+    browser.choose("load", "shear")
     browser.open("about:blank")
-    time.sleep(0.5)
     browser.open(view.address)
-    browser.wait_for("Follow live")
-    assert "63 units tared" in browser.text()
-    browser.press("Follow live")
-    browser.wait_for("Pause")
+    browser.wait_for("63 units tared")
+    browser.choose("shear", "load")
 
 
 def test_a_click_shows_a_unit_and_its_force(viewed):
     shown, _, browser = viewed
     press(shown, range(64), 5.0)  # the scale is as wide from here on
     press(shown, range(64), 2.5)
-    browser.press("front")
+    browser.press("Reset the camera")
     magenta = tuple(CHOSEN_COLOUR.tolist())
     settled(browser, lambda seen: count(seen, shade(2.5, 5.0)) > 10_000)
     for x in range(300, 600, 20):  # beside a disc there is no unit
@@ -216,43 +196,6 @@ def test_health_is_amber_for_a_unit_and_red_for_a_patch_and_for_silence(viewed):
         )
     browser.wait_for("no cycle for")  # the skin's loop does not go on
     settled(browser, has(red))
-
-
-def test_an_exported_page_leaves_its_player_free(viewed, tmp_path):
-    shown, view, browser = viewed
-    for _ in range(4):
-        press(shown, range(16), 5.0)
-    page = tmp_path / "film.html"
-    view.export(page, 5.0)
-    browser.open(page.as_uri())
-    try:
-        browser.wait_for("cylinder: load")
-        browser.wait_until("!!document.querySelector('input')")
-        overlap = (
-            "(() => { const box = e => e.getBoundingClientRect();"
-            " const words = [...document.querySelectorAll('body > div')]"
-            ".find(e => e.innerText.includes('cylinder: load') && e.style.position === 'fixed');"
-            " const a = box(words);"
-            " return [...document.querySelectorAll('input, button')].filter(e => {"
-            " const b = box(e); return b.width && a.left < b.right && b.left < a.right"
-            " && a.top < b.bottom && b.top < a.bottom; }).length; })()"
-        )
-        settled(browser, lambda _: browser.close_notes() or browser.script(overlap) == 0)
-    finally:
-        browser.open(view.address)
-
-
-def test_an_exported_page_shows_the_same(viewed, tmp_path):
-    shown, view, browser = viewed
-    press(shown, range(16), 5.0)
-    page = tmp_path / "page.html"
-    view.export(page, 0.0)
-    browser.open(page.as_uri())
-    try:
-        settled(browser, lambda seen: count(seen, shade(0.0, 5.0)) > 10_000)
-        assert "cylinder: load" in browser.text()
-    finally:
-        browser.open(view.address)
 
 
 @pytest.mark.long

@@ -11,6 +11,7 @@ from skin.state import Status
 from skin.view.colour import colours
 from skin.view.drawing import (
     SLIP_COLOURS,
+    Pose,
     camera,
     contact_arrows,
     contact_labels,
@@ -24,7 +25,6 @@ from skin.view.drawing import (
     tag_places,
     unit_arrows,
 )
-from skin.view.history import Pose
 from skin.view.scene import BACKGROUND, RIM_COLOUR
 from tests.fixtures.shown import Shown
 from tests.naive.record import fill, snapshots

@@ -10,7 +10,7 @@ from skin.errors import CountsError
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: the extra 'plot'")
 
-from skin.view.plots import contact_path, figure, force_map, plane, series, torn
+from skin.view.plots import figure, force_map, plane, torn
 
 
 @pytest.fixture
@@ -58,30 +58,6 @@ def test_units_not_to_be_trusted_have_a_cross_and_no_colour(axes, palm):
     )
 
 
-def test_the_way_of_a_contact_and_the_ellipse_of_its_last_centre(axes, palm):
-    path = np.array([[0.0, 0.0, 0.0], [1e-3, 2e-3, 0.0], [3e-3, 2e-3, 0.0]])
-    turn = np.radians(30.0)
-    axis = np.array([np.cos(turn), np.sin(turn), 0.0])
-    across = np.array([-axis[1], axis[0], 0.0])
-    covariance = 4e-6 * np.outer(axis, axis) + 1e-6 * np.outer(across, across)
-    line = contact_path(axes, palm, path, covariance)
-    np.testing.assert_allclose(np.array(line.get_data()).T, path[:, :2] * 1e3)
-    ellipse = axes.collections[-1]
-    assert ellipse.get_widths() == pytest.approx([4.0])
-    assert ellipse.get_heights() == pytest.approx([2.0])
-    assert ellipse.get_angles() % 180.0 == pytest.approx([30.0])
-
-
-def test_a_series_has_a_band_of_one_sigma(axes):
-    time_s, values = np.arange(5.0), np.arange(10.0).reshape(5, 2)
-    lines = series(axes, time_s, values, np.full((5, 2), 0.5), names=["Fx", "Fy"], unit="N")
-    assert [line.get_label() for line in lines] == ["Fx", "Fy"]
-    np.testing.assert_array_equal(lines[1].get_ydata(), values[:, 1])
-    corners = axes.collections[1].get_paths()[0].vertices
-    assert (corners[:, 1].min(), corners[:, 1].max()) == (0.5, 9.5)
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time / s", "N")
-
-
 def test_lines_are_torn_where_cycles_were_left_out():
     time_s, values = torn(np.array([0.0, 0.1, 0.3]), 0.1, np.array([[1.0], [2.0], [3.0]]))
     np.testing.assert_array_equal(time_s, [0.0, 0.1, np.nan, 0.3])
@@ -91,9 +67,3 @@ def test_lines_are_torn_where_cycles_were_left_out():
 def test_arrays_of_another_shape_are_refused(axes, palm):
     with pytest.raises(CountsError, match=r"force: must be of shape \(3, 64\); got \(64, 3\)"):
         force_map(axes, palm, np.zeros((64, 3)))
-    with pytest.raises(CountsError, match=r"path_m: must be of shape \(t, 3\); got \(3, 5\)"):
-        contact_path(axes, palm, np.zeros((3, 5)))
-    with pytest.raises(CountsError, match=r"values, sigma: must be of shape \(4, 1\); got \(4,\)"):
-        series(axes, np.arange(4.0), np.zeros(4), names=["T"], unit="°C")
-    with pytest.raises(CountsError, match="names: must be 3 or fewer; got 4"):
-        series(axes, np.arange(2.0), np.zeros((2, 4)), names=list("abcd"), unit="N")

@@ -2,40 +2,36 @@
 
 from __future__ import annotations
 
-from threading import Event
-
 import numpy as np
 import pytest
 import trimesh
 
 from skin.state import Status
-from skin.view.colour import INVALID_COLOUR, OFF_COLOUR
-from skin.view.drawing import Frame
-from skin.view.history import History, Moment, Pose
+from skin.view.colour import INVALID_COLOUR, OFF_COLOUR, rendered
+from skin.view.drawing import Frame, Pose
 from skin.view.layout import described_layout, layout_of
 from skin.view.links import Links
 from skin.view.scene import CHOSEN_COLOUR, RIM_COLOUR, Scales, Scene, described_force
 from skin.view.scene import Shown as Chosen
-from skin.view.tone import given
 from tests.fixtures.asked import Asked
-from tests.fixtures.patience import LONG_S
 from tests.fixtures.robots import GRIPPER, write_gripper
 from tests.fixtures.shown import Shown
 from tests.naive.record import fill, snapshots
 from topology import load
 
 
-def moment_of(shown, pose=None, **of_state):
+def snapshot_of(shown, **of_state):
+    """A snapshot and its pose."""
     record = snapshots(1, shown.topology.n)
     fill(record, shown.state(**of_state))
-    return Moment(record[0], Pose(*map(np.float32, shown.poses)) if pose is None else pose)
+    return record[0], Pose(*map(np.float32, shown.poses))
 
 
 def drawn(shown, chosen=None, **of_state):
     """A scene of a state, and the server that was asked for it."""
-    asked, moment = Asked(), moment_of(shown, **of_state)
-    scene = Scene(asked, layout_of(described_layout(shown.topology)), moment)
-    scene.draw(moment, chosen or Chosen(), Scales())
+    asked, (record, pose) = Asked(), snapshot_of(shown, **of_state)
+    scene = Scene(asked, layout_of(described_layout(shown.topology)), pose)
+    scene.draw(record, pose, chosen or Chosen(), Scales())
     return asked, scene
 
 
@@ -69,19 +65,19 @@ def test_the_chosen_unit_has_a_rim_of_its_own_and_its_force(shown):
     force[:, 7] = 0.3, -0.4, 1.2
     asked, scene = drawn(shown, Chosen(unit=7), force=force)
     rims, label = asked.scene.nodes["/rims"], asked.scene.nodes["/chosen"]
-    expected = np.repeat(given(RIM_COLOUR)[None], 24, axis=0)
-    expected[7] = given(CHOSEN_COLOUR)
+    expected = np.repeat(rendered(RIM_COLOUR)[None], 24, axis=0)
+    expected[7] = rendered(CHOSEN_COLOUR)
     np.testing.assert_array_equal(rims.batched_colors, expected)
     assert rims.batched_scales[7, 0] > rims.batched_scales[6, 0]
     assert label.visible
     assert label.text == "u7  1.30 ± 0.01 N"
-    scene.draw(moment_of(shown, force=force), Chosen(), Scales())
+    scene.draw(*snapshot_of(shown, force=force), Chosen(), Scales())
     assert not label.visible
-    assert (rims.batched_colors == given(RIM_COLOUR)).all()
+    assert (rims.batched_colors == rendered(RIM_COLOUR)).all()
 
 
 def test_the_sigma_of_a_force_is_that_along_it(shown):
-    record = moment_of(shown).record
+    record, _ = snapshot_of(shown)
     record["force"][:, 3], record["force_sigma"][:, 3] = (0.0, 3.0, 4.0), (9.0, 0.5, 0.25)
     expected = np.hypot(0.6 * 0.5, 0.8 * 0.25)
     assert described_force(record, 3) == f"5.00 ± {expected:.2f} N"
@@ -97,8 +93,8 @@ def test_units_switched_off_are_grey_and_those_never_heard_have_a_cross(shown):
     asked, _ = drawn(shown, status=status)
     nodes = asked.scene.nodes
     colours, crosses = nodes["/units"].batched_colors, nodes["/flags"].batched_scales[:, 0]
-    np.testing.assert_array_equal(colours[3], given(np.array(OFF_COLOUR, np.uint8)))
-    np.testing.assert_array_equal(colours[5], given(np.array(INVALID_COLOUR, np.uint8)))
+    np.testing.assert_array_equal(colours[3], rendered(np.array(OFF_COLOUR, np.uint8)))
+    np.testing.assert_array_equal(colours[5], rendered(np.array(INVALID_COLOUR, np.uint8)))
     assert np.flatnonzero(crosses > 1e-3).tolist() == [5]
 
 
@@ -115,7 +111,6 @@ def on_gripper(tmp_path, model=GRIPPER):
     """Topology of a gripper, and a layout as the view's process has it."""
     skin = load(write_gripper(tmp_path, model))
     layout = layout_of(described_layout(skin))
-    layout.links.wait()
     return skin, layout
 
 
@@ -130,14 +125,12 @@ def pose_at(skin, robot, close, q):
     return Pose(np.float32(position), np.float32(skin.rotation), np.array(q))
 
 
-@pytest.mark.parametrize("q", [[0.02], [np.nan]])
-def test_links_are_where_the_joints_are_live_and_in_a_replay(tmp_path, q):
-    """A recording has no joints: they follow from the units."""
-    skin, layout = on_gripper(tmp_path)
+def test_links_are_where_the_joints_are_and_hidden_where_these_are_unknown(tmp_path):
+    _, layout = on_gripper(tmp_path)
     robot, asked = layout.links.robot, Asked()
     frame = Frame(np.array([0.01, 0.02, 0.03]), 5.0)
     links = Links(asked.scene, layout.links, frame)
-    links.move(pose_at(skin, robot, 0.02, q))
+    links.move(np.array([0.02]))
     expected = robot.forward(np.array([0.02]))
     for link in range(3):
         node = asked.scene.nodes[f"/links/{link}"]
@@ -150,6 +143,9 @@ def test_links_are_where_the_joints_are_live_and_in_a_replay(tmp_path, q):
     np.testing.assert_allclose(size, 5.0 * np.array([0.01, 0.05, 0.06]), rtol=1e-5)
     corners = links.extent / 5.0 + frame.middle
     np.testing.assert_allclose(corners[:8].min(axis=0), [-0.05, -0.025, -0.02], atol=1e-6)
+    for q, visible in ((np.nan, False), (0.01, True)):
+        links.move(np.array([q]))
+        assert asked.scene.nodes["/links/0"].visible is visible
 
 
 def test_a_mesh_is_drawn_with_its_place_and_scale(tmp_path):
@@ -162,7 +158,7 @@ def test_a_mesh_is_drawn_with_its_place_and_scale(tmp_path):
     )
     _, layout = on_gripper(tmp_path, mesh)
     left = layout.links.robot.link_names.index("left")
-    vertices, faces = layout.links.wait()[left]
+    vertices, faces = layout.links.meshes[left]
     np.testing.assert_allclose(vertices.min(axis=0), [0.095, -0.01, -0.02], atol=1e-6)
     np.testing.assert_allclose(vertices.max(axis=0), [0.105, 0.01, 0.02], atol=1e-6)
     assert (len(vertices), len(faces)) == (8, 12)
@@ -174,14 +170,14 @@ def test_a_link_whose_mesh_cannot_be_read_is_axes_and_named(tmp_path, content, c
     if content is not None:
         (tmp_path / "tip.stl").write_bytes(content)
     broken = GRIPPER.replace('<box size="0.01 0.05 0.06"/>', '<mesh filename="tip.stl"/>', 1)
-    skin, layout = on_gripper(tmp_path, broken)
+    _, layout = on_gripper(tmp_path, broken)
     ((name, why),) = layout.links.problems
     assert name == "left"
     assert "tip.stl: must be a mesh" in why
     assert "view: link 'left': " in capsys.readouterr().err
     asked = Asked()
     links = Links(asked.scene, layout.links, Frame(np.zeros(3), 1.0))
-    links.move(pose_at(skin, layout.links.robot, 0.0, [0.0]))
+    links.move(np.zeros(1))
     kinds = {name: node.kind for name, node in asked.scene.nodes.items()}
     left = layout.links.robot.link_names.index("left")
     assert kinds.pop(f"/links/{left}") == "add_frame"
@@ -200,54 +196,17 @@ def test_a_link_without_a_shape_is_axes(tmp_path):
     assert layout.links.problems == []
 
 
-def test_a_scene_has_its_links_once_they_are_read_and_hides_them(tmp_path):
+def test_a_scene_moves_its_links_and_hides_them(tmp_path):
     skin, layout = on_gripper(tmp_path)
     pose = pose_at(skin, layout.links.robot, 0.0, [0.0])
-    record, asked = snapshots(1, skin.n), Asked()
-    moment = Moment(record[0], pose)
-    scene = Scene(asked, layout, moment)
+    record, asked = snapshots(1, skin.n)[0], Asked()
+    scene = Scene(asked, layout, pose)
     for links in (True, False, True):
-        scene.draw(moment, Chosen(links=links), Scales())
+        scene.draw(record, pose, Chosen(links=links), Scales())
         assert asked.scene.nodes["/links/0"].visible is links
     before = np.array(asked.scene.nodes["/links/1"].position)
-    scene.draw(
-        Moment(record[0], pose_at(skin, layout.links.robot, 0.03, [0.03])), Chosen(), Scales()
-    )
+    scene.draw(record, pose_at(skin, layout.links.robot, 0.03, [0.03]), Chosen(), Scales())
     moved = asked.scene.nodes["/links/1"].position - before
     np.testing.assert_allclose(moved, [0.03 * scene.frame.scale, 0.0, 0.0], atol=1e-5)
     assert len(scene.points) == skin.n + 3 * 8
     assert np.isfinite(asked.initial_camera.position).all()
-
-
-def test_the_history_keeps_joints_with_their_poses(tmp_path):
-    from types import SimpleNamespace
-
-    from skin.view.snapshot import snapshot_dtype
-
-    robot = SimpleNamespace(joint_names=("a", "b"))
-    dtype = snapshot_dtype(SimpleNamespace(n=4, buses=(), robot=robot), 16)
-    history, record = History(dtype, 10), np.zeros(1, dtype)
-    for moved, q in ((1, 0.1), (1, 0.2), (2, 0.3)):
-        record["moved"], record["q"] = moved, q
-        history.add(record[0])
-    assert [history[k].pose.q.tolist() for k in range(3)] == [[0.1] * 2, [0.1] * 2, [0.3] * 2]
-
-
-def test_reading_meshes_does_not_hold_up_the_view(tmp_path, monkeypatch):
-    from skin.view import links
-
-    go_on = Event()
-    monkeypatch.setattr(
-        links, "primitive_mesh", lambda *_: go_on.wait(LONG_S) and np.zeros((0, 3, 3))
-    )
-    skin = load(write_gripper(tmp_path))
-    layout = layout_of(described_layout(skin))
-    moment = Moment(snapshots(1, skin.n)[0], Pose(skin.position, skin.rotation, np.zeros(1)))
-    scene = Scene(asked := Asked(), layout, moment)
-    assert not layout.links.is_ready
-    scene.draw(moment, Chosen(), Scales())
-    assert "/links/0" not in asked.scene.nodes
-    go_on.set()
-    layout.links.wait()
-    scene.draw(moment, Chosen(), Scales())
-    assert "/links/0" in asked.scene.nodes

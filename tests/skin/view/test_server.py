@@ -13,7 +13,6 @@ import pytest
 
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.view import process, show
-from skin.view.panel import MOMENT
 from skin.view.server import LOOPBACK, address_of, check_installed, free_port, is_loopback
 from tests.fixtures.shown import Shown
 
@@ -79,8 +78,8 @@ def test_a_browser_that_leaves_as_the_view_ends_touches_no_server(monkeypatch):
     server.on_client_disconnect = lambda callback: heard.setdefault("left", callback)
     monkeypatch.setattr(process, "open_server", lambda *_, **__: server)
     layout = {"area": [1e-4], "title": "strip", "names": ["a"], "patch": [0],
-              "patch_names": ["strip"]}  # fmt: skip
-    asked = {"layout": layout, "host": "127.0.0.1", "port": 1, "kept": 10, "rate_hz": 250.0,
+              "patch_names": ["strip"], "robot": None}  # fmt: skip
+    asked = {"layout": layout, "host": "127.0.0.1", "port": 1, "rate_hz": 250.0,
              "is_live": False}  # fmt: skip
     ring = SimpleNamespace(dtype=np.dtype([("stamp_ns", "i8")]))
     viewer = process.Viewer(SimpleNamespace(request=asked, ring=ring))
@@ -88,12 +87,10 @@ def test_a_browser_that_leaves_as_the_view_ends_touches_no_server(monkeypatch):
     camera = SimpleNamespace(position=(1, 2, 3), look_at=(0, 0, 0), up_direction=(0, 0, 1))
     heard["left"](SimpleNamespace(camera=camera))
     assert not vars(first)
-    assert not viewer._grant()
+    assert not viewer._handle_requests()
     assert vars(first) == {"position": (1, 2, 3), "look_at": (0, 0, 0), "up": (0, 0, 1)}
-    # a page was asked for by somebody who has gone meanwhile
-    gone = MagicMock(client_id=7)
-    server.get_clients.return_value = {}
-    viewer._scene, viewer._page = object(), lambda seconds: "page"
-    viewer._panel.wishes.put((MOMENT, gone))
-    viewer._grant()
-    gone.send_file_download.assert_not_called()
+    # its camera was to be reset
+    server.get_clients.return_value, viewer._scene = {}, MagicMock()
+    viewer._panel.requests.put(("camera", MagicMock(client_id=7)))
+    viewer._handle_requests()
+    viewer._scene.reset_camera.assert_not_called()

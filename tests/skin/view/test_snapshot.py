@@ -16,9 +16,9 @@ from skin.state import Status, if_wanted
 from skin.view import snapshot
 from skin.view.colour import QUANTITIES
 from skin.view.drawing import contact_labels
-from skin.view.health import Health, flagged, plotted
-from skin.view.history import History
+from skin.view.health import Health, flagged
 from skin.view.snapshot import Snapshots, snapshot_dtype
+from skin.view.unit_folder import History
 from skin.worker import RingBuffer, described
 from tests.fixtures.robots import write_gripper
 from tests.fixtures.shown import Shown
@@ -136,17 +136,14 @@ def test_before_the_first_cycle_units_stand_there_unheard():
 def test_poses_come_when_they_change(clock):
     shown = Shown()
     ring, _ = watched(shown)
-    history = History(ring.dtype, 100)
     for move in (0.0, 0.0, 0.5, 0.0):
         if move:
             shown.poses = shown.poses[0] + move, shown.poses[1]
         clock[0] += 0.1
         shown.show()
-        for record in drained(ring):
-            history.add(record)
-    x = [history[i].pose.position[0, 0] - history[0].pose.position[0, 0] for i in range(5)]
-    np.testing.assert_allclose(x, [0.0, 0.0, 0.0, 0.5, 0.5], atol=1e-6)
-    assert history[1].pose is history[2].pose
+    records = drained(ring)
+    np.testing.assert_allclose(np.diff(records["pose"][:, 0, 0]), [0.0, 0.0, 0.5, 0.0], atol=1e-6)
+    assert np.diff(records["moved"]).tolist() == [0, 0, 1, 0]
 
 
 def test_joints_come_with_the_poses_that_they_are_of(tmp_path, clock):
@@ -204,41 +201,24 @@ def records_of(count, step_s=0.034, n=4):
     return records
 
 
-def test_the_history_keeps_the_newest_in_their_order():
-    history = History(snapshots(1, 4).dtype, 7)
-    for i, record in enumerate(records_of(20)):
-        history.add(record)
-        kept = list(range(max(0, i - 6), i + 1))
-        assert [int(history[k].record["cycle"]) for k in range(len(history))] == kept
-        assert history.values("cycle").tolist() == kept
-        assert history.values("cycle", 3).tolist() == kept[-3:]
-        assert history[-1].record["cycle"] == i
-    with pytest.raises(IndexError):
-        history[7]
-
-
-def test_going_back_in_time_finds_the_snapshot_of_then():
-    history = History(snapshots(1, 4).dtype, 60)
-    for record in records_of(100, 0.1):
-        history.add(record)
-    for back_s, cycle in ((0.0, 99), (1.0, 89), (1.04, 89), (5.9, 40), (60.0, 40)):
-        assert history.back(back_s).record["cycle"] == cycle
-    stretch = history.stretch(history.back(2.0), 1.0)
-    assert [int(one.record["cycle"]) for one in stretch] == list(range(69, 80))
-    assert history.span_s == pytest.approx(5.9)
-
-
-def test_plots_show_force_and_contacts_of_the_last_seconds():
-    history, records = History(snapshots(1, 4).dtype, 1800), records_of(1000)
+def test_plots_show_the_last_seconds_of_the_skin_and_of_a_unit():
+    history, records = History(), records_of(1000)
     records["wrench"][:, :3] = np.outer(np.arange(1000), [0.0, 3.0, 4.0])
     records["contact_count"] = np.arange(1000) % 3
+    records["force"][:, :, 2] = np.outer(np.arange(1000), [3.0, 4.0, 7.0])
+    records["force_sigma"][:, 2, 2] = np.nan
     for record in records:
         history.add(record)
-    time_s, force, contacts = plotted(history, 10.0)
+    time_s, force, contacts = history.skin()
     assert time_s[-1] == 0.0
-    assert -10.0 < time_s[0] < -9.9
+    assert -20.0 < time_s[0] < -19.9
     np.testing.assert_allclose(force[-5:], 5.0 * np.arange(995, 1000))
     assert contacts[-3:].tolist() == [1.0, 2.0, 0.0]
+    seen_s, normal, sigma, shear, _ = history.unit(2)
+    np.testing.assert_array_equal(seen_s, time_s)
+    np.testing.assert_allclose(normal[-2:], [6986.0, 6993.0])
+    np.testing.assert_allclose(shear[-2:], [4990.0, 4995.0])
+    assert (sigma == 0.0).all()
 
 
 def test_health_names_units_and_why():
