@@ -56,7 +56,7 @@ def demo(
     import skin
     from skin.contact.record import SlipState
     from skin.errors import LibraryError, OptionError
-    from skin.view.kinds import PICTURE
+    from skin.view.plots import PICTURE
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
     from topology import load
