@@ -286,28 +286,34 @@ def add_apart(s, touched, model, data):
     data : ContactData
     """
     reading, queue, pose = data.reading, data.units.queue, model.geometry.pose
-    keep_sigma, total, variance, most = model.gate.keep_sigma, 0.0, 0.0, 0.0
-    x = y = z = xx = xy = xz = yy = yz = zz = 0.0
+    force, spread, keep_sigma = reading.force[2], reading.force_sigma[2], model.gate.keep_sigma
+    total, variance, most, lone = 0.0, 0.0, 0.0, -1
     for i in range(queue.size):
-        load, sigma = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i])
+        load, sigma = np.float64(force[i]), np.float64(spread[i])
         if queue[i] != OPEN_TO_ALL or not sigma < np.inf:
             continue
-        v, gate, p = sigma * sigma, keep_sigma * sigma, pose[i]["position"]
-        total, variance = total + load, variance + v
-        if not touched or load > gate:
-            most = max(most, load, gate)
-        vx, vy, vz = v * p[0], v * p[1], v * p[2]
-        x, y, z, xx, xy, xz = x + vx, y + vy, z + vz, xx + vx * p[0], xy + vx * p[1], xz + vx * p[2]
-        yy, yz, zz = yy + vy * p[1], yz + vy * p[2], zz + vz * p[2]
-    square = most * most
-    if not touched:
-        square = max(square, variance)
+        total, variance = total + load, variance + sigma * sigma
+        gate = keep_sigma * sigma
+        if max(load, gate) > most and (not touched or load > gate):
+            most, lone = max(load, gate), i
+    square = 0.0 if touched else max(most * most, variance)
     if total > 0.0 and (not touched or total * total > keep_sigma * keep_sigma * variance):
         square = max(square, total * total)
-    if square > 0.0 and variance > 0.0:
+    if touched and most * most > square:
+        _add_one(s, pose[lone]["position"], most * most)
+    elif square > 0.0 and variance > 0.0:
         k = square / variance
-        moment = (k * xx, k * xy, k * xz, k * yy, k * yz, k * zz)
-        _add(s, square, (k * x, k * y, k * z), moment)
+        x = y = z = xx = xy = xz = yy = yz = zz = 0.0
+        for i in range(queue.size):
+            sigma = np.float64(spread[i])
+            if queue[i] != OPEN_TO_ALL or not sigma < np.inf:
+                continue
+            v, p = k * sigma * sigma, pose[i]["position"]
+            vx, vy, vz = v * p[0], v * p[1], v * p[2]
+            x, y, z = x + vx, y + vy, z + vz
+            xx, xy, xz = xx + vx * p[0], xy + vx * p[1], xz + vx * p[2]
+            yy, yz, zz = yy + vy * p[1], yz + vy * p[2], zz + vz * p[2]
+        _add(s, square, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
 @jitable
