@@ -3,23 +3,17 @@
 Units whose zeros were not taken in their places (`Topology.tared`) are looked at in windows of a
 good second, the first from the first cycle on. Those that nothing touches are tared (see
 `skin.calibrate.tare`); one that something presses is refused, as are those near it, which read its
-film, and is looked at again when the load is taken away, or later, at longer and longer intervals.
-The ambient field of that second
-goes into the offsets, as of every tare; of units that are tared after others, what is followed of
-it by then does not.
+film, and is looked at again when the load is taken away, or at longer and longer intervals. The
+ambient field of that second goes into the offsets; of units that are tared later it does not.
 
-What a run has followed can be saved at its end and taken up by the next. A zero is that of a unit
-on its board, at its temperature: it is taken up if the board reports the same serial number, the
-temperature is the same within `SAME_C`, and the calibration has not changed. Zeros of boards that
-report no serial number, or several as one node, are not taken up.
+A run can save its zeros for the next. They are taken up if the board reports the same serial
+number, the temperature is the same within `SAME_C`, and the calibration has not changed.
 
-**Limit:** a press of one unit that stands still from the first cycle on and is smaller than units
-as made differ from each other (0.25 N; 0.1 N where a bench has measured the frequency at rest)
-cannot be distinguished from rest. A press of many can: in their mean, units differ by as much less
-as the root of their number says (`Readings.pressed_together`). Units that are lower together than
-that keep the zeros of bench or model, UNTARED, with their sigma, until they are higher, or somebody
-says that nothing touches them (`skin tare`, `retake`). What the first second took for rest and was
-none shows when it is lifted: a unit then reads as pulled, its zero is given up, and taken again.
+**Limit:** a steady press of one unit, smaller than units as made differ (0.25 N; 0.1 N where a
+bench has measured the frequency at rest), looks like rest. One of many does not: their mean differs
+less (`Readings.pressed_together`). Units that are lower together keep the zeros of bench or model,
+UNTARED, with their sigma, until they are higher, or somebody says that nothing touches them
+(`skin tare`, `retake`). A unit that reads as pulled later was pressed: its zero is taken again.
 """
 
 from __future__ import annotations
@@ -307,9 +301,9 @@ class Zeros:
         pressed = np.zeros(topology.n, bool)
         pressed[[i for i, look in looks.items() if look.is_pressed]] = True
         if pressed.any():
-            beside = self._beside(pressed)
-            for unit in np.flatnonzero((beside >= 0) & self._pending).tolist():
-                fault = f"must have nothing pressed near it; got {names[beside[unit]]}"
+            near_by = self._beside(pressed)
+            for unit in np.flatnonzero((near_by >= 0) & self._pending).tolist():
+                fault = f"must have nothing pressed near it; got {names[near_by[unit]]}"
                 faults.setdefault(unit, fault)
         taken = self._pending.copy()
         taken[list(faults)] = False

@@ -3,14 +3,14 @@
 The wrench is that of heard units in contact. What else may bear load counts as an error, whose root
 mean square is in the sigmas [assumed]:
 
-- Units beside a contact: the sum of their loads below the gate, or the gate of one of them.
+- Units next to a contact: the sum of their loads below the gate, or the gate of one of them.
 - Other heard units: where nothing touches, the sum of their readings, or its noise if that is
   larger, or the gate of one of them. Beside contacts elsewhere, that sum, or the load of one unit,
   where it is above the gate: a touch is no reason to doubt all the others.
 - A silent unit without a neighbour in contact: the load below the gate when it was last heard,
   since later contacts are seen by its neighbours, unless they are smaller than a unit; where no
   neighbour is heard, or where it was last in contact, the contact is flagged `Flag.UNSEEN`.
-- A silent unit beside a contact that was there when it was last heard: its load then, which has
+- A silent unit next to a contact that was there when it was last heard: its load then, which has
   grown at most as that of its neighbours has, plus what these have gained or lost.
 - Beside a contact that came later: the load of its neighbours, where a unit farther away bears as
   much as a neighbour of it, so that the body is not centred upon it; otherwise the maximum load.
@@ -274,7 +274,7 @@ def _add_one(s, p, v):
 
 @jitable
 def add_apart(s, touched, model, data):
-    """Add what heard units may bear that are neither in contact nor beside one, to the total; after
+    """Add what heard units may bear that are neither in contact nor next to one, to the total; after
     `add_light`.
 
     Parameters
