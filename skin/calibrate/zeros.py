@@ -58,11 +58,9 @@ LONGEST_WAIT_S = 60.0
 NEAR_M = 0.03
 """A film that is pressed is felt this far [assumed: as `skin.decode.ambient`]."""
 GLANCE_S = 1.0
-"""Between two glances at loads while nothing is recorded; a unit that is above its zero in two of
-them has lost it [assumed]."""
+"""Between two glances at loads; a unit above its zero in two has lost it [assumed]."""
 RISEN_SIGMAS = 0.5
-"""Averaged pull, over the sigma of a reading, beyond which no zero is followed [assumed: as
-`skin.decode.ambient`]; without an ambient field there is one reading, and it is `PULL_SIGMAS`."""
+"""Averaged pull, over the sigma of a reading, beyond which no zero is followed [assumed]."""
 FOREVER, REST = 1 << 40, "frequency_rest_hz"
 SAME_C = 5.0
 """Difference of temperatures at which a zero still is the same [assumed]."""
@@ -153,8 +151,7 @@ class Zeros:
             self._boards.hear(frames, np.zeros(frames.size))
 
     def look(self, counts: np.ndarray, status: np.ndarray) -> None:
-        """Look at a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,);
-        `work` does the rest."""
+        """Look at a cycle: counts, shape (c, n), and flags, shape (n,); `work` does the rest."""
         self._last = counts, status
         if self.idle:
             self.idle -= 1
@@ -164,8 +161,7 @@ class Zeros:
             self._owes = True
 
     def work(self) -> None:
-        """Do what the last look has left to do, before the next cycle is decoded: it takes up to
-        some milliseconds, for which a state need not wait."""
+        """Do what the last look has left, up to some milliseconds, before the next cycle."""
         if self._owes:
             self._step()
 
@@ -180,8 +176,7 @@ class Zeros:
     # -- window by window -------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Begin with the next cycle. The window's memory is written now, so that no cycle has to
-        wait for its pages."""
+        """Begin with the next cycle. The window's memory is written now: no cycle waits for it."""
         n = self._filed.n
         self._records, self._owes = True, False
         self.active, self.idle = True, 0
@@ -484,8 +479,7 @@ class Zeros:
         return np.array([hashlib.sha256(row.tobytes()).hexdigest() for row in table])
 
     def _serial(self) -> np.ndarray:
-        """Serial number of the board of each unit, shape (n,), int; -1 where none was heard, -2
-        where boards disagree."""
+        """Serial number of the board of each unit, shape (n,), int; -1 if unheard, -2 if two disagree."""
         frames, found = self._filed.frames, np.full(self._filed.n, -1)
         heard = {} if self._boards is None else self._boards.heard
         for frame, node in enumerate(node_numbers(self._filed).tolist()):

@@ -274,8 +274,9 @@ def _add_one(s, p, v):
 
 @jitable
 def add_apart(s, touched, model, data):
-    """Add what heard units may bear that are neither in contact nor next to one, to the total; after
-    `add_light`.
+    """Add to the total what heard units may bear that are neither in contact nor next to one.
+
+    Comes after `add_light`.
 
     Parameters
     ----------
