@@ -479,7 +479,7 @@ class Zeros:
         return np.array([hashlib.sha256(row.tobytes()).hexdigest() for row in table])
 
     def _serial(self) -> np.ndarray:
-        """Serial number of the board of each unit, shape (n,), int; -1 if unheard, -2 if two disagree."""
+        """Serial number of each unit's board, shape (n,), int; -1 unheard, -2 disagreeing."""
         frames, found = self._filed.frames, np.full(self._filed.n, -1)
         heard = {} if self._boards is None else self._boards.heard
         for frame, node in enumerate(node_numbers(self._filed).tolist()):
