@@ -5,14 +5,14 @@ mean square is in the sigmas [assumed]:
 
 - Units next to a contact: the sum of their loads below the gate, or the gate of one of them.
 - Other heard units: where nothing touches, the sum of their readings, or its noise if that is
-  larger, or the gate of one of them. Beside contacts elsewhere, that sum, or the load of one unit,
+  larger, or the gate of one of them. Next to contacts elsewhere, that sum, or the load of one unit,
   where it is above the gate: a touch is no reason to doubt all the others.
 - A silent unit without a neighbour in contact: the load below the gate when it was last heard,
   since later contacts are seen by its neighbours, unless they are smaller than a unit; where no
   neighbour is heard, or where it was last in contact, the contact is flagged `Flag.UNSEEN`.
 - A silent unit next to a contact that was there when it was last heard: its load then, which has
   grown at most as that of its neighbours has, plus what these have gained or lost.
-- Beside a contact that came later: the load of its neighbours, where a unit farther away bears as
+- Next to a contact that came later: the load of its neighbours, where a unit farther away bears as
   much as a neighbour of it, so that the body is not centred upon it; otherwise the maximum load.
 - Never heard: the gates of the neighbours; its maximum load if these are silent, too.
 - And at most its maximum load in any case.
