@@ -42,13 +42,13 @@ _CLASSIC_BYTES, _FD_BYTES = 8, 64
 _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f\x7f]")
 _BYTE = re.compile(r"[\dA-Fa-f]{2}")
 
-Row = tuple[int, int, int, int, int, int, bytes]
-"""Stamp, identifier, length, flags, origin, number of the channel (0: none) and data of a frame."""
+Row = tuple[int, int, int, int, int, str, bytes]
+"""Stamp, identifier, length, flags, origin, number of the channel ("": none), data of a frame."""
 
 
 def _frame(
     stamp_ns: int, number: int, kind: int, length: int, data: bytes, flags: int = 0,
-    channel: int = 0, is_sent: bool = False,
+    channel: str = "", is_sent: bool = False,
 ) -> Row:  # fmt: skip
     """A frame; `kind` has the upper bits of its identifier."""
     if kind & CAN_ERR:
@@ -95,7 +95,7 @@ class _Asc:
             raise ValueError("neither a frame nor an event, with its end")
         stamp_ns, text = int(found[1]) * 10**9 + int(found[2].ljust(9, "0")), found[3]
         if error := self._ERROR.match(text):
-            return _frame(stamp_ns, 0, CAN_ERR, 0, b"", channel=int(error[1]))
+            return _frame(stamp_ns, 0, CAN_ERR, 0, b"", channel=error[1])
         return None if self._EVENT.match(text) else self._data(stamp_ns, text.split())
 
     def _data(self, stamp_ns: int, words: list[str]) -> Row:
@@ -125,7 +125,7 @@ class _Asc:
             raise ValueError("not one whole frame")
         content = bytes(int(byte, self._base) for byte in data)
         return _frame(stamp_ns, int(number.rstrip("xX"), self._base), kind, length, content, flags,
-                      int(channel), way == "Tx")  # fmt: skip
+                      channel, way == "Tx")  # fmt: skip
 
     def _is_byte(self, word: str) -> bool:
         return bool(_BYTE.fullmatch(word)) if self._base == 16 else word.isdecimal()
@@ -153,7 +153,7 @@ class _Trc:
         if self.COMMENT.match(line):
             return None
         words = line.split(maxsplit=len(self._columns) - 1)
-        cells = {"D": "", "B": "0", "d": "Rx"} | dict(zip(self._columns, words, strict=False))
+        cells = {"D": "", "B": "", "d": "Rx"} | dict(zip(self._columns, words, strict=False))
         kind, number = cells.get("T", cells["d"]), cells["I"]
         if kind in self._EVENTS or number == "FFFFFFFF":
             return None
@@ -167,7 +167,7 @@ class _Trc:
             self._start_ns + 1000 * round(1000 * float(cells["O"])), int(number, 16),
             CAN_EFF * (len(number) > 4) | CAN_RTR * is_remote,
             FD_LENGTHS[length] if flags and "l" not in cells else length,
-            bytes.fromhex("".join(data)), flags, int(cells["B"]), cells["d"] == "Tx",
+            bytes.fromhex("".join(data)), flags, cells["B"], cells["d"] == "Tx",
         )  # fmt: skip
 
     def _take(self, name: str, value: str) -> None:
@@ -239,7 +239,7 @@ class RowReader(LogReader):
                     if frame is not None:
                         self._add(batch, frame)
                     elif not take.COMMENT.match(row):
-                        self._skip("event")
+                        self._skip("line")
                 except ChannelError:
                     raise
                 except LogError as error:
@@ -253,7 +253,7 @@ class RowReader(LogReader):
     def _add(self, batch: FrameBatch, row: Row) -> None:
         """Add a frame, if it is of a wanted bus."""
         stamp_ns, can_id, length, flags, origin, channel, data = row
-        name = f"can{channel - 1}" if channel else ""
+        name = f"can{int(channel) - 1}" if channel else ""
         bus = self._channels.index(name)
         if bus == LEFT_OUT:
             self._skip(f"frame of {name}")

@@ -17,6 +17,8 @@ from skin.cli.table import counted
 if TYPE_CHECKING:
     from bus.diagnose import Finding
     from bus.discover import Survey
+    from bus.logs import LogReader
+    from skin.offline import LogWatch
     from topology import Topology
 
 __all__ = ["doctor"]
