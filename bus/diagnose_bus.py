@@ -254,9 +254,12 @@ class BusRules:
         if self.numbered and alive:
             return alive
         moved = {self.ids[place] for place in places} & {*self.moved.values()}
-        is_moved = len(moved) == len(places) > 1
-        where = "another address than the file's, as unknown identifiers come instead; else "
-        return f"{where if is_moved else ''}{otherwise}"
+        if len(moved) < 2:
+            return otherwise
+        return (
+            f"other addresses than the file's, as {len(moved)} unknown identifiers come instead; "
+            f"else {otherwise}"
+        )
 
     def _how(self, places: np.ndarray) -> str:
         """Never received, or silent since when."""

@@ -65,7 +65,7 @@ def compare_serials(
         others = (unit for unit, entry in everywhere.items() if unit != name
                   and (match := NUMBER.search(entry)) and match[0].lstrip("0") == said)  # fmt: skip
         other = next(others, None)
-        where = f", which {source} has as {other}: are they exchanged?" if other else ""
+        where = f", which {source} has as {other}" if other else ""
         found[name] = (f"serial number: must be {serial}, as {source} has it; got {said} in "
                        f"heartbeats{where}")  # fmt: skip
     return found

@@ -23,11 +23,12 @@ __all__ = ["DbcMessage", "DbcSignal", "conversion", "read_dbc"]
 LARGEST_MB, MOST_LINES = 16, 400_000
 """Larger files are refused before they are parsed; those of whole cars are a few MB."""
 
-_END_OF_COMMENT = re.compile(
-    r'(?<!\\)"[ \t]*;[ \t]*$|^(?=[ \t]*(?:CM|BA|BA_DEF\w*|VAL|EV_DATA|SIG_\w+|SG_MUL_VAL)_[ \t])',
+_COMMENT = re.compile(
+    r'^[ \t]*+CM_[ \t](?:.|\n)*?(?:(?<!\\)"[ \t]*+;[ \t]*+$'
+    r"|^(?=[ \t]*+(?:CM|BA|BA_DEF\w*|VAL|EV_DATA|SIG_\w+|SG_MUL_VAL)_[ \t]))",
     re.M,
 )
-"""Other statements end a comment without an end: quotes within comments are not always escaped."""
+"""Other statements end one without an end: quotes within comments are not always escaped."""
 _NAME = r"""[^\s:|@"]+"""
 _NUMBER = r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?"
 _MESSAGE = re.compile(
@@ -194,7 +195,8 @@ def read_dbc(path: Path, shown: str, report: Report) -> dict[str, DbcMessage] | 
     raw = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
     if raw is None:
         return None
-    text = _without_comments(_decoded(raw).replace("\r\n", "\n").replace("\r", "\n"))
+    text = _decoded(raw).replace("\r\n", "\n").replace("\r", "\n")
+    text = _COMMENT.sub(lambda comment: "\n" * comment[0].count("\n"), text)
     floats = {(int(m[1]), m[2]) for m in _FLOAT.finditer(text)}
     fd_ids, fd_usually = _fd_messages(text)
     messages: dict[str, DbcMessage] = {}
@@ -240,20 +242,6 @@ def _decoded(raw: bytes) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         return raw.decode("latin-1")
-
-
-def _without_comments(text: str) -> str:
-    """A text with empty lines in place of comments (CM_): no line of them is parsed."""
-    kept, at = [], 0
-    for start in re.finditer(r"^[ \t]*+CM_[ \t]", text, re.M):
-        if start.start() < at:
-            continue
-        kept.append(text[at : start.start()])
-        end = _END_OF_COMMENT.search(text, start.end())
-        at = text.find("\n", start.end()) if end is None else end.end()
-        at = len(text) if at < 0 else at
-        kept.append("\n" * text.count("\n", start.start(), at))
-    return "".join([*kept, text[at:]])
 
 
 def _signal(found: re.Match[str], line: int, is_float: bool) -> DbcSignal:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import stat
-import tomllib
 import uuid
 import zipfile
 from collections.abc import Callable, Iterator
@@ -33,8 +32,6 @@ __all__ = [
     "whole_path",
 ]
 
-DESCRIBED_BYTES = 1 << 20
-"""Bytes that are read of an existing file, to describe it [assumed]."""
 LARGEST_ARRAYS = 1 << 31
 """Upper bound of the bytes of all arrays of an archive, unpacked [assumed: the stencil of 100 000
 units]."""
@@ -101,7 +98,7 @@ def check_over(path: Path, kind: Kind) -> None:
     Raises
     ------
     FileExistsError
-        The message describes the existing file.
+        It exists, and is of another kind.
     """
     if not path.is_file() or not path.stat().st_size:
         return
@@ -110,41 +107,9 @@ def check_over(path: Path, kind: Kind) -> None:
     except Exception:  # another kind may raise anything
         is_own = False
     if not is_own:
-        wanted = f"a new file, or {kind.name}" if kind.name else "a new file"
-        raise FileExistsError(
-            errno.EEXIST,
-            f"must be {wanted}; got {_described(path)} that is there already",
-            str(path),
-        )
-
-
-def _described(path: Path) -> str:
-    """Short description of a file by its contents."""
-    try:
-        with open_regular(path) as file:
-            head = file.read(DESCRIBED_BYTES)
-    except OSError:
-        return "a file"
-    if head.startswith(b"PK"):
-        return "an archive or file of arrays"
-    try:
-        text = head.decode()
-    except UnicodeDecodeError as error:
-        if error.start < len(head) - 3:
-            return f"a {path.suffix or 'binary'} file"
-        text = head[: error.start].decode()
-    if "\0" in text:
-        return f"a {path.suffix or 'binary'} file"
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        table = {}
-    if "patches" in table:
-        return f"the topology file of {str(table.get('name', ''))!r}"
-    if "patch" in table and "units" in table:
-        return f"the calibration file of patch {str(table['patch'])!r}"
-    line = next((line for line in text.splitlines() if line.strip()), "")
-    return f"a file that begins with {line.strip()[:40]!r}"
+        wanted, got = (f", or {kind.name}", "another") if kind.name else ("", "one")
+        text = f"must be a new file{wanted}; got {got} that is there already"
+        raise FileExistsError(errno.EEXIST, text, str(path))
 
 
 @contextmanager

@@ -155,7 +155,7 @@ def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str
     for name, gap in _far_away(topology):
         yield (
             f"{name} is {gap:.3g} m from all else of the skin and from the "
-            f"{'origin' if topology.robot is None else 'links'}: lengths are metres"
+            f"{'origin' if topology.robot is None else 'links'}: lengths are metres, not mm"
         )
     outward = -topology.rotation[:, 2]
     overlaps = overlapping(topology.position, outward, topology.parameters["radius_m"])
@@ -174,28 +174,19 @@ def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str
             yield f"bus {bus.name!r} carries no unit"
 
 
-def _far_away(topology: Topology) -> Iterator[tuple[str, float]]:
-    """Patches, and single units, that a chain of steps of `FAR_M` does not reach from the origin or
-    the links; and their distance from what it does."""
-    skin, robot = topology, topology.robot
-    group, names = skin.patch.copy(), [f"patch {name!r}" for name in skin.patch_names]
-    for index in range(len(names)):
-        units = np.flatnonzero(skin.patch == index)
-        lone = units[nearest_distance(skin.position[:, units]) > FAR_M] if units.size > 1 else []
-        for unit in lone:
-            group[unit] = len(names)
-            names.append(f"unit {skin.unit_names[unit]}")
-    inside = [skin.position[:, group == index] for index in range(len(names))]
-    low, high = (np.stack([at(places, axis=1, initial=sign * np.inf) for places in inside], axis=1)
-                 for at, sign in ((np.min, 1), (np.max, -1)))  # fmt: skip
-    known = np.zeros((1, 3)) if robot is None else robot.forward(robot.home)[:, :3, 3]
-    left = [(place, place) for place in known]
-    gap, reached = np.full(len(names), np.inf), np.array([not places.size for places in inside])
+def _far_away(skin: Topology) -> Iterator[tuple[str, float]]:
+    """Patches, or single units of them, that no chain of steps of `FAR_M` reaches from the origin
+    or the links; and their distance from what it does."""
+    _, some = np.unique(np.round(20 / FAR_M * skin.position), axis=1, return_index=True)
+    place, gap = skin.position[:, some], np.full(some.size, np.inf)
+    robot = skin.robot
+    left = list(np.zeros((1, 3)) if robot is None else robot.forward(robot.home)[:, :3, 3])
     while left:
-        a, b = (place[:, np.newaxis] for place in left.pop())
-        gap = np.minimum(gap, np.linalg.norm(np.maximum(np.maximum(low - b, a - high), 0), axis=0))
-        new = np.flatnonzero((gap <= FAR_M) & ~reached)
-        reached[new] = True
-        left += [(low[:, index], high[:, index]) for index in new]
-    for index in np.flatnonzero(~reached):
-        yield names[index], float(gap[index])
+        away = np.linalg.norm(place - left.pop()[:, np.newaxis], axis=0)
+        left += list(place[:, (gap > FAR_M) & (away <= FAR_M)].T)
+        gap = np.minimum(gap, away)
+    for patch in np.unique(skin.patch[some[gap > FAR_M]]):
+        own = np.flatnonzero(skin.patch[some] == patch)
+        far = own[gap[own] > FAR_M]
+        unit = f"unit {skin.unit_names[some[far[0]]]}"
+        yield unit if far.size < own.size else f"patch {skin.patch_names[patch]!r}", gap[far].min()

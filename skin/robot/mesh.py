@@ -32,9 +32,7 @@ def read_mesh(path: Path) -> np.ndarray:
             convert = import_module("trimesh.units").unit_conversion
             triangles *= convert(mesh.units or "meters", "meters")
     except ImportError as error:
-        raise LibraryError(
-            f"trimesh: must be installed for meshes (pip install 'f3t-skin[mesh]'); got: {error}"
-        ) from None
+        raise _not_installed("meshes", error) from None
     except Exception as error:  # a damaged file may raise anything
         reason = str(error) or type(error).__name__
         raise SkinError(f"{path}: must be a mesh that trimesh reads; got: {reason}") from None
@@ -59,9 +57,7 @@ def primitive_mesh(kind: str, size: tuple[float, ...]) -> np.ndarray:
     try:
         creation = import_module("trimesh.creation")
     except ImportError as error:
-        raise LibraryError(
-            f"trimesh: must be installed for shapes (pip install 'f3t-skin[mesh]'); got: {error}"
-        ) from None
+        raise _not_installed("shapes", error) from None
     if kind == "plane":
         return np.zeros((0, 3, 3))
     if kind == "box":
@@ -77,3 +73,9 @@ def primitive_mesh(kind: str, size: tuple[float, ...]) -> np.ndarray:
     triangles = np.array(mesh.triangles, float)
     # a capsule of some versions stands on its end
     return triangles - 0.5 * (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1)))
+
+
+def _not_installed(what: str, error: ImportError) -> LibraryError:
+    return LibraryError(
+        f"trimesh: must be installed for {what} (pip install 'f3t-skin[mesh]'); got: {error}"
+    )

@@ -1,6 +1,7 @@
 """What the doctor makes of heartbeats: each trouble provoked, alone, in words that are kept."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from hypothesis import strategies as st
 from bus import Assembler
 from bus.boards import MOST_SERIALS
 from bus.diagnose import diagnose
+from bus.diagnose_boards import identities
+from bus.diagnose_bus import BusRules
 from bus.discover import Survey
 from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
 from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, STATES, beating_nodes
@@ -64,12 +67,15 @@ def all_beats(skin, *, but=()):
 
 
 def found_in(skin, *parts):
-    records = join(*parts)
+    return diagnose(found_with(skin, join(*parts)))
+
+
+def found_with(skin, records):
     survey = Survey(skin)
     for batch in np.array_split(records[np.argsort(records["stamp_ns"], kind="stable")], 7):
         survey.feed(batch)
     survey.finish()
-    return diagnose(survey)
+    return survey
 
 
 def a_case(name):
@@ -117,7 +123,31 @@ def a_case(name):
             return skin, data_of(skin, 4), *(
                 beats(node, firmware=1 + (node > 6) + (node == 8)) for node in range(1, 9)
             )  # fmt: skip
+        case "missing-unit, taken out of boards that number themselves":
+            skin = make_topology("f3t-classic", 4)
+            return skin, data_of(skin, 4, without=[(0, 0x101)]), all_beats(skin, but=[(0, 4)])
+        case "silent-branch, of one board less on other addresses":
+            skin = make_topology("f3t-classic", 4)
+            rest = data_of(skin, 4, without=[(0, 0x103)])
+            rest["id"][(rest["id"] > 0x100) & (rest["id"] < 0x200)] += 0x10
+            return skin, rest, all_beats(skin, but=[(0, 4)])
+        case "unknown-board, two of other numbers":
+            skin = make_topology("f3t-classic", 4)
+            others = join(beats(77, serial=77), beats(78, serial=78))
+            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2), (0, 3)]), others
+        case "other-serial":
+            skin = with_serials("F3T-0001", "F3T-0002", "F3T-0003", "")
+            return (
+                skin,
+                data_of(skin, 4),
+                *(beats(n, serial=s) for n, s in enumerate([2, 1, 9, 4], 1)),
+            )
     raise KeyError(name)
+
+
+def with_serials(*serials):
+    """Units with boards of their own, whose calibration files have serial numbers."""
+    return dataclasses.replace(make_topology("f3t-classic", len(serials)), serials=serials)
 
 
 CASES = {
@@ -136,6 +166,13 @@ CASES = {
     "board-fault": ["board-fault"],
     "firmware-mismatch": ["firmware-mismatch"],
     "firmware-mismatch, of many": ["firmware-mismatch"],
+    "missing-unit, taken out of boards that number themselves": [
+        "missing-unit",
+        "missing-heartbeat",
+    ],
+    "silent-branch, of one board less on other addresses": ["silent-branch", *2 * ["unknown-id"]],
+    "unknown-board, two of other numbers": [*2 * ["missing-heartbeat"], *2 * ["unknown-board"]],
+    "other-serial": 3 * ["other-serial"],
 }
 
 
@@ -149,6 +186,36 @@ def test_the_words_of_findings_about_boards():
     for name in CASES:
         lines += [f"[{name}]", *map(str, found_in(*a_case(name))), ""]
     check_golden("doctor-boards", "\n".join(lines))
+
+
+@given(data=st.data())
+def test_each_board_that_moved_is_named_once(data):
+    skin = make_topology("f3t-classic", 4)
+    ids = skin.frames.can_id.tolist()
+    moved = data.draw(st.lists(st.sampled_from(ids), min_size=1, unique=True))
+    free = st.integers(0x104, 0x6FF)
+    others = data.draw(st.lists(free, min_size=1, max_size=6, unique=True))
+    records = data_of(skin, 0.3)
+    for old, new in itertools.zip_longest(moved, others):
+        if old is None:
+            again = records[records["id"] == others[0]].copy()
+            again["id"] = new
+            records = join(records, again)
+        elif new is None:
+            records = records[records["id"] != old]
+        else:
+            records["id"][records["id"] == old] = new
+    rules = BusRules(found_with(skin, records), 0)
+    assert len(rules.moved) == min(len(moved), len(others))
+    assert len(set(rules.moved.values())) == len(rules.moved)
+    assert set(rules.moved) <= set(others)
+    assert set(rules.moved.values()) <= set(moved)
+
+
+def test_serial_numbers_are_compared_where_both_sides_have_them():
+    skin = with_serials("F3T-0001", "no number", "", "7")
+    survey = found_with(skin, join(data_of(skin, 0.1), *(beats(n, serial=n) for n in (1, 2, 3))))
+    assert identities(survey) == {"patch/0": ""}
 
 
 def test_boards_of_different_layouts_may_have_different_firmware():

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from skin.cli import main
+from tests.fixtures.robots import GRIPPER, write_gripper
 from tests.fixtures.topology import write_topology
 from topology import builtin, load
 from topology.json_schema import json_schema
@@ -103,6 +104,45 @@ def test_what_may_be_meant_is_noted(tmp_path):
     assert (idle.units, idle.ids, idle.load, idle.highest_rate_hz, idle.ok) == (
         0, None, 0.0, None, True,
     )  # fmt: skip
+
+
+ROW = 'kind = "grid"\nrows = 1\ncolumns = 2\npitch_m = 0.0125\nlayout = "f3t-fd64"\n'
+BEYOND = "m from all else of the skin and from the origin: lengths are metres, not mm"
+
+
+@pytest.mark.parametrize(
+    ("places", "told"),
+    [
+        (["5, 0, 0"], ["patch 'patch' is 4.99 " + BEYOND]),
+        (["0, 0, 0", "0, 0, -5"], ["patch 'p1' is 5 " + BEYOND]),
+        (["0, 0, 0", "1.1, 0, 0"], ["patch 'p1' is 1.09 " + BEYOND]),
+        (["0, 0, 0", "0, 0.9, 0", "0, 1.8, 0", "0, 2.7, 0"], []),
+        (["0, 0, 0", "3, 0, 0", "3.5, 0, 0"],
+         ["patch 'p1' is 2.99 " + BEYOND, "patch 'p2' is 3.49 " + BEYOND]),
+    ],
+)  # fmt: skip
+def test_a_patch_far_from_everything_is_noted(places, told, tmp_path):
+    first, *others = places
+    more = "".join(
+        f'[[patches]]\nname = "p{i}"\nbus = "main"\n{ROW}first_id = {0x100 + 16 * i}\n'
+        f"pose = {{ xyz_m = [{place}] }}\n"
+        for i, place in enumerate(others, 1)
+    )
+    patch = f"{ROW}first_id = 0x100\npose = {{ xyz_m = [{first}] }}\n"
+    assert summary(load(write_topology(tmp_path, patch=patch, more=more))).warnings == tuple(told)
+
+
+def test_a_unit_far_from_everything_is_noted(tmp_path):
+    more = '[[units]]\nunit = "patch/r3c4"\nxyz_m = [0, 5, 0]\n'
+    (note,) = summary(load(write_topology(tmp_path, patch=FULL, more=more))).warnings
+    assert note == "unit patch/r3c4 is 4.95 " + BEYOND
+
+
+def test_a_patch_on_a_link_far_from_the_base_is_near_and_one_off_its_link_is_noted(tmp_path):
+    arm = GRIPPER.replace('"-0.05 0 0.03', '"-2.5 0 0.03').replace('"0.05 0 0.03', '"3 0 0')
+    assert summary(load(write_gripper(tmp_path, arm))).warnings == ()
+    (note,) = summary(load(write_gripper(tmp_path, arm, out=-4.0))).warnings
+    assert note.startswith("patch 'left' is 4 m from all else of the skin and from the links: ")
 
 
 def test_faces_bent_apart_do_not_overlap(tmp_path):

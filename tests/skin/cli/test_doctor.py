@@ -9,9 +9,11 @@ import pytest
 import topology
 from bus import MemoryTransport
 from bus.faults import script as kinds
+from bus.heartbeat import FIRST_ID, LAYOUT
 from skin.cli import main
 from skin.sim.node import SimulatedUnits
 from tests.bus.test_discover import hurt, traffic
+from tests.fixtures.bus import frame, join
 
 PALM = topology.load("palm")
 
@@ -68,6 +70,42 @@ def test_a_healthy_log_is_well(healthy, capsys):
     assert report["healthy"]
     assert report["findings"] == []
     assert report["counters"]["data"] == 60 * 13
+
+
+@pytest.mark.parametrize("beaten", [(), (1000, 1001), (1001, 1000)])
+def test_the_identity_of_units_is_compared_or_said_not_to_be(beaten, tmp_path, capsys):
+    file = tmp_path / "pad.toml"
+    file.write_text(
+        'format = 1\nname = "pad"\n[[buses]]\nname = "main"\ninterface = "socketcan"\n'
+        'channel = "can7"\ncycle_rate_hz = 250\nsync_id = 0x80\n'
+        '[[patches]]\nname = "pad"\nkind = "grid"\nrows = 2\ncolumns = 1\npitch_m = 0.0125\n'
+        'bus = "main"\nlayout = "f3t-classic"\nfirst_id = 0x100\ncalibration = "own.toml"\n'
+    )
+    (tmp_path / "own.toml").write_text(
+        'format = 1\npatch = "pad"\n[measured.r0c0]\nserial = "F3T-1000"\n'
+        '[measured.r1c0]\nserial = "F3T-1001"\n'
+    )
+    records = traffic(topology.load(file), 60, period_ns=4_000_000)
+    beats = [
+        frame(FIRST_ID + node, LAYOUT.pack(1, 5, 1, serial, 0, 0), stamp_ns=records["stamp_ns"][9])
+        for node, serial in enumerate(beaten, 1)
+    ]
+    log = recorded(tmp_path / "run.log", join(records[:9], *beats, records[9:]))
+    status = main(["doctor", str(file), "--log", log, "--json"])
+    *table, last = capsys.readouterr().out.splitlines()
+    report = json.loads(last)
+    codes = [finding["code"] for finding in report["findings"]]
+    said = [line for line in table if "known by address only" in line]
+    if not beaten:
+        assert (status, codes) == (0, [])
+        assert report["identity_unchecked"] == ["pad/r0c0", "pad/r1c0"]
+        assert said[0].startswith("2 units are known by address only, which two exchanged units")
+        assert "give heartbeats on the bus, or in the log, whose serial numbers" in said[0]
+        return
+    assert (report["identity_unchecked"], said) == ([], [])
+    wrong = beaten == (1001, 1000)
+    assert (status, codes) == ((1, 2 * ["other-serial"]) if wrong else (0, []))
+    assert wrong == any("which the calibration file has as pad/r1c0" in line for line in table)
 
 
 def test_findings_come_with_their_likely_cause(sick, capsys):

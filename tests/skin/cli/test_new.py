@@ -38,7 +38,7 @@ def test_a_new_hand_is_checked_simulated_and_tared(more, folder, capsys):
 def test_what_is_there_stays(there, folder, capsys):
     (folder / there).write_text("Notes of the lab\n")
     assert main(["new", "my_hand"]) == 2
-    assert "must be a new file; got a file that begins with 'Notes" in capsys.readouterr().err
+    assert "must be a new file; got one that is there already" in capsys.readouterr().err
     assert [(path.name, path.read_text()) for path in folder.iterdir()] == [
         (there, "Notes of the lab\n")
     ]

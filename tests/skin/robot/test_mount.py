@@ -1,6 +1,7 @@
 """`skin mount`: what sits wrong is named, and units written into a model are where they were."""
 
 import json
+import sys
 
 import mujoco
 import numpy as np
@@ -9,7 +10,9 @@ import trimesh
 import yourdfpy
 
 from skin.cli import main
+from skin.errors import LibraryError
 from skin.robot.joints import Joints
+from skin.robot.mesh import read_mesh
 from skin.robot.write import unit_link_name, write_mounted
 from tests.fixtures.robots import GRIPPER, of_package, random_joints, write_gripper
 from tests.topology.robot.test_robot import MJCF
@@ -92,6 +95,7 @@ def test_units_in_an_mjcf_are_where_mujoco_sees_them(tmp_path, capsys):
         assert np.abs(site.xmat.reshape(3, 3) - skin.rotation[:, :, unit]).max() < 1e-12
 
 
+BOX = '<box size="0.01 0.05 0.06"/>'
 WRONG = {
     "floats": (GRIPPER, {"out": 0.025}, "got 20.0 mm off (4 of 4 units): correct the pose"),
     "inverted": (GRIPPER, {"pitch": -90}, "its normals point into the link: turn the patch"),
@@ -102,9 +106,26 @@ WRONG = {
         "gripper.urdf:5: link 'left' mass: must be positive; got 0: give its <inertial>",
     ),
     "no mesh": (
-        GRIPPER.replace('<box size="0.01 0.05 0.06"/>', '<mesh filename="tip.stl"/>', 1),
+        GRIPPER.replace(BOX, '<mesh filename="gone.stl"/>', 1),
         {},
-        "tip.stl: must be a mesh; got no such file: correct its filename",
+        "gone.stl: must be a mesh; got no such file: correct its filename",
+    ),
+    "a mesh of nothing in metres": (
+        GRIPPER.replace(BOX, '<mesh filename="tip.stl" scale="0.001 0.001 0.001"/>', 1),
+        {},
+        "link 'left' mesh: must be in metres; got 6e-05 m across: if it is drawn in metres, leave "
+        "out its scale",
+    ),
+    "a box in millimetres": (
+        GRIPPER.replace(BOX, '<box size="10 50 60"/>', 1),
+        {},
+        "link 'left' box: must be in metres; got 60 m across: if it is drawn in millimetres, "
+        "divide its lengths by 1000",
+    ),
+    "divided twice": (
+        GRIPPER.replace("0.05 0 0.03", "0.00005 0 0.00003"),
+        {},
+        "lengths must be metres; got links within 0.05 mm: if they were divided by 1000 twice",
     ),
     "millimetres": (
         GRIPPER.replace("-0.05 0 0.03", "-50 0 30"),
@@ -117,6 +138,7 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_what_sits_wrong_is_named_with_what_to_do_and_nothing_is_written(case, tmp_path, capsys):
     model, how, told = WRONG[case]
+    trimesh.creation.box((0.01, 0.05, 0.06)).export(tmp_path / "tip.stl")
     file = write_gripper(tmp_path, model, **how)
     out = tmp_path / "out.urdf"
     status, found, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)
@@ -128,15 +150,40 @@ def test_what_sits_wrong_is_named_with_what_to_do_and_nothing_is_written(case, t
 
 def test_a_mesh_in_millimetres_is_named_and_one_with_its_scale_is_fine(tmp_path, capsys):
     trimesh.creation.box((10.0, 50.0, 6000.0)).export(tmp_path / "tip.stl")
-    box = '<box size="0.01 0.05 0.06"/>'
-    file = write_gripper(tmp_path, GRIPPER.replace(box, '<mesh filename="tip.stl"/>', 1))
+    file = write_gripper(tmp_path, GRIPPER.replace(BOX, '<mesh filename="tip.stl"/>', 1))
     _, found, _ = mount(capsys, tmp_path / "gripper.urdf", file)
     assert any('give it scale="0.001 0.001 0.001"' in problem for problem in found["problems"])
     scaled = '<mesh filename="tip.stl" scale="0.001 0.001 0.00001"/>'
-    file = write_gripper(tmp_path, GRIPPER.replace(box, scaled, 1))
+    file = write_gripper(tmp_path, GRIPPER.replace(BOX, scaled, 1))
     status, found, said = mount(capsys, tmp_path / "gripper.urdf", file)
     assert status == 0, said
     assert found["patches"][0]["distance_mm"] == pytest.approx([5.0, 5.0])
+
+
+@pytest.mark.parametrize("metre", [1.0, 0.001, 0.0254])
+def test_a_collada_mesh_of_a_package_is_read_in_its_own_unit(tmp_path, capsys, metre):
+    box = trimesh.creation.box(np.array((0.01, 0.05, 0.06)) / metre)
+    parts = [box.slice_plane((0, 0, 0), (0, 0, side), cap=False) for side in (1, -1)]
+    text = trimesh.exchange.dae.export_collada(parts).decode()
+    (tmp_path / "meshes").mkdir()
+    asset = f'<unit name="own" meter="{metre}"/></asset>'
+    (tmp_path / "meshes" / "tip.DAE").write_text(text.replace("</asset>", asset))
+    (tmp_path / "package.xml").write_text("<package><name>hand</name></package>")
+    mesh = '<mesh filename="package://hand/meshes/tip.DAE"/>'
+    file = write_gripper(tmp_path, GRIPPER.replace(BOX, mesh, 1))
+    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file)
+    assert status == 0, said
+    assert found["patches"][0]["distance_mm"] == pytest.approx([5.0, 5.0])
+    assert found["patches"][1]["distance_mm"] == pytest.approx([5.0, 5.0])
+
+
+def test_a_collada_mesh_without_its_library_says_which_extra_brings_it(tmp_path, monkeypatch):
+    (tmp_path / "tip.dae").write_bytes(
+        trimesh.exchange.dae.export_collada(trimesh.creation.box((1, 1, 1)))
+    )
+    monkeypatch.setitem(sys.modules, "collada", None)
+    with pytest.raises(LibraryError, match=r"pip install 'f3t-skin\[mesh\]'"):
+        read_mesh(tmp_path / "tip.dae")
 
 
 @pytest.mark.parametrize(

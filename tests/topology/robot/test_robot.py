@@ -107,6 +107,25 @@ def test_a_damaged_robot_is_refused(tmp_path, change, told):
     assert told in str(raised.value)
 
 
+@pytest.mark.parametrize("where", ["clone-2.1", "src/other-clone", "share/hand_description"])
+def test_meshes_are_found_in_packages_by_the_name_in_their_package_xml(
+    where, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'nowhere'}:{tmp_path / 'install'}")
+    model = tmp_path / "src" / "hand-ros" / "urdf" / "hand.urdf"
+    own = tmp_path / {"clone-2.1": "src/hand-ros", "src/other-clone": where}.get(
+        where, f"install/{where}"
+    )  # fmt: skip
+    for folder, name in ((tmp_path / "src" / "wrong", "hand"), (own, "hand_description")):
+        mesh = folder / "meshes" / "tip.stl"
+        mesh.parent.mkdir(parents=True)
+        mesh.write_text("")
+        text = f'<?xml version="1.0"?>\n<package format="3">\n  <name> {name} </name>\n</package>'
+        (folder / "package.xml").write_text(text)
+    assert resolve_mesh("package://hand_description/meshes/tip.stl", model) == mesh
+    assert not resolve_mesh("package://hand_description/meshes/thumb.stl", model).exists()
+
+
 def test_meshes_of_packages_are_found_around_the_model(tmp_path):
     model = tmp_path / "hand_description" / "urdf" / "hand.urdf"
     mesh = tmp_path / "hand_description" / "meshes" / "tip.stl"
