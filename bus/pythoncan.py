@@ -106,6 +106,7 @@ class PythonCanTransport(Transport):
         until = time.monotonic() + timeout_s
         wait_s = min(timeout_s, _SLICE_S) if timeout_s > 0 else 0.0
         view, stamps = batch.records.view(np.uint8).data, batch.records["stamp_ns"]
+        clock = self._own_clock
         while batch.room:
             message = self._receive(wait_s, batch.count > start)
             if message is not None:
@@ -113,10 +114,9 @@ class PythonCanTransport(Transport):
                 if self._is_echo(message):
                     continue
                 from_message(message, view, batch.count, self.index, self._error_mask)
-                if self._own_clock is not None:
-                    stamps[batch.count] = self._own_clock.stamp(
-                        round(message.timestamp * 1e9), time.time_ns()
-                    )
+                if clock is not None:
+                    driver_ns = round(message.timestamp * 1e9)
+                    stamps[batch.count] = clock.stamp(driver_ns, time.time_ns())
                 batch.count += 1
                 continue
             remaining_s = until - time.monotonic()

@@ -225,13 +225,13 @@ class Skin(Moving, Attachable):
     def __enter__(self) -> Skin:
         return self
 
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+    def __exit__(self, *exc: object) -> None:
         try:
             self.close()
         except Exception as other:
-            if not isinstance(error, BusClosedError):
+            if not isinstance(gone := exc[1], BusClosedError):
                 raise
-            error.add_note(f"{type(other).__name__} on closing: {other}")
+            gone.add_note(f"{type(other).__name__} on closing: {other}")
 
     def close(self) -> None:
         """Release the buses; may be called twice.

@@ -231,7 +231,7 @@ class LogWatch:
         self._newest_ns = np.full(count, NEVER)
         self._nodes = [beating_nodes(topology, index) for index in range(count)]
         self._beats: dict[tuple[int, int], tuple[float, int]] = {}
-        self._back = self._ahead = ""
+        self._back = self._jump_ahead = ""
         self._pulse = [bus.sync_id for bus in self._buses]
         self._periods_ns: list[list[float]] = [[] for _ in self._buses]
 
@@ -260,7 +260,7 @@ class LogWatch:
                     f"before it on bus {bus.name!r}; got one {step_s:.6g} s older"
                 )
             for i, step_s in self._steps_ahead(frames, index, here, newest):
-                self._ahead = self._ahead or (
+                self._jump_ahead = self._jump_ahead or (
                     f"frame {self._frames + i + 1}: must follow the frames before it on bus "
                     f"{bus.name!r}; got one {step_s:.6g} s ahead: the clock was set, or stood still"
                 )
@@ -303,7 +303,7 @@ class LogWatch:
     @property
     def jumps(self) -> list[str]:
         """Steps of the stamps, the first one back and the first one ahead, as messages."""
-        return [text for text in (self._back, self._ahead) if text]
+        return [text for text in (self._back, self._jump_ahead) if text]
 
     def notes(self) -> Iterator[str]:
         """Notes, as messages."""

@@ -210,7 +210,8 @@ def read_dbc(path: Path, shown: str, report: Report) -> dict[str, DbcMessage] | 
         if word not in _EXPECTED:
             continue
         found = (_MESSAGE if word == "BO_" else _SIGNAL).match(row)
-        name = (found or _NAMED.match(row) or {1: ""})[1 if found is None else "name"]
+        named = _NAMED.match(row)
+        name = found["name"] if found else named[1] if named else ""
         wrong = None
         if found is None:
             wrong = fault("dbc-line", number, expected=_EXPECTED[word], got=_short(row))

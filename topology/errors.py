@@ -88,7 +88,7 @@ MESSAGES: dict[str, str] = {
     "subtract their field; got one that includes them (take this text, tared, hall_offset_x_ut and "
     "hall_offset_y_ut out of the file and run `skin tare`)",
     "simulated-zeros": "must be left out where a bus is real, as in {file}; got zeros of "
-    "simulated units (remove this file: `skin tare {file}` writes it anew)",
+    "simulated units (remove this file: `skin tare {file}` writes it)",
     # -- wire layouts
     "frame-size": "must be a length of {kind} frames ({sizes}); got {got}",
     "signal-bits": "must lie within the {bits} bits of the frame; got bits {first} to {last}",

@@ -116,8 +116,8 @@ class LogReader(ABC):
     @property
     def loss(self) -> str:
         """The fault of a log whose logger lost frames; or ""."""
-        told = f"must hold all frames of its buses; got {self.lost} or more lost by the logger"
-        return f"{self.path}: {told}" if self.lost else ""
+        fault = f"must hold all frames of its buses; got {self.lost} or more lost by the logger"
+        return f"{self.path}: {fault}" if self.lost else ""
 
     def __iter__(self) -> Iterator[FrameBatch]:
         """Yield the frames; each batch is overwritten by the next one."""

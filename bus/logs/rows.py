@@ -111,12 +111,12 @@ class _Asc:
             count = {"d": str(min(int(code, self._base), _CLASSIC_BYTES)), "r": "0"}[sort]
         kind, dlc = CAN_EFF * (number[-1] in "xX"), int(code, self._base)
         length, data, more = min(dlc, _CLASSIC_BYTES), words[: int(count)], words[int(count) :]
-        # A line of an FD channel; the flags of the frame, third behind its data, tell the rest.
-        told = int(more[2], 16) if in_fd else self._REMOTE * (sort == "r")
-        if told & self._FD:
+        # A line of an FD channel; the flags of the frame, third behind its data, have the rest.
+        bits = int(more[2], 16) if in_fd else self._REMOTE * (sort == "r")
+        if bits & self._FD:
             length = FD_LENGTHS[dlc]
             flags = FD_FDF + FD_BRS * (brs == "1") + FD_ESI * (esi == "1")
-        elif told & self._REMOTE and not data:
+        elif bits & self._REMOTE and not data:
             kind |= CAN_RTR
         # Words come next, or a duration, 0 or of many digits: no byte, no stamp of another line.
         is_longer = more and self._is_byte(more[0]) and (self._base == 16 or not in_fd)

@@ -3,23 +3,17 @@
 Units whose zeros were not taken in their places (`Topology.tared`) are looked at in windows of a
 good second, the first from the first cycle on. Those that nothing touches are tared (see
 `skin.calibrate.tare`); one that something presses is refused, as are those near it, which read its
-film, and is looked at again when the load is taken away, or later, at longer and longer intervals.
-The ambient field of that second
-goes into the offsets, as of every tare; of units that are tared after others, what is followed of
-it by then does not.
+film, and is looked at again when the load is taken away, or at longer and longer intervals. The
+ambient field of that second goes into the offsets; of units that are tared later it does not.
 
-What a run has followed can be saved at its end and taken up by the next. A zero is that of a unit
-on its board, at its temperature: it is taken up if the board reports the same serial number, the
-temperature is the same within `SAME_C`, and the calibration has not changed. Zeros of boards that
-report no serial number, or several as one node, are not taken up.
+A run can save its zeros for the next. They are taken up if the board reports the same serial
+number, the temperature is the same within `SAME_C`, and the calibration has not changed.
 
-**Limit:** a press of one unit that stands still from the first cycle on and is smaller than units
-as made differ from each other (0.25 N; 0.1 N where a bench has measured the frequency at rest)
-cannot be distinguished from rest. A press of many can: in their mean, units differ by as much less
-as the root of their number says (`Readings.pressed_together`). Units that are lower together than
-that keep the zeros of bench or model, UNTARED, with their sigma, until they are higher, or somebody
-says that nothing touches them (`skin tare`, `retake`). What the first second took for rest and was
-none shows when it is lifted: a unit then reads as pulled, its zero is given up, and taken again.
+**Limit:** a steady press of one unit, smaller than units as made differ (0.25 N; 0.1 N where a
+bench has measured the frequency at rest), looks like rest. One of many does not: their mean differs
+less (`Readings.pressed_together`). Units that are lower together keep the zeros of bench or model,
+UNTARED, with their sigma, until they are higher, or somebody says that nothing touches them
+(`skin tare`, `retake`). A unit that reads as pulled later was pressed: its zero is taken again.
 """
 
 from __future__ import annotations
@@ -64,11 +58,9 @@ LONGEST_WAIT_S = 60.0
 NEAR_M = 0.03
 """A film that is pressed is felt this far [assumed: as `skin.decode.ambient`]."""
 GLANCE_S = 1.0
-"""Between two glances at loads while nothing is recorded; a unit that is above its zero in two of
-them has lost it [assumed]."""
+"""Between two glances at loads; a unit above its zero in two has lost it [assumed]."""
 RISEN_SIGMAS = 0.5
-"""Averaged pull, over the sigma of a reading, beyond which no zero is followed [assumed: as
-`skin.decode.ambient`]; without an ambient field there is one reading, and it is `PULL_SIGMAS`."""
+"""Averaged pull, over the sigma of a reading, beyond which no zero is followed [assumed]."""
 FOREVER, REST = 1 << 40, "frequency_rest_hz"
 SAME_C = 5.0
 """Difference of temperatures at which a zero still is the same [assumed]."""
@@ -159,8 +151,7 @@ class Zeros:
             self._boards.hear(frames, np.zeros(frames.size))
 
     def look(self, counts: np.ndarray, status: np.ndarray) -> None:
-        """Look at a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,);
-        `work` does the rest."""
+        """Look at a cycle: counts, shape (c, n), and flags, shape (n,); `work` does the rest."""
         self._last = counts, status
         if self.idle:
             self.idle -= 1
@@ -170,8 +161,7 @@ class Zeros:
             self._owes = True
 
     def work(self) -> None:
-        """Do what the last look has left to do, before the next cycle is decoded: it takes up to
-        some milliseconds, for which a state need not wait."""
+        """Do what the last look has left, up to some milliseconds, before the next cycle."""
         if self._owes:
             self._step()
 
@@ -186,8 +176,7 @@ class Zeros:
     # -- window by window -------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Begin with the next cycle. The window's memory is written now, so that no cycle has to
-        wait for its pages."""
+        """Begin with the next cycle. The window's memory is written now: no cycle waits for it."""
         n = self._filed.n
         self._records, self._owes = True, False
         self.active, self.idle = True, 0
@@ -307,9 +296,9 @@ class Zeros:
         pressed = np.zeros(topology.n, bool)
         pressed[[i for i, look in looks.items() if look.is_pressed]] = True
         if pressed.any():
-            beside = self._beside(pressed)
-            for unit in np.flatnonzero((beside >= 0) & self._pending).tolist():
-                fault = f"must have nothing pressed near it; got {names[beside[unit]]}"
+            near_by = self._beside(pressed)
+            for unit in np.flatnonzero((near_by >= 0) & self._pending).tolist():
+                fault = f"must have nothing pressed near it; got {names[near_by[unit]]}"
                 faults.setdefault(unit, fault)
         taken = self._pending.copy()
         taken[list(faults)] = False
@@ -490,8 +479,7 @@ class Zeros:
         return np.array([hashlib.sha256(row.tobytes()).hexdigest() for row in table])
 
     def _serial(self) -> np.ndarray:
-        """Serial number of the board of each unit, shape (n,), int; -1 where none was heard, -2
-        where boards disagree."""
+        """Serial number of each unit's board, shape (n,), int; -1 unheard, -2 disagreeing."""
         frames, found = self._filed.frames, np.full(self._filed.n, -1)
         heard = {} if self._boards is None else self._boards.heard
         for frame, node in enumerate(node_numbers(self._filed).tolist()):

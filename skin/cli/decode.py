@@ -82,8 +82,7 @@ def decode(
     (docs/guides/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is
     that of the live skin, into a folder or a file: logs are decoded by the defaults of `skin.open`,
     but for --sweeps and --dtype, as the report and all files but .csv state. A log that was decoded
-    before is left out, unless it, the topology, its calibration, what is asked for or the version
-    have changed; after an interruption the same call goes on.
+    before and has not changed is left out; after an interruption the same call goes on.
 
     A .csv has a row for each cycle and unit; next to it are FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what
@@ -94,9 +93,8 @@ def decode(
     test_ratio (t, n), wrench (t, 6), centroid_m (t, 3), …, and unit (n); of k contacts in all
     cycles contact_cycle (an index of t), contact_id, contact_load_n, contact_centroid_m (k, 3), …;
     of e events event_time_s, event_contact and event. The contact of a unit is the identity of what
-    touches it, the same as long as it stays, and 0 for nothing; _options are those of decoding, as
-    JSON. A .parquet has a row for each cycle. All have the same columns, those of
-    docs/reference/columns.md.
+    touches it, 0 for nothing; _options are those of decoding, as JSON. A .parquet has a row for
+    each cycle. All have the columns of docs/reference/columns.md.
 
     Exits with 1 if a log holds no cycle of this skin, is damaged, lacks SYNC or a bus, or has time
     that runs back, or could not be decoded; all that can be decoded is.
@@ -108,9 +106,7 @@ def decode(
     mapped = options.mapped(map, *logs)
     asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
     into_file = output is not None and output.suffix != "" and not output.is_dir()
-    for log in logs:
-        if log.is_dir():
-            raise OptionError(f"{log}: must be a log; got a folder: name its logs, as {log}/*.log")
+    _refuse_folders(logs)
     if len(logs) == 1 and (output is None or into_file):
         _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
                            shard=shard, cluster=cluster, force=force)  # fmt: skip
@@ -122,6 +118,14 @@ def decode(
         {"options": asked, "jobs": jobs, "format": format, "force": force, "cluster": cluster,
          **mapped},
     )  # fmt: skip
+
+
+def _refuse_folders(logs: list[Path]) -> None:
+    from skin.errors import OptionError
+
+    for log in logs:
+        if log.is_dir():
+            raise OptionError(f"{log}: must be a log; got a folder: name its logs, as {log}/*.log")
 
 
 def _named(paths: tuple[str, ...], topology: str | None) -> tuple[Topology, list[Path]]:

@@ -29,6 +29,17 @@ TaxelImages = Annotated[
     ),
 ]
 
+Fps = Annotated[
+    int | None,
+    options.quiet(
+        "frames a second of the camera; otherwise as they come", metavar="INT", constructor=int
+    ),
+]
+Offset = Annotated[
+    float,
+    tyro.conf.arg(metavar="SECONDS", help="what the clock of the log shows more than the camera's"),
+]
+
 
 def export_lerobot(
     logs: Annotated[
@@ -60,22 +71,12 @@ def export_lerobot(
         tuple[str, ...],
         tyro.conf.arg(metavar="TEXT [TEXT ...]", help="what was done: for all logs, or for each"),
     ],
-    fps: Annotated[
-        int | None,
-        options.quiet(
-            "frames a second of the camera; otherwise as they come", metavar="INT", constructor=int
-        ),
-    ] = None,
+    fps: Fps = None,
     window: Annotated[
         int, tyro.conf.arg(metavar="INT", help="samples of the skin in a window")
     ] = 8,
     taxel_image: TaxelImages = (),
-    offset_s: Annotated[
-        float,
-        tyro.conf.arg(
-            metavar="SECONDS", help="what the clock of the log shows more than the camera's"
-        ),
-    ] = 0.0,
+    offset_s: Offset = 0.0,
     map: options.Map = (),
     sweeps: options.Sweeps = None,
     dtype: options.DType = None,

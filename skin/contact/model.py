@@ -262,7 +262,7 @@ class ContactData(NamedTuple):
     borne: (
         np.ndarray
     )  # (n,), float64: upper bound of each unit's load when last heard, N; NaN: never
-    around: np.ndarray  # (n,), float64: largest load in contact beside each, when last heard, N
+    around: np.ndarray  # (n,), float64: largest load in contact next to each, when last heard, N
     untouched: np.ndarray  # (1,), CONTACT: the total where nothing touches
     common: Common
     slip: SlipData

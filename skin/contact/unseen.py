@@ -3,16 +3,16 @@
 The wrench is that of heard units in contact. What else may bear load counts as an error, whose root
 mean square is in the sigmas [assumed]:
 
-- Units beside a contact: the sum of their loads below the gate, or the gate of one of them.
+- Units next to a contact: the sum of their loads below the gate, or the gate of one of them.
 - Other heard units: where nothing touches, the sum of their readings, or its noise if that is
-  larger, or the gate of one of them. Beside contacts elsewhere, that sum, or the load of one unit,
+  larger, or the gate of one of them. Next to contacts elsewhere, that sum, or the load of one unit,
   where it is above the gate: a touch is no reason to doubt all the others.
 - A silent unit without a neighbour in contact: the load below the gate when it was last heard,
   since later contacts are seen by its neighbours, unless they are smaller than a unit; where no
   neighbour is heard, or where it was last in contact, the contact is flagged `Flag.UNSEEN`.
-- A silent unit beside a contact that was there when it was last heard: its load then, which has
+- A silent unit next to a contact that was there when it was last heard: its load then, which has
   grown at most as that of its neighbours has, plus what these have gained or lost.
-- Beside a contact that came later: the load of its neighbours, where a unit farther away bears as
+- Next to a contact that came later: the load of its neighbours, where a unit farther away bears as
   much as a neighbour of it, so that the body is not centred upon it; otherwise the maximum load.
 - Never heard: the gates of the neighbours; its maximum load if these are silent, too.
 - And at most its maximum load in any case.
@@ -274,8 +274,9 @@ def _add_one(s, p, v):
 
 @jitable
 def add_apart(s, touched, model, data):
-    """Add what heard units may bear that are neither in contact nor beside one, to the total; after
-    `add_light`.
+    """Add to the total what heard units may bear that are neither in contact nor next to one.
+
+    Comes after `add_light`.
 
     Parameters
     ----------
@@ -286,28 +287,34 @@ def add_apart(s, touched, model, data):
     data : ContactData
     """
     reading, queue, pose = data.reading, data.units.queue, model.geometry.pose
-    keep_sigma, total, variance, most = model.gate.keep_sigma, 0.0, 0.0, 0.0
-    x = y = z = xx = xy = xz = yy = yz = zz = 0.0
+    force, spread, keep_sigma = reading.force[2], reading.force_sigma[2], model.gate.keep_sigma
+    total, variance, most, lone = 0.0, 0.0, 0.0, -1
     for i in range(queue.size):
-        load, sigma = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i])
+        load, sigma = np.float64(force[i]), np.float64(spread[i])
         if queue[i] != OPEN_TO_ALL or not sigma < np.inf:
             continue
-        v, gate, p = sigma * sigma, keep_sigma * sigma, pose[i]["position"]
-        total, variance = total + load, variance + v
-        if not touched or load > gate:
-            most = max(most, load, gate)
-        vx, vy, vz = v * p[0], v * p[1], v * p[2]
-        x, y, z, xx, xy, xz = x + vx, y + vy, z + vz, xx + vx * p[0], xy + vx * p[1], xz + vx * p[2]
-        yy, yz, zz = yy + vy * p[1], yz + vy * p[2], zz + vz * p[2]
-    square = most * most
-    if not touched:
-        square = max(square, variance)
+        total, variance = total + load, variance + sigma * sigma
+        gate = keep_sigma * sigma
+        if max(load, gate) > most and (not touched or load > gate):
+            most, lone = max(load, gate), i
+    square = 0.0 if touched else max(most * most, variance)
     if total > 0.0 and (not touched or total * total > keep_sigma * keep_sigma * variance):
         square = max(square, total * total)
-    if square > 0.0 and variance > 0.0:
+    if touched and most * most > square:
+        _add_one(s, pose[lone]["position"], most * most)
+    elif square > 0.0 and variance > 0.0:
         k = square / variance
-        moment = (k * xx, k * xy, k * xz, k * yy, k * yz, k * zz)
-        _add(s, square, (k * x, k * y, k * z), moment)
+        x = y = z = xx = xy = xz = yy = yz = zz = 0.0
+        for i in range(queue.size):
+            sigma = np.float64(spread[i])
+            if queue[i] != OPEN_TO_ALL or not sigma < np.inf:
+                continue
+            v, p = k * sigma * sigma, pose[i]["position"]
+            vx, vy, vz = v * p[0], v * p[1], v * p[2]
+            x, y, z = x + vx, y + vy, z + vz
+            xx, xy, xz = xx + vx * p[0], xy + vx * p[1], xz + vx * p[2]
+            yy, yz, zz = yy + vy * p[1], yz + vy * p[2], zz + vz * p[2]
+        _add(s, square, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
 @jitable

@@ -108,7 +108,7 @@ def test_names_of_channels_follow_the_topology():
     assert names_of(hand) == ["hand-palm", "hand-fingers"]
     for channel, names, numbers in (
         ("can3,can1", ["can3", "can1"], {"can3": 0, "can1": 1}),
-        ("239.0.0.1,239.0.0.2", ["239.0.0.1", "239.0.0.2"], {"can0": 0, "can1": 1}),
+        ("239.0.0.1,239.0.0.2", ["239.0.0.1", "239.0.0.2"], {"239.0.0.1": 0, "239.0.0.2": 1}),
     ):
         there = hand.on(interface="socketcan", channel=channel)
         assert names_of(there) == names

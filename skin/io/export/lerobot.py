@@ -11,7 +11,6 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Sequence
-from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -176,12 +175,11 @@ class Dataset:
             raise SkinError(f"{self._folder}: must be open; got an episode after the end")
         if not _is_text(task) or not task.strip():
             raise OptionError(f"task: must be words in UTF-8; got {shown(task)}")
-        alignment, episode = Alignment(), _Episode(self._files, task)
-        pairs = aligned(states, frames, History(*self._sizes), alignment)
-        first = list(islice(pairs, ROWS))
-        if self._files.fps is None and first:
-            self._files.fps = _whole_rate(alignment)
-        for number, (frame, sample) in enumerate(chain(first, pairs)):
+        alignment = Alignment()
+        episode = _Episode(self._files, task, alignment)
+        for number, (frame, sample) in enumerate(
+            aligned(states, frames, History(*self._sizes), alignment)
+        ):
             row, shapes = self._row(number, frame, sample)
             if number == 0 and not self.episodes:
                 self._files.begin(_features(shapes, self._topology.unit_names))
@@ -195,9 +193,7 @@ class Dataset:
                 f"{alignment.frames} frames, none within {1e-9 * self._sizes[3]:g} s after a "
                 "sample (of two clocks?)"
             )
-        assert self._files.fps is not None
-        alignment.judge(self._files.fps)
-        episode.finish(alignment)
+        episode.finish()
         self.episodes.append(alignment)
         options = getattr(getattr(states, "pipeline", None), "options", None)
         self._options.append(None if options is None else options.report())
@@ -299,8 +295,8 @@ class Dataset:
 class _Episode:
     """Rows of an episode before they are written, and its statistics."""
 
-    def __init__(self, files: Files, task: str) -> None:
-        self._files, self._task = files, task
+    def __init__(self, files: Files, task: str, alignment: Alignment) -> None:
+        self._files, self._task, self._alignment = files, task, alignment
         self._waiting: list[dict[str, Any]] = []
         self._statistics: dict[str, Statistics] = {}
         self._sampled: list[dict[str, bytes]] = []
@@ -328,18 +324,22 @@ class _Episode:
     def _flush(self) -> None:
         if not self._waiting:
             return
+        if self._files.fps is None:
+            self._files.fps = _whole_rate(self._alignment)
         columns = self._files.write(self._waiting)
         for name, values in columns.items():
             self._statistics.setdefault(name, Statistics()).add(values)
         self._waiting.clear()
 
-    def finish(self, alignment: Alignment) -> None:
-        """Write the buffered rows, and register the episode."""
+    def finish(self) -> None:
+        """Write the buffered rows, compare their rate, and register the episode."""
         self._flush()
+        assert self._files.fps is not None
+        self._alignment.judge(self._files.fps)
         found = {name: one.result() for name, one in self._statistics.items()}
         for name in self._sampled[0]:
             found[name] = of_images([pixels(name, images[name]) for images in self._sampled])
-        self._files.end_episode(alignment.frames, found)
+        self._files.end_episode(self._alignment.frames, found)
 
 
 def _whole_rate(alignment: Alignment) -> int:

@@ -105,6 +105,7 @@ class Files:
     def write(self, rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
         """Write rows with consecutive indices; returns their indices by column, shape (m, …)."""
         count, episode = len(rows), len(self._episodes)
+        assert self.fps is not None
         frame = np.arange(self._rows - self._first, self._rows - self._first + count)
         numbers = {
             name: np.stack([row[name] for row in rows])

@@ -229,8 +229,11 @@ def test_units_that_were_never_tared_are_said_to_be_so(on_a_real_bus, capsys):
     assert f"note: 64 units have {spread}" in table
     assert len(json.loads(last)["uncalibrated"]) == 64
     assert len(json.loads(last)["never_tared"]) == 64
+    zeros = Path(on_a_real_bus).with_name("palm.cal.toml")
     assert main(["tare", on_a_real_bus, "--simulate", "--seconds", "1", "--leave-out",
-                 "palm/r0c0"]) == 0  # fmt: skip
+                 "palm/r0c0", "-o", str(zeros)]) == 0  # fmt: skip
+    lines = zeros.read_text().splitlines(keepends=True)
+    zeros.write_text("".join(line for line in lines if not line.startswith("simulated")))
     capsys.readouterr()
     assert main(["check", on_a_real_bus, "--json"]) == 0
     *table, last = capsys.readouterr().out.splitlines()
@@ -383,14 +386,14 @@ def test_channels_of_a_log_are_the_buses_of_the_skin(tmp_path, capsys):
     assert report["valid_share"] == 1.0
 
 
-def test_damaged_log_is_decoded_up_to_the_damage(recorded, capsys):
+def test_a_damaged_log_is_decoded_but_for_the_damage(recorded, capsys):
     log, _ = recorded
     lines = log.read_text().splitlines(keepends=True)
     log.write_text("".join(lines[:330]) + "(170000000 torn\n" + "".join(lines[330:]))
     assert main(["decode", str(log), "--topology", "strip", "--json"]) == 1
     printed = capsys.readouterr()
     report = json.loads(printed.out.splitlines()[-1])
-    assert report["cycles"] == 30
+    assert report["cycles"] == 60
     assert "331" in report["damage"]
     assert report["damage"] in printed.err
 

@@ -64,7 +64,7 @@ def test_a_new_stream_has_room_as_documented_and_knows_of_nothing(dtype):
     for name, value in none.items():
         assert (data[name] == value).all()
     assert np.isnan(data["borne"]).all()
-    assert data["clock"].tolist() == [(0, 0, False, 0.004, 0, 0, 0.0, 0)]
+    assert data["clock"].tolist() == [(0, 0, False, 0.004, 0, 0.0, 0)]
     for name in CONTACT.names:
         np.testing.assert_array_equal(data["untouched"][name], UNTOUCHED[name])
     data["sums.rows"]["load"][1] = 7.0

@@ -159,7 +159,7 @@ def test_gaps_of_the_skin_are_not_filled(palm, states, tmp_path):
     cut = [state for state in states if not 60 <= state.cycle - states[0].cycle < 70]
     lost = states[0].stamp_ns + 60 * PERIOD_NS
     frames = [Frame(lost + at * PERIOD_NS + 1) for at in (-1, 3, 8, 9, 12, 17, 18)]
-    with Dataset(tmp_path / "set", palm, fps=30, window=WINDOW) as grasps:
+    with Dataset(tmp_path / "set", palm, fps=79, window=WINDOW) as grasps:
         told = grasps.add_episode(cut, frames, "none")
     # the second and third frame are over two periods from any sample
     assert told.without_sample == 3
