@@ -78,7 +78,7 @@ def table(figures: dict) -> str:
 def _batches(folder: Path) -> tuple[Topology, list[list[np.ndarray]]]:
     """Frames of each cycle as a live skin hands them over: SYNC, then the answers."""
     log = folder / "run.log"
-    with skin.open("palm", simulate="slide", pace=False, log=log) as palm:
+    with skin.open("palm", simulate="slide", pace=False, record=log) as palm:
         states: Iterator[State] = iter(palm)
         for _ in range(CYCLES):
             next(states)

@@ -1,10 +1,9 @@
-"""Waiter: receives several buses into one batch, by event, by deadline, or without waiting."""
+"""Waiter: receives several buses into one batch, by event or without waiting."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Literal
 
 from bus.frame import FrameBatch
 from bus.linux import has_batches
@@ -27,19 +26,11 @@ class Waiter:
     Parameters
     ----------
     transports : sequence of Transport
-    wait : "event" or "deadline"
-        "event" wakes as soon as frames arrive: the least latency. "deadline" sleeps until the
-        deadline, then takes all frames that have arrived: the least work, one wake-up per cycle.
     """
 
-    def __init__(
-        self, transports: Sequence[Transport], wait: Literal["event", "deadline"] = "event"
-    ) -> None:
-        if wait not in ("event", "deadline"):
-            raise ValueError(f"wait: must be 'event' or 'deadline'; got {wait!r}")
+    def __init__(self, transports: Sequence[Transport]) -> None:
         self._transports = list(transports)
         self._first = 0
-        self._waits_for_deadline = wait == "deadline"
         self._polled = None
         if len(self._transports) > 1:
             descriptors = [transport.fileno() for transport in self._transports]
@@ -55,7 +46,7 @@ class Waiter:
         ----------
         batch : FrameBatch
         wait_ns : int
-            How long to wait: for the first frame ("event"), or in any case ("deadline").
+            How long to wait for the first frame.
 
         Returns
         -------
@@ -67,9 +58,6 @@ class Waiter:
         BusClosedError
             One of the transports was closed.
         """
-        if self._waits_for_deadline and wait_ns > 0:
-            time.sleep(wait_ns * 1e-9)
-            wait_ns = 0
         if len(self._transports) == 1:
             return self._transports[0].receive(batch, wait_ns * 1e-9)
         if self._polled is None:

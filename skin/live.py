@@ -32,16 +32,14 @@ from skin.sinks import Attachable
 from skin.state import State, Status, trouble
 
 if TYPE_CHECKING:
-    from skin.calibrate.background import Learning
     from skin.io.record.recorder import Recorder
     from skin.sim.node import SimulatedUnits
 
-__all__ = ["Skin", "Sync", "Timing", "Wait"]
+__all__ = ["Skin", "Sync", "Timing"]
 
 _log = logging.getLogger("skin")
 
 Sync = Literal["host", "bus"]
-Wait = Literal["event", "deadline"]
 QUIET_S = 5.0
 """Time without any answer after which that is said, or an error if nobody can answer [assumed]."""
 JUMP_NS = 1_000_000_000
@@ -76,8 +74,6 @@ class Skin(Moving, Attachable):
         The simulated units, where there are any.
     recorder : Recorder or None
         Records the run, with ``record=FILE``: see `report`.
-    learning : Learning or None
-        Learns the fields of neighbours, with ``learn=True``: see `report` and `save`.
     """
 
     def __init__(
@@ -85,10 +81,8 @@ class Skin(Moving, Attachable):
         pipeline: Pipeline,
         transports: list[Transport],
         recorder: Recorder | None = None,
-        learning: Learning | None = None,
         *,
         sync: Sync = "host",
-        wait: Wait = "event",
         pace: bool = True,
         nodes: SimulatedUnits | None = None,
         log: Recording | None = None,
@@ -97,13 +91,13 @@ class Skin(Moving, Attachable):
         self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
-        self.nodes, self.recorder, self.learning = nodes, recorder, learning
+        self.nodes, self.recorder = nodes, recorder
         self._recording = log
         self._batch = FrameBatch(4096)
-        self._waiter = Waiter(transports, wait)
+        self._waiter = Waiter(transports)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
-        self._lull, self._has_lull = Lull(self._period_ns), wait == "event"
+        self._lull = Lull(self._period_ns)
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
         self._keeps_stamps = all(bus.sync_id is not None for bus in topology.buses) and all(
             end.keeps_stamps for end in transports
@@ -133,10 +127,10 @@ class Skin(Moving, Attachable):
 
     @property
     def zeros(self) -> dict[str, Any]:
-        """Zeros of this run: units ``tared`` in it, units whose zeros are ``taken_up`` from the run
-        before, and units ``refused`` so far, with the reason."""
+        """Zeros of this run: units ``tared`` in it, and units ``refused`` so far, with the
+        reason."""
         taken = self.pipeline.zeros
-        return {"tared": [], "taken_up": [], "refused": {}} if taken is None else taken.report()
+        return {"tared": [], "refused": {}} if taken is None else taken.report()
 
     @property
     def bus_changes(self) -> list[tuple[str, BusChange]]:
@@ -239,7 +233,7 @@ class Skin(Moving, Attachable):
         May be called from any thread: a loop over the skin then ends without an error.
         """
         self._closed = True
-        with self._closing, ExitStack() as ending:  # a full disk of the log must not keep zeros
+        with self._closing, ExitStack() as ending:  # a full disk of the log must not keep sinks
             ending.callback(self.pipeline.close)  # from their own, nor an adapter both
             if self._recording is not None:
                 ending.callback(self._recording.close)
@@ -340,7 +334,7 @@ class Skin(Moving, Attachable):
         asked_ns = heard_ns = time.monotonic_ns()
         until_ns = asked_ns + pipeline.assembler.deadline_ns
         pipeline.catch_up()
-        looks, sleeps = 0, self._has_lull and lull.ns > 0
+        looks, sleeps = 0, lull.ns > 0
         while not self._closed and pipeline.pending:
             if sleeps and looks == 1:
                 wait_until(min(asked_ns + lull.ns, until_ns), self._period_ns)

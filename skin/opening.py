@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterable
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -24,52 +25,40 @@ from skin.errors import (
     check_number,
     shown,
 )
-from skin.live import Skin, Sync, Wait
-from skin.options import DType, Estimator, Options, Sweeps
+from skin.live import Skin, Sync
+from skin.options import Options
 from skin.pipeline import Pipeline
 from topology import Topology
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
-    from skin.calibrate.background import Learning
     from skin.contact.slip import SlipSettings
     from skin.io.record.recorder import Recorder
-    from skin.physics.stencil import Stencil
     from skin.sim.node import SimulatedUnits
     from skin.sim.scene import Scene
     from skin.sim.scenes.script import SceneFile
 
 __all__ = ["open"]
 
+FRAMES_ALONE = (".log", ".log.gz", ".blf")
+"""Ends of the names of files that hold frames without states."""
+
 
 def open(
     source: Topology | str | Path,
     *,
     want: Collection[str] | None = None,
-    estimator: Estimator | None = None,
-    dtype: DType = "float32",
-    sweeps: Sweeps = 1,
-    ambient: bool = True,
-    auto_tare: bool = True,
-    creep: bool = True,
-    skip: bool = False,
     slip: SlipSettings | None = None,
-    false_contacts_per_day: float = 1.0,
-    capacity: int | None = None,
-    stencil: Stencil | str | os.PathLike[str] | None = None,
-    zeros: str | os.PathLike[str] | None = None,
-    learn: bool = False,
+    options: Options | None = None,
     sync: Sync = "host",
-    wait: Wait = "event",
     pace: bool = True,
     deadline_s: float | None = None,
+    transports: Iterable[Transport] | None = None,
     simulate: bool | str | Path | SceneFile | Scene | None = False,
+    seed: int | None = None,
     repeat: bool = False,
     faults: FaultScript | str | os.PathLike[str] | None = None,
-    transports: Iterable[Transport] | None = None,
-    seed: int | None = None,
-    log: str | os.PathLike[str] | Recording | None = None,
-    record: str | os.PathLike[str] | None = None,
+    record: str | os.PathLike[str] | Recording | None = None,
 ) -> Skin:
     """Open the buses of a topology and decode what they carry.
 
@@ -77,27 +66,27 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, auto_tare, creep, skip, slip, capacity, …
-        What is computed, and how: see `skin.options.Options`; `stencil` may be a file.
-    zeros, learn : path, optional, and bool
-        Carry zeros from run to run (`skin.calibrate.zeros`); learn fields of neighbours.
-    sync, wait : "host" or "bus", "event" or "deadline"
-        SYNC is sent by this host, or by another node. Wake when cycles are usually complete (least
-        latency), or at the deadline (least work).
+    want, slip : collection of str, and SlipSettings, optional
+        What is computed, and settings of slip: those of `options`, which may have them instead.
+    options : Options, optional
+        How it is computed; see `skin.Options`.
+    sync : "host" or "bus"
+        SYNC is sent by this host, or by another node.
     pace, deadline_s : bool, and float, optional
         Keep the cycle rate, or start each cycle at once; longest wait after a SYNC (0.9 periods).
-    simulate, repeat : bool, str, Path, SceneFile or Scene; and bool
-        Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
-        file, a loaded one or your own; false: none. At its end it repeats, or ends the loop.
-    faults : FaultScript, str or Path, optional
-        Faults put into received frames (docs/guides/faults.md); a scene's own faults if not given.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
-    seed : int, optional
-        Seed of the simulated noise, and of a scene's own faults; the scene's, or 0, if not given.
-    log, record : path, optional
-        Write all frames as candump (.log, .log.gz) or BLF (.blf), or to a `Recording`; record
-        frames and states as MCAP (a new .mcap), for `skin.replay` and other viewers.
+    simulate : bool, str, Path, SceneFile or Scene
+        Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
+        file, a loaded one or your own; false: none.
+    seed, repeat : int, optional, and bool
+        Seed of the simulated noise, and of a scene's own faults (the scene's, or 0, if not given);
+        a scene that is over repeats, or ends the loop.
+    faults : FaultScript, str or Path, optional
+        Faults put into received frames (docs/guides/faults.md); a scene's own faults if not given.
+    record : path, or Recording, optional
+        A new file: frames and states as MCAP (.mcap), for `skin.replay` and other viewers; frames
+        alone as candump (.log, .log.gz) or BLF (.blf), or to a `Recording`.
 
     Raises
     ------
@@ -107,21 +96,30 @@ def open(
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     with ExitStack() as undo:
         ends = [undo.enter_context(end) for end in _given(transports)]
-        options = Options(
-            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
-            auto_tare=auto_tare, creep=creep, skip=skip, slip=slip, capacity=capacity,
-            false_contacts_per_day=false_contacts_per_day, stencil=_stencil(stencil, loaded),
-        )  # fmt: skip
-        _check(sync, wait, pace, learn, seed, log)
+        options = _options(options, want, slip)
+        check_choice("sync", sync, get_args(Sync))
+        check_flag("pace", pace)
+        if seed is not None:
+            check_number("seed", seed, 0, MOST_SEED, whole=True)
         _begin_to_compile(undo, options)
         played = _scene(simulate), seed, repeat
         loaded, nodes = _nodes(undo, loaded, *played, transports is not None, sync)
         ends = _checked([*ends, *_ends(undo, loaded, nodes, transports)], loaded, nodes, faults)
         pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
-        sinks = _sinks(undo, pipeline, ends, zeros, record, learn)
-        frames = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
+        recorder, frames = _recording(undo, record, pipeline, ends)
         undo.pop_all()  # no error: the skin closes them
-    return Skin(pipeline, ends, *sinks, sync=sync, wait=wait, pace=pace, nodes=nodes, log=frames)
+    return Skin(pipeline, ends, recorder, sync=sync, pace=pace, nodes=nodes, log=frames)
+
+
+def _options(
+    options: Options | None, want: Collection[str] | None, slip: SlipSettings | None
+) -> Options:
+    """The options, with what was given beside them."""
+    if options is None:
+        return Options(want=want, slip=slip)
+    check_kind("options", options, Options)
+    given = {"want": want, "slip": slip}
+    return replace(options, **{name: one for name, one in given.items() if one is not None})
 
 
 def _begin_to_compile(undo: ExitStack, options: Options) -> None:
@@ -130,43 +128,25 @@ def _begin_to_compile(undo: ExitStack, options: Options) -> None:
     Pipeline.prepare(options)
 
 
-def _sinks(
-    undo: ExitStack, pipeline: Pipeline, ends: list[Transport], zeros: Any, record: Any, learn: bool
-) -> tuple[Recorder | None, Learning | None]:
-    """The requested sinks, on a pipeline that has the zeros of the run before."""
-    if zeros is not None:
-        pipeline.take_zeros(zeros)
+def _recording(
+    undo: ExitStack, record: Any, pipeline: Pipeline, ends: list[Transport]
+) -> tuple[Recorder | None, Recording | None]:
+    """What records frames and states, or what records frames; None for none."""
     undo.callback(pipeline.sinks.stop)
-    recorder = learning = None
-    if record is not None:
-        from skin.io.record.recorder import Recorder
+    if record is None or isinstance(record, Recording):
+        return None, record
+    if not isinstance(record, str | os.PathLike):
+        check_kind("record", record, Recording)
+    name = os.fspath(record)
+    if name.endswith(FRAMES_ALONE):
+        return None, Recording(record, pipeline.topology)
+    if not name.endswith(".mcap"):
+        ends_known = ", ".join((".mcap", *FRAMES_ALONE))
+        raise OptionError(f"record: {name}: must end in one of {ends_known}")
+    from skin.io.record.recorder import Recorder
 
-        pipeline.attach(recorder := Recorder(record, pipeline, ends))
-    if learn:
-        from skin.calibrate.background import Learning
-
-        pipeline.attach(learning := Learning(pipeline))
-    return recorder, learning
-
-
-def _stencil(given: Any, topology: Topology) -> Stencil | None:
-    """The learned fields of neighbours, read if a file is given."""
-    if not isinstance(given, str | os.PathLike):
-        return given
-    from skin.physics.stencil import Stencil
-
-    return Stencil.load(Path(given), topology)
-
-
-def _check(sync: str, wait: str, pace: bool, learn: bool, seed: int | None, log: object) -> None:
-    for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
-        check_choice(name, value, known)
-    check_flag("pace", pace)
-    check_flag("learn", learn)
-    if seed is not None:
-        check_number("seed", seed, 0, MOST_SEED, whole=True)
-    if log is not None and not isinstance(log, str | os.PathLike):
-        check_kind("log", log, Recording)
+    pipeline.attach(recorder := Recorder(record, pipeline, ends))
+    return recorder, None
 
 
 def _given(transports: Any) -> list[Transport]:

@@ -10,9 +10,7 @@ stage to its arrays before the first cycle.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -69,8 +67,6 @@ class Pipeline:
         Sinks of the cycles; see `attach`.
     zeros : Zeros or None
         Takes the zeros of units; None where all units have theirs.
-    zeros_file : path or None
-        File with the zeros of the run before.
     poses : tuple of ndarray, shape (3, n) and (3, 3, n)
         Positions and rotations of the units, as of the last move; another tuple after each.
     q : ndarray, shape (J,), or None
@@ -113,7 +109,6 @@ class Pipeline:
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
         self.zeros: Zeros | None = None
-        self.zeros_file: str | os.PathLike[str] | None = None
         self.poses = topology.position, topology.rotation
         self.q = None if topology.robot is None else topology.robot.home
         self.deadline_s = deadline_s
@@ -144,29 +139,15 @@ class Pipeline:
             sampled_ns=self.assembler.sampled_ns, topology=topology,
         )  # fmt: skip
         if options.auto_tare and self._lacks_zeros():
-            self.take_zeros()
+            from skin.calibrate.zeros import Zeros
+
+            self.zeros = Zeros(self.decoder)
 
     def _lacks_zeros(self) -> bool:
         """Whether units have no tare that the decoder needs."""
         topology = self.topology
         lacking = topology.feels & ~topology.tared
         return bool(lacking.any()) and not self.decoder.want <= {"temperature", "sigma"}
-
-    def take_zeros(self, file: str | os.PathLike[str] | None = None) -> None:
-        """Take the zeros of units without a tare from the first second in which nothing touches
-        them, where the options say so, and those of the run before from its file.
-
-        Raises
-        ------
-        CalibrationError
-            The file is of other units, or damaged.
-        """
-        from skin.calibrate.zeros import Zeros
-
-        self.zeros = Zeros(self.decoder, tare=self.options.auto_tare)
-        if file is not None:
-            self.zeros.carry(file)
-            self.zeros_file = file
 
     def retake_zeros(self) -> None:
         """Take the zeros of all units again, in the next second in which nothing touches them.
@@ -313,11 +294,8 @@ class Pipeline:
         ready_all()  # those of sinks as well
 
     def close(self) -> None:
-        """Save zeros for the next run, and stop all sinks."""
-        with ExitStack() as ending:  # each may be slow; an interrupt ends only the current one
-            ending.callback(self.sinks.stop)
-            if self.zeros is not None:
-                ending.callback(self.zeros.close)
+        """Stop all sinks."""
+        self.sinks.stop()
 
     # -- cycles ------------------------------------------------------------------------------------
 
@@ -340,16 +318,14 @@ class Pipeline:
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
         """
-        if self.zeros is not None or self.sinks.live:
-            self.hear(frames)
+        self.hear(frames)
         for cycle in self.assembler.feed(frames):
             yield self.state(cycle)
 
     def hear(self, frames: np.ndarray) -> None:
         """Pass frames, shape (m,), to the sinks that want them before they are assembled."""
-        if self.zeros is not None:
-            self.zeros.hear(frames)
-        self.sinks.frames(frames)
+        if self.sinks.live:
+            self.sinks.frames(frames)
 
     def expire(self, now_ns: int) -> State | None:
         """The state of the open cycle if its time is over; see `bus.assemble.Assembler.expire`."""

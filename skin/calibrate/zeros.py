@@ -1,13 +1,10 @@
-"""Zeros of a running skin: of its first untouched second, or of the run before.
+"""Zeros of a running skin: of its first untouched second.
 
 Units whose zeros were not taken in their places (`Topology.tared`) are looked at in windows of a
 good second, the first from the first cycle on. Those that nothing touches are tared (see
 `skin.calibrate.tare`); one that something presses is refused, as are those near it, which read its
 film, and is looked at again when the load is taken away, or at longer and longer intervals. The
 ambient field of that second goes into the offsets; of units that are tared later it does not.
-
-A run can save its zeros for the next. They are taken up if the board reports the same serial
-number, the temperature is the same within `SAME_C`, and the calibration has not changed.
 
 **Limit:** a steady press of one unit, smaller than units as made differ (0.25 N; 0.1 N where a
 bench has measured the frequency at rest), looks like rest. One of many does not: their mean differs
@@ -19,28 +16,18 @@ UNTARED, with their sigma, until they are higher, or somebody says that nothing 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bus.boards import Boards
-from bus.configure import node_numbers
-from bus.status import INVALID
 from skin.calibrate.tare import Tare
 from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings, lowest_hz
 from skin.decode.ambient_model import LOADED_SIGMAS
 from skin.decode.limits import PULL_SIGMAS, STEP_SIGMA
-from skin.errors import CalibrationError
-from skin.physics.rest import inverse_map
 from skin.physics.stencil import neighbours_at_rest
 from skin.physics.stray import near
 from topology import CHANNELS
-from topology.files import arrays_of, check_path, missing, read_arrays, whole_file
-from topology.gel import gel_temperature
 
 if TYPE_CHECKING:
     from skin.decode.decoder import Decoder
@@ -62,20 +49,8 @@ GLANCE_S = 1.0
 RISEN_SIGMAS = 0.5
 """Averaged pull, over the sigma of a reading, beyond which no zero is followed [assumed]."""
 FOREVER, REST = 1 << 40, "frequency_rest_hz"
-SAME_C = 5.0
-"""Difference of temperatures at which a zero still is the same [assumed]."""
 
-GEL, FREQUENCY, CHIP = (CHANNELS.index(name) for name in ("gel", "frequency", "hall_temperature"))
-FORMAT = 1
-ZEROS = arrays_of("zeros of a run", "units", "known", "calibration", "frequency_hz", "offset_ut")
-KINDS = {"known": "b", "calibration": "U", "serial": "i", "bodies": "U"}
-"""Types of the arrays of a file that are no float."""
-BOUNDS = {
-    "frequency_hz": (1.0, 1e5), "frequency_sigma_hz": (0.0, 1e5), "offset_ut": (-1e6, 1e6),
-    "field_sigma_ut": (0.0, 1e6), "field_ut": (-1e6, 1e6), "axial_rest_ut": (-1e6, 1e6),
-    "axial_rest_sigma_ut": (0.0, 1e6),
-}  # fmt: skip
-"""Lowest and highest values: those of calibration files."""
+FREQUENCY = CHANNELS.index("frequency")
 
 
 class Zeros:
@@ -90,8 +65,8 @@ class Zeros:
 
     Attributes
     ----------
-    taken, taken_up : list of str
-        Units that were tared in this run, and those that have the zeros of the run before.
+    taken : list of str
+        Units that were tared in this run.
     refused : dict of str to str
         Units that could not be tared yet, or are not any more, and why.
     active : bool
@@ -104,16 +79,11 @@ class Zeros:
         topology = decoder.topology
         self._decoder, self._filed = decoder, topology
         self.taken: list[str] = []
-        self.taken_up: list[str] = []
         self.refused: dict[str, str] = {}
         known = topology.tared | ~topology.enabled | topology.counts_only
         self._pending, self._tares = ~known & tare, tare
-        self._of_run = np.zeros(topology.n, bool)  # whose zero is of this run, or taken up in it
+        self._of_run = np.zeros(topology.n, bool)  # whose zero is of this run
         self._is_told = False  # that nothing touches the skin
-        self._file: str | os.PathLike[str] | None = None
-        self._before: dict[str, np.ndarray] = {}
-        self._saved: dict[str, np.ndarray] | None = None
-        self._boards: Boards | None = None
         rate = topology.cycle_rate_hz
         self._cycles = max(round(WINDOW_S * rate), round(SPARE * LEAST_CYCLES))
         self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)
@@ -132,7 +102,7 @@ class Zeros:
 
     def report(self) -> dict[str, Any]:
         """What was taken, for people and for JSON."""
-        return {"tared": self.taken, "taken_up": self.taken_up, "refused": self.refused}
+        return {"tared": self.taken, "refused": self.refused}
 
     def retake(self) -> None:
         """Look at all units from the next cycle on, and tare those that nothing touches. Others
@@ -143,12 +113,6 @@ class Zeros:
         self.taken, self.refused = [], {}
         self._wait, self._is_told = self._cycles, True
         self._begin()
-
-    def hear(self, frames: np.ndarray) -> None:
-        """Take serial numbers from the heartbeats among frames, shape (m,), FRAME_DTYPE, where
-        zeros go from run to run."""
-        if self._boards is not None:
-            self._boards.hear(frames, np.zeros(frames.size))
 
     def look(self, counts: np.ndarray, status: np.ndarray) -> None:
         """Look at a cycle: counts, shape (c, n), and flags, shape (n,); `work` does the rest."""
@@ -190,7 +154,7 @@ class Zeros:
         after the next one need no step. The window is recorded into `counts`, shape (t, c, n), and
         `status`, shape (t, n)."""
         while True:
-            self.active = bool(self._pending.any()) or self._saved is not None
+            self.active = bool(self._pending.any())
             if not self.active:
                 if not self._of_run.any():
                     return
@@ -204,12 +168,6 @@ class Zeros:
                     followed += ambient.field_at_chips_ut / self._cycles
                 self._records = t + 1 < self._cycles
                 yield 0
-            if self._saved is not None:
-                self._take_up(self._saved, counts, status)
-                self._records = True
-                if self._pending.any():
-                    yield 0
-                continue
             # a rise is measured by what is known without the zeros of this run, a fall by both
             least_hz = np.maximum(lowest_hz(self._filed), lowest_hz(self._decoder.topology))
             readings = Readings(
@@ -285,7 +243,6 @@ class Zeros:
         }
         gone = {names[i] for i in np.flatnonzero(lost)}
         self.taken = [name for name in self.taken if name not in gone]
-        self.taken_up = [name for name in self.taken_up if name not in gone]
 
     def _tare(
         self, readings: Readings, looks: dict[int, Look], followed_ut: np.ndarray
@@ -335,166 +292,3 @@ class Zeros:
         self._decoder.retare(found.applied(self._decoder.rest_beyond_ut))
         self._pending &= ~found.taken
         self._of_run |= found.taken
-
-    # -- from run to run --------------------------------------------------------------------------
-
-    def close(self) -> None:
-        """Save to the file that was carried, if one was."""
-        if self._file is not None:
-            self.save(self._file)
-
-    def save(self, file: str | os.PathLike[str]) -> None:
-        """Write zeros and ambient field as they are now, as an .npz without pickle; there whole or
-        not at all. Units without a zero of this run keep the one of the file, unless this run has
-        tared others and taken up none; nothing is written before the run has seen what it carries.
-        Of runs on one file at once, the last to end is kept."""
-        if self._last is None or self._saved is not None:
-            return
-        topology, ambient = self._decoder.topology, self._decoder.ambient
-        p = topology.parameters
-        frequency = p["frequency_rest_hz"].copy()
-        offset = np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"]])
-        bodies, field = np.zeros(0, str), np.zeros((3, 0))
-        if ambient is not None:
-            bodies, field, zero = np.array(ambient.bodies), ambient.field_ut, ambient.zero
-            frequency -= zero[0]
-            offset += np.einsum("abn,bn->an", inverse_map(topology), zero[1:])
-        now = {
-            "known": topology.tared, "calibration": self._calibration(), "frequency_hz": frequency,
-            "frequency_sigma_hz": p["frequency_sigma_hz"], "offset_ut": offset,
-            "field_sigma_ut": p["field_sigma_ut"], "axial_rest_ut": p["axial_rest_ut"],
-            "axial_rest_sigma_ut": p["axial_rest_sigma_ut"], "serial": self._serial(),
-            "temperature_c": self._temperature_c(self._last[0]),
-        }  # fmt: skip
-        # what was tared together with zeros taken up has their ambient field in it, else another
-        before = {} if self.taken and not self.taken_up else self._before
-        kept: dict[str, Any] = {
-            name: np.where(topology.tared, values, before.get(name, values))
-            for name, values in now.items()
-        }  # fmt: skip
-        with whole_file(Path(file), over=ZEROS) as out:
-            np.savez_compressed(
-                out, format=FORMAT, units=np.array(topology.unit_names), bodies=bodies,
-                field_ut=field, **kept,
-            )  # fmt: skip
-
-    def carry(self, file: str | os.PathLike[str]) -> None:
-        """Take up what a run before has saved, where there is such a file, once boards and
-        temperatures are known; `close` saves there what this run has.
-
-        Raises
-        ------
-        CalibrationError
-            Saved for other units, or not by `save`.
-        """
-        check_path("zeros", file, CalibrationError)
-        folder = Path(file).parent
-        if not folder.is_dir():
-            raise CalibrationError(f"{file}: must be in a folder that is there; got {folder}")
-        self._file = file
-        self._boards = Boards(self._filed)
-        if missing(file):
-            return
-        try:
-            found = read_arrays(file)
-            units = found["units"].tolist()
-        except (OSError, LookupError, ValueError) as error:
-            raise CalibrationError(f"{file}: must be zeros that were saved; got {error}") from None
-        if (form := str(found.get("format"))) != str(FORMAT):
-            raise CalibrationError(f"{file}: format: must be {FORMAT}; got {form}")
-        n, bodies = self._filed.n, found.get("bodies", np.zeros(0, str))
-        for name in ("axial_rest_ut", "axial_rest_sigma_ut"):  # not in older files: not measured
-            found.setdefault(name, np.zeros(n))
-        if units != list(self._filed.unit_names):
-            raise CalibrationError(
-                f"{file}: must be saved with the units of {self._filed.name!r} as now; got others"
-            )
-        shapes = {
-            "known": (n,), "calibration": (n,), "frequency_hz": (n,), "frequency_sigma_hz": (n,),
-            "offset_ut": (2, n), "field_sigma_ut": (n,), "axial_rest_ut": (n,),
-            "axial_rest_sigma_ut": (n,), "serial": (n,), "temperature_c": (n,),
-            "bodies": (bodies.size,), "field_ut": (3, bodies.size),
-        }  # fmt: skip
-        for name, shape in shapes.items():
-            got = found.get(name, np.empty(0))
-            low, high = BOUNDS.get(name, (-np.inf, np.inf))
-            is_sound = got.shape == shape and got.dtype.kind in KINDS.get(name, "f")
-            if is_sound and name in BOUNDS:
-                is_sound = bool(((got >= low) & (got <= high)).all())
-            if not is_sound:
-                ends = f" from {low:g} to {high:g}" if name in BOUNDS else ""
-                raise CalibrationError(
-                    f"{file}: {name}: must be finite numbers{ends}, shape {shape}; "
-                    f"got {got.dtype}, {got.shape}"
-                )
-        self._saved = self._before = found
-        if self._steps is None:
-            self._begin()
-
-    def _take_up(
-        self, saved: dict[str, np.ndarray], counts: np.ndarray, status: np.ndarray
-    ) -> None:
-        """Take the zeros of the run before of units that are the same, as warm as then."""
-        topology, names = self._decoder.topology, self._filed.unit_names
-        self._saved = None
-        good = status & int(INVALID) == 0
-        count = np.count_nonzero(good, axis=0)
-        mean = np.einsum("tcn,tn->cn", counts, good, dtype=float) / np.maximum(count, 1)
-        warmer = self._temperature_c(mean) - saved["temperature_c"]
-        serial = self._serial()
-        faults = {
-            "must have a good reading in the first second; got none": count == 0,
-            "must be of the calibration as it is now": saved["calibration"] != self._calibration(),
-            "must be of a board that reports one serial number; got none or several": serial < 0,
-            "must be of the board that is there now": saved["serial"] != serial,
-            f"must be within {SAME_C:g} °C of the temperature now": ~(np.abs(warmer) <= SAME_C),
-        }
-        taken = saved["known"] & ~topology.counts_only
-        for fault, found in faults.items():
-            for i in np.flatnonzero(taken & found):
-                self.refused[names[i]] = f"zero of the run before: {fault}"
-            taken &= ~found
-        if not taken.any():
-            return
-        nothing, none = np.full(topology.n, np.nan), np.zeros(topology.n, int)
-        sigma = np.broadcast_to(saved["field_sigma_ut"], (2, topology.n))
-        self._apply(Tare(
-            topology, taken, saved["frequency_hz"], saved["frequency_sigma_hz"], saved["offset_ut"],
-            sigma, nothing, saved["axial_rest_ut"], saved["axial_rest_sigma_ut"], none,
-            self._rest_ut,
-        ))  # fmt: skip
-        ambient = self._decoder.ambient
-        if ambient is not None:
-            ambient.forget(taken, field=True)
-            if list(saved["bodies"]) == list(ambient.bodies):
-                ambient.begin(saved["field_ut"])
-        self.taken_up += [names[i] for i in np.flatnonzero(taken)]
-
-    def _calibration(self) -> np.ndarray:
-        """A hash of all that files say of each unit, and of what is taken off for its neighbours at
-        rest; shape (n,), str."""
-        rows = [np.atleast_2d(self._filed.parameters[name]) for name in self._filed.parameters]
-        rows.append(self._rest_ut)
-        table = np.ascontiguousarray(np.vstack(rows).T)
-        return np.array([hashlib.sha256(row.tobytes()).hexdigest() for row in table])
-
-    def _serial(self) -> np.ndarray:
-        """Serial number of each unit's board, shape (n,), int; -1 unheard, -2 disagreeing."""
-        frames, found = self._filed.frames, np.full(self._filed.n, -1)
-        heard = {} if self._boards is None else self._boards.heard
-        for frame, node in enumerate(node_numbers(self._filed).tolist()):
-            board = heard.get((int(frames.bus[frame]), node))
-            if board is not None:
-                units = frames.units[frame]
-                several = len(board.serials) != 1
-                found[units[units >= 0]] = -2 if several else next(iter(board.serials))
-        return found
-
-    def _temperature_c(self, counts: np.ndarray) -> np.ndarray:
-        """Of gel, or chip, by counts of shape (c, n); NaN where the wire has neither."""
-        topology, p = self._filed, self._filed.parameters
-        values = topology.scale * counts + topology.offset
-        share = np.maximum(values[GEL], 1e-9) / p["gel_current_20c_ua"]
-        gel = gel_temperature(p, share)
-        chip = np.where(topology.wired[CHIP], values[CHIP], np.nan)
-        return np.where(topology.wired[GEL], gel, chip)

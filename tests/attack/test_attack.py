@@ -99,8 +99,7 @@ SCENE = {"file": "press", "topology": STRIP}
 OPTIONS = {
     "skin.open": (
         opened,
-        "want estimator dtype sweeps ambient skip slip false_contacts_per_day sync wait pace "
-        "deadline_s seed capacity",
+        "want slip options sync pace deadline_s seed repeat faults",
     ),
     "Options": (
         skin.Options,
@@ -137,7 +136,7 @@ def within(call):
 OPTIONS |= {
     "skin.open without a choice": (
         within(lambda **options: skin.open(STRIP, **options).close()),
-        "simulate transports log",
+        "simulate transports record",
     ),
     "Decoder of": (lambda **options: skin.Decoder(**{"topology": STRIP, **options}), "topology"),
     "Decoder with sweeps": (

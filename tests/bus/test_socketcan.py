@@ -501,10 +501,9 @@ def two_buses(request):
         yield [far for far, _ in pairs], [near for _, near in pairs]
 
 
-@pytest.mark.parametrize("way", ["event", "deadline"])
-def test_a_waiter_takes_the_frames_of_all_buses(two_buses, way):
+def test_a_waiter_takes_the_frames_of_all_buses(two_buses):
     far, near = two_buses
-    waiter, batch = Waiter(near, way), FrameBatch(64)
+    waiter, batch = Waiter(near), FrameBatch(64)
     for first in (0, 10, 20):
         for end in far:
             end.send(numbered(5, first))
@@ -522,18 +521,9 @@ def test_an_event_wakes_the_waiter_whatever_bus_it_comes_on(two_buses, which):
     sender = threading.Timer(0.05, far[which].send, [numbered(1)])
     started = time.monotonic()
     sender.start()
-    assert Waiter(near, "event").receive(batch, 60_000_000_000) == 1
+    assert Waiter(near).receive(batch, 60_000_000_000) == 1
     assert time.monotonic() - started < 30
     sender.join()
-
-
-def test_a_wait_for_the_deadline_sleeps_through_the_frames_of_a_cycle(two_buses):
-    far, near = two_buses
-    waiter, batch = Waiter(near, "deadline"), FrameBatch(64)
-    far[0].send(numbered(3))
-    started = time.monotonic()
-    assert waiter.receive(batch, 50_000_000) == 3
-    assert time.monotonic() - started >= 0.05
 
 
 def test_a_full_batch_starves_no_bus(two_buses):

@@ -27,7 +27,7 @@ from tests.fixtures.patience import LONG_S
 @pytest.mark.parametrize("name", ["strip", "hand"])
 def test_what_a_skin_recorded_decodes_to_what_it_felt(name, suffix, tmp_path):
     log = tmp_path / f"run{suffix}"
-    with skin.open(name, simulate=True, pace=False, log=log) as opened:
+    with skin.open(name, simulate=True, pace=False, record=log) as opened:
         live = [
             (state.cycle, state.units.force.copy(), state.wrench.copy())
             for state in itertools.islice(opened, 30)
@@ -42,7 +42,7 @@ def test_what_a_skin_recorded_decodes_to_what_it_felt(name, suffix, tmp_path):
 
 def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
     log = tmp_path / "run.log"
-    with skin.open("strip", simulate=True, pace=False, log=log) as strip:
+    with skin.open("strip", simulate=True, pace=False, record=log) as strip:
         closing = threading.Timer(0.05, strip.close)
         for state in strip:
             if state.cycle == 0:
@@ -118,7 +118,7 @@ def test_names_of_channels_follow_the_topology():
 
 def test_a_log_that_cannot_be_written_is_refused_before_the_buses_are_used(tmp_path):
     with pytest.raises(LogError, match="must end in one of"):
-        skin.open("strip", simulate=True, log=tmp_path / "run.txt")
+        skin.open("strip", simulate=True, record=tmp_path / "run.txt")
 
 
 @pytest.mark.parametrize("suffix", ["log", "blf"])

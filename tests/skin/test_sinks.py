@@ -94,7 +94,7 @@ def same(states, others):
 
 def test_a_sink_sees_the_states_of_the_loop_and_the_frames_of_the_log(tmp_path):
     log = tmp_path / "run.log"
-    with skin.open("strip", simulate="press", pace=False, log=log) as strip:
+    with skin.open("strip", simulate="press", pace=False, record=log) as strip:
         keeper = strip.attach(Keeper())
         states = list(itertools.islice(strip, 300))
     same(keeper.of("state"), states)
@@ -111,7 +111,7 @@ def test_a_sink_sees_the_states_of_the_loop_and_the_frames_of_the_log(tmp_path):
 @pytest.mark.parametrize("way", ["states", "blocks", "replay"])
 def test_a_sink_sees_the_cycles_of_a_log_and_stops_at_its_end(way, tmp_path):
     log = tmp_path / "run.log"
-    with skin.open("strip", simulate="press", pace=False, log=log) as strip:
+    with skin.open("strip", simulate="press", pace=False, record=log) as strip:
         live = list(itertools.islice(strip, 60))
     source = skin.replay(log, "strip") if way == "replay" else skin.decode_log("strip", log)
     keeper = source.attach(Keeper())
@@ -136,7 +136,7 @@ def test_cycles_that_the_clock_ends_are_seen_before_their_states():
 
 def test_a_log_that_ends_within_a_cycle_is_flushed(tmp_path):
     log = tmp_path / "run.log"
-    with skin.open("strip", simulate="press", pace=False, log=log) as strip:
+    with skin.open("strip", simulate="press", pace=False, record=log) as strip:
         list(itertools.islice(strip, 5))
     lines = log.read_text().splitlines(keepends=True)
     log.write_text("".join(lines[: -len(lines) // 10]))  # half a cycle

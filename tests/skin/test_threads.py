@@ -29,14 +29,13 @@ def test_closed_skin_ends():
 @pytest.mark.long_but_first
 @pytest.mark.parametrize("name", ["strip", "fingertip"])
 @pytest.mark.parametrize("sync", ["host", "bus"])
-@pytest.mark.parametrize("wait", ["event", "deadline"])
-def test_a_skin_that_another_thread_closes_ends(name, sync, wait):
+def test_a_skin_that_another_thread_closes_ends(name, sync):
     """At any moment of a cycle, while the thread that iterates may close it as well."""
     for delay_ms in (0.0, 0.3, 1.0, 3.0):
         ends = [MemoryTransport.pair(i) for i in range(len(topology.load(name).buses))]
         SimulatedUnits(topology.load(name)).attach([far for _, far in ends])
         near = [end for end, _ in ends]
-        with skin.open(name, transports=near, pace=False, sync=sync, wait=wait) as opened:
+        with skin.open(name, transports=near, pace=False, sync=sync) as opened:
             closing = threading.Timer(1e-3 * delay_ms, opened.close)
             for number, _ in enumerate(opened):
                 if number == 0:

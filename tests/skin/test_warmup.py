@@ -84,7 +84,7 @@ def scene(way):
 def record(path):
     import skin
 
-    with skin.open("palm", simulate=True, pace=False, want={"temperature"}, log=path) as opened:
+    with skin.open("palm", simulate=True, pace=False, want={"temperature"}, record=path) as opened:
         for cycle, _ in enumerate(opened):
             if cycle == CYCLES:
                 return

@@ -140,7 +140,7 @@ def felt_live(loaded, cycles, **options):
         units = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
         units.start()
         try:
-            with skin.open(loaded, dtype="float64", **options) as opened:
+            with skin.open(loaded, options=skin.Options(dtype="float64"), **options) as opened:
                 for state in itertools.islice(opened, cycles):
                     live.append(state.units.force.copy())
         finally:

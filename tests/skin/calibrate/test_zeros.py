@@ -3,12 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import errno
-import itertools
-import signal
-import subprocess
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +12,6 @@ import skin
 import topology
 from benchmarks.accuracy_skin import differing
 from bus.status import Status
-from skin.errors import CalibrationError
 from skin.options import Options
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.pipeline import Pipeline
@@ -86,7 +79,7 @@ def test_the_first_untouched_second_is_the_zero():
     assert np.sqrt(np.mean(after.units.force**2)) < 0.5 * np.sqrt(np.mean(shown**2))
     assert (after.units.force_sigma < sigma).all()
     assert hand.pipeline.zeros.report() == {
-        "tared": list(PALM.unit_names), "taken_up": [], "refused": {},
+        "tared": list(PALM.unit_names), "refused": {},
     }  # fmt: skip
     assert not hand.pipeline.zeros.active
 
@@ -232,7 +225,7 @@ def test_a_decoder_with_new_zeros_is_one_that_was_made_with_them():
         assert np.allclose(old(batch).force, new(batch).force, rtol=2e-6, equal_nan=True)
 
 
-# -- from run to run -------------------------------------------------------------------------------
+# -- live -----------------------------------------------------------------------------------------
 
 
 class Still:
@@ -246,289 +239,11 @@ class Still:
         return self._truth
 
 
-def opened(file, *, known=PALM, serial=0, temperature_c=25.0, cycles=WINDOW + 40, others=None):
-    """A run on units that are none like the model, whose boards have numbers from `serial` on;
-    they say nothing if that is None, and there are `others` of the same nodes."""
-    nodes = SimulatedUnits(TRUE, Still(temperature_c), history=0)
-    ends = in_process(nodes)
-    run = skin.open(known, transports=ends, zeros=file, pace=False, want={"force"})
-    board = run.pipeline.zeros._boards
-    hear = board.hear
-
-    def heard(frames, when):
-        frames = frames.copy()
-        beats = (frames["id"] > 0x700) & (frames["id"] < 0x7E0)
-        if serial is None:
-            frames = frames[~beats]
-        else:
-            frames["data"][beats, 4] += serial
-        if others is not None:
-            more = frames[beats].copy()
-            more["data"][:, 4] += others
-            frames = np.concatenate([frames, more])
-        hear(frames, np.zeros(frames.size))
-
-    board.hear = heard
-    with run:
-        for _, state in zip(range(cycles), run, strict=False):
-            status = state.units.status.copy()
-    return run.zeros, status
-
-
-@pytest.fixture
-def saved(tmp_path):
-    file = tmp_path / "zeros.npz"
-    told, status = opened(file, cycles=WINDOW + N)
-    assert len(told["tared"]) == N
-    assert not (status & Status.UNTARED).any()
-    return file
-
-
-def test_zeros_are_taken_up_by_the_next_run(saved):
-    told, status = opened(saved)
-    assert told == {"tared": [], "taken_up": list(PALM.unit_names), "refused": {}}
-    assert not (status & Status.UNTARED).any()
-
-
-def test_bz_at_rest_goes_from_run_to_run_and_an_older_file_has_none(saved):
-    with np.load(saved) as found:
-        arrays = dict(found)
-    assert (arrays["axial_rest_sigma_ut"] > 0.0).all()
-    # a palm's resting films add 0.4 mT in a corner to 1.1 mT in the middle
-    assert 250.0 < arrays["axial_rest_ut"].mean() < 1500.0
-    opened(saved)
-    with np.load(saved) as again:
-        for name in ("axial_rest_ut", "axial_rest_sigma_ut"):
-            np.testing.assert_array_equal(again[name], arrays.pop(name))
-    np.savez(saved, **arrays)
-    told, _ = opened(saved)
-    assert told["taken_up"] == list(PALM.unit_names)
-    with np.load(saved) as older:
-        assert not older["axial_rest_sigma_ut"].any()
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        ({"serial": 1}, "must be of the board that is there now"),
-        ({"temperature_c": 33.0}, "must be within 5 °C of the temperature now"),
-        (
-            {"known": dataclasses.replace(
-                PALM, parameters=PALM.parameters | {"film_x_mm": np.full(N, 0.02)}
-            )},
-            "must be of the calibration as it is now",
-        ),
-    ],
-)  # fmt: skip
-def test_zeros_of_another_board_temperature_or_calibration_are_not(saved, change, why):
-    told, status = opened(saved, **change)
-    assert told["taken_up"] == []
-    assert set(told["refused"]) == set(PALM.unit_names)
-    assert all(why in text for text in told["refused"].values())
-    assert (status & Status.UNTARED).all()
-
-
-def test_a_run_that_sees_little_loses_nothing(saved):
-    before = saved.read_bytes()
-    opened(saved, cycles=20)
-    assert saved.read_bytes() == before
-    opened(saved, temperature_c=33.0)  # too warm, and too short to be tared anew
-    with np.load(saved) as kept:
-        assert kept["known"].all()
-        assert np.abs(kept["temperature_c"] - 25.0).max() < 2.0
-
-
-def test_a_run_that_tares_some_anew_keeps_the_zeros_of_those_that_were_silent(saved):
-    """One board was changed, and another is not plugged in."""
-    with np.load(saved) as before:
-        offset = before["offset_ut"].copy()
-    frames = PALM.frames
-    changed, silent = (frames.units[f][frames.units[f] >= 0] for f in (0, 1))
-    nodes = SimulatedUnits(TRUE, Still(), history=0)
-    run = skin.open(PALM, transports=in_process(nodes), zeros=saved, pace=False, want={"force"})
-    zeros, look = run.pipeline.zeros, run.pipeline.zeros.look
-    serial = zeros._serial
-
-    def swapped():
-        found = serial()
-        found[changed] += 1
-        return found
-
-    def unplugged(counts, status):
-        status = status.copy()
-        status[silent] |= int(Status.NEVER)
-        look(counts, status)
-
-    zeros._serial, zeros.look = swapped, unplugged
-    with run:
-        for _ in zip(range(2 * WINDOW + N + 50), run, strict=False):
-            pass
-    names = np.array(PALM.unit_names)
-    assert set(run.zeros["tared"]) == set(names[changed])
-    assert set(run.zeros["taken_up"]) == {*names} - {*names[changed], *names[silent]}
-    with np.load(saved) as kept:
-        assert kept["known"].all()
-        np.testing.assert_array_equal(kept["offset_ut"][:, silent], offset[:, silent])
-
-
-def test_a_run_that_tares_all_anew_keeps_no_zero_with_another_ambient_field(saved):
-    nodes = SimulatedUnits(TRUE, Still(33.0), history=0)
-    run = skin.open(PALM, transports=in_process(nodes), zeros=saved, pace=False, want={"force"})
-    look = run.pipeline.zeros.look
-
-    def unplugged(counts, status):
-        status = status.copy()
-        status[PRESSED] |= int(Status.NEVER)
-        look(counts, status)
-
-    run.pipeline.zeros.look = unplugged
-    with run:
-        for _ in zip(range(2 * WINDOW + N + 50), run, strict=False):
-            pass
-    assert run.zeros["taken_up"] == []
-    with np.load(saved) as kept:
-        assert np.flatnonzero(~kept["known"]).tolist() == [PRESSED]
-
-
-def test_of_two_runs_on_one_file_the_last_to_end_is_kept(saved):
-    runs = [
-        skin.open(
-            PALM, transports=in_process(SimulatedUnits(TRUE, Still(warm), history=0)), zeros=saved,
-            pace=False, want={"force"},
-        )
-        for warm in (27.0, 23.0)
-    ]  # fmt: skip
-    kept = []
-    for run in runs:
-        with run:
-            for _ in zip(range(WINDOW + 40), run, strict=False):
-                pass
-        assert run.zeros["taken_up"] == list(PALM.unit_names)
-        with np.load(saved) as found:
-            assert found["known"].all()
-            kept.append(float(found["temperature_c"].mean()))
-    np.testing.assert_allclose(kept, [27.0, 23.0], atol=1.0)
-    told, _ = opened(saved)
-    assert len(told["taken_up"]) == N
-
-
-def test_zeros_that_are_written_as_a_run_is_terminated_are_whole(saved):
-    """SIGTERM comes when half of the new file is on the disk."""
-    before = saved.read_bytes()
-    code = (
-        "import sys, time\n"
-        "import numpy as np\n"
-        "import skin\n"
-        "def half(file, **arrays):\n"
-        "    file.write(b'PK')\n"
-        "    file.flush()\n"
-        "    print('half', flush=True)\n"
-        "    time.sleep(60)\n"
-        "with skin.open('palm', simulate=True, zeros=sys.argv[1], pace=False) as run:\n"
-        f"    for _ in zip(range({WINDOW + N}), run):\n"
-        "        pass\n"
-        "    np.savez_compressed = half\n"
-    )
-    run = subprocess.Popen(
-        [sys.executable, "-c", code, str(saved)], stdout=subprocess.PIPE, text=True,
-        cwd=Path(__file__).parents[3],
-    )  # fmt: skip
-    assert run.stdout is not None
-    with run.stdout:
-        assert run.stdout.readline() == "half\n"
-    assert any(file.read_bytes() == b"PK" for file in saved.parent.glob(".zeros.npz.*.part"))
-    run.terminate()
-    assert run.wait() == -signal.SIGTERM
-    assert saved.read_bytes() == before
-
-
-@pytest.mark.parametrize("who", [{"serial": None}, {"others": 9}])
-def test_zeros_of_a_board_that_nobody_knows_are_not_taken_up(tmp_path, who):
-    file = tmp_path / "zeros.npz"
-    opened(file, cycles=WINDOW + N, **who)
-    told, _ = opened(file, **who)
-    assert told["taken_up"] == []
-    assert all("board that reports one serial number" in why for why in told["refused"].values())
-
-
-def test_zeros_are_saved_where_the_log_cannot_be_ended(tmp_path):
-    file = tmp_path / "zeros.npz"
-    run = skin.open(PALM, transports=in_process(SimulatedUnits(TRUE, Still(), history=0)),
-                    zeros=file, pace=False, want={"force"}, log=tmp_path / "run.log")  # fmt: skip
-    end = run._recording.close
-
-    def full():
-        end()
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    run._recording.close = full
-    with pytest.raises(OSError, match="No space left"), run:
-        for _ in zip(range(5), run, strict=False):
-            pass
-    assert file.exists()
-
-
-@pytest.mark.parametrize("silent", [WINDOW // 2, WINDOW])
-def test_cycles_without_an_answer_are_of_no_temperature(saved, silent):
-    run = skin.open(PALM, transports=in_process(SimulatedUnits(TRUE, Still(), history=0)),
-                    zeros=saved, pace=False, want={"force"})  # fmt: skip
-    look, cycle = run.pipeline.zeros.look, itertools.count()
-
-    def late(counts, status):
-        counts, status = counts.copy(), status.copy()
-        if next(cycle) < silent:
-            counts[:, PRESSED], status[PRESSED] = 0, int(Status.NEVER)
-        look(counts, status)
-
-    run.pipeline.zeros.look = late
-    with run:
-        for _ in zip(range(WINDOW + 2), run, strict=False):
-            pass
-    name = PALM.unit_names[PRESSED]
-    if silent < WINDOW:
-        assert name in run.zeros["taken_up"]
-    else:
-        assert "must have a good reading" in run.zeros["refused"][name]
-
-
-def test_a_folder_that_is_not_there_is_refused_before_the_run(tmp_path):
-    with pytest.raises(CalibrationError, match="must be in a folder that is there"):
-        skin.open(PALM, simulate=True, zeros=tmp_path / "nowhere" / "zeros.npz")
-
-
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda a: a.update(units=a["units"][::-1]), "must be saved with the units of 'palm'"),
-        (lambda a: a.update(offset_ut=a["offset_ut"][0]), "offset_ut: must be finite numbers"),
-        (lambda a: a.update(frequency_hz=a["frequency_hz"] * np.nan), "frequency_hz: must be fin"),
-        (lambda a: a.update(field_sigma_ut=-a["field_sigma_ut"]), "from 0 to 1e\\+06, shape"),
-        (lambda a: a.pop("serial"), "serial: must be finite numbers"),
-        (lambda a: a.update(format=99), "format: must be 1; got 99"),
-        (lambda a: a.update(bodies=np.array("x")), "bodies: must be finite numbers, shape"),
-        (lambda a: a.pop("units"), "must be zeros that were saved"),
-    ],
-)
-def test_a_file_of_something_else_is_refused(saved, damage, message):
-    with np.load(saved) as found:
-        arrays = dict(found)
-    damage(arrays)
-    np.savez(saved, **arrays)
-    with pytest.raises(CalibrationError, match=message):
-        skin.open(PALM, simulate=True, zeros=saved)
-
-
-def test_what_is_no_archive_is_refused(tmp_path):
-    (tmp_path / "zeros.npz").write_text("zeros")
-    with pytest.raises(CalibrationError, match="must be zeros that were saved"):
-        skin.open(PALM, simulate=True, zeros=tmp_path / "zeros.npz")
-
-
 def test_a_log_is_tared_where_the_live_run_was(tmp_path):
     nodes = SimulatedUnits(TRUE, Still(), history=0)
     log = tmp_path / "run.blf"
     flags = []
-    with skin.open(PALM, transports=in_process(nodes), pace=False, log=log) as run:
+    with skin.open(PALM, transports=in_process(nodes), pace=False, record=log) as run:
         for _, state in zip(range(WINDOW + N), run, strict=False):
             flags.append(state.units.status.copy())
     replay = skin.decode_log(PALM, log)

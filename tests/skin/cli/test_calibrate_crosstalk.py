@@ -56,15 +56,17 @@ def test_a_live_skin_takes_what_was_learned_from_its_file(tmp_path):
     palm = topology.load("palm")
     drawn = Stencil.of(palm)
     Stencil.save(dataclasses.replace(drawn, rest_ut=drawn.rest_ut + 7.0), tmp_path / "stray.npz")
-    with skin.open(palm, want={"force"}, stencil=tmp_path / "stray.npz", simulate=True) as opened:
+    options = skin.Options(stencil=Stencil.load(tmp_path / "stray.npz", palm))
+    with skin.open(palm, want={"force"}, options=options, simulate=True) as opened:
         taken = opened.pipeline.decoder.crosstalk.stencil
     assert np.array_equal(taken.rest_ut, drawn.rest_ut + 7.0)
     with pytest.raises(SkinError, match="must be the stencil of 10 units"):
-        skin.open("strip", stencil=tmp_path / "stray.npz", simulate=True)
-    with skin.open(palm, sweeps=0, stencil=drawn, simulate=True) as opened:
+        Stencil.load(tmp_path / "stray.npz", topology.load("strip"))
+    options = skin.Options(sweeps=0, stencil=drawn)
+    with skin.open(palm, options=options, simulate=True) as opened:
         assert opened.pipeline.decoder.rest_ut is drawn.rest_ut
     with pytest.raises(SkinError, match="stencil: must be a Stencil or None; got 3"):
-        skin.open(palm, stencil=3, simulate=True)
+        skin.Options(stencil=3)
 
 
 def test_wrong_use_is_refused_before_anything_is_heard(file, tmp_path):

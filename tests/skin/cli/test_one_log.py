@@ -158,7 +158,9 @@ def test_a_data_set_has_the_forces_of_decode_log(case, log, tmp_path, capsys):
 def test_a_recording_keeps_the_options_of_its_run_that_are_not_given(tmp_path, capsys):
     pytest.importorskip("mcap", reason="mcap is not installed")
     file = tmp_path / "run.mcap"
-    with skin.open("strip", simulate=True, pace=False, record=file, sweeps=0) as strip:
+    with skin.open(
+        "strip", simulate=True, pace=False, record=file, options=skin.Options(sweeps=0)
+    ) as strip:
         for _, _ in zip(strip, range(30), strict=False):
             pass
     arguments = ["decode", "strip", str(file), "-o", str(tmp_path / "out"), "--format", "npz"]

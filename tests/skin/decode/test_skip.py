@@ -104,7 +104,7 @@ def test_a_live_skin_that_skips_tells_the_same_contacts():
     """Its ambient field is looked at less often: forces differ by a part of their noise."""
     shown = []
     for skip in (False, True):
-        with skin.open("palm", simulate=True, pace=False, skip=skip) as palm:
+        with skin.open("palm", simulate=True, pace=False, options=skin.Options(skip=skip)) as palm:
             states = itertools.islice(palm, 300)
             shown.append([
                 (s.wrench.copy(), s.label.copy(), s.units.status.copy()) for s in states

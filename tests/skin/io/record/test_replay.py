@@ -123,25 +123,6 @@ def test_poses_that_move_are_replayed(tmp_path):
     check(file, live)
 
 
-def test_zeros_that_are_taken_from_run_to_run_are_replayed(tmp_path):
-    loaded, zeros = topology.load("strip"), tmp_path / "zeros.npz"
-    for number in range(2):
-        nodes = SimulatedUnits(loaded, open_scene("press", loaded, seed=1), seed=1)
-        file = tmp_path / f"run{number}.mcap"
-        with skin.open(
-            loaded, transports=in_process(nodes), record=file, zeros=zeros, pace=False
-        ) as strip:
-            live = [state.copy() for state in itertools.islice(strip, 420)]
-            taken = strip.zeros["taken_up"] if number else strip.zeros["tared"]
-        nodes.close()
-        assert taken
-        assert zeros.exists()
-        before = zeros.read_bytes()
-        replay = check(file, live)
-        assert replay.pipeline.zeros.taken + replay.pipeline.zeros.taken_up == taken
-        assert zeros.read_bytes() == before, "a replay has written the zeros"
-
-
 def test_a_loop_that_ends_within_a_batch_and_goes_on_is_replayed(tmp_path):
     file, live = tmp_path / "run.mcap", []
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:
@@ -200,7 +181,7 @@ def test_units_without_sync_are_replayed(tmp_path):
 def test_a_batch_that_no_slot_has_room_for_is_replayed(tmp_path):
     file, loaded = tmp_path / "run.mcap", topology.load("strip")
     log = tmp_path / "run.log"
-    with skin.open(loaded, simulate=True, pace=False, log=log) as strip:
+    with skin.open(loaded, simulate=True, pace=False, record=log) as strip:
         states = sum(1 for _ in itertools.islice(strip, 60))
     frames = np.concatenate([b.frames.copy() for b in skin.offline.read(log)])
     pipeline = Pipeline(loaded)
@@ -213,7 +194,7 @@ def test_a_batch_that_no_slot_has_room_for_is_replayed(tmp_path):
 
 def test_a_log_is_replayed_as_it_is_decoded(tmp_path):
     log = tmp_path / "run.log"
-    with skin.open("strip", simulate=True, pace=False, log=log) as strip:
+    with skin.open("strip", simulate=True, pace=False, record=log) as strip:
         live = [state.copy() for state in itertools.islice(strip, 30)]
     replay = skin.replay(log, "strip", dtype="float32")
     for state, true in zip(replay, live, strict=True):
