@@ -29,11 +29,6 @@ TITLES = {
     "skip": "Skipping untouched units",
     "scale": "Many units",
     "record": "Recording",
-    "ingest": "Reading CAN sockets",
-    "unpack": "Unpacking frames",
-    "view": "The live view",
-    "logs": "Reading logs",
-    "simulate": "The simulator",
     "bulk": "Decoding logs",
     "accuracy": "Accuracy",
     "films": "Films",
@@ -44,21 +39,17 @@ TITLES = {
     "slip": "Slip",
     "grasp": "Grasping in MuJoCo",
     "behaviours": "Behaviours",
-    "channels": "Faulty channels",
     "faults": "Faulty frames",
-    "crosstalk": "Cross-talk",
     "trust": "Wrong numbers",
     "recorded": "Real readings of others",
 }
 """Benchmark to the heading of its figures on the page."""
 
 RUNS = 3
-TIMED = (
-    "cold", "contact", "decode", "ingest", "logs", "record", "scale", "simulate", "skip", "unpack", "view",
-)  # fmt: skip
+TIMED = ("cold", "contact", "decode", "record", "scale", "skip")
 """Benchmarks whose figures depend on the machine: each is run `RUNS` times, in processes of its own,
 by turns, on a quiet machine."""
-PINNED = ("decode", "skip", "unpack")
+PINNED = ("decode", "skip")
 """Those of one thread, which run on one core."""
 
 
@@ -145,8 +136,6 @@ HELD_TARGET = dict.fromkeys(OTHERS, "<= 0.01") | {
 
 DETECTORS = {
     "three to five units": "three to five units in contact",
-    "chain": "full chain: films as made, neighbours, calibration, creep, counts and decoder",
-    "direct": "the trials of the full chain, from displacements and sigmas without the chain",
     "sine law": "displacements by the sine law",
     "cross-talk left": "stray fields of neighbours left in",
     "friction ratio": "by the ratio of forces, at its best setting",
@@ -157,18 +146,12 @@ DETECTORS = {
 
 
 def _rows(path: str, name: str, words: str) -> Iterator[Figure]:
-    """A row of the slip benchmark: caught, held, and what a matched filter catches."""
+    """A row of the slip benchmark: caught and held."""
     path = f"{path}/{name}"
     yield Figure(
         "slip", f"{path}/caught_before_gross", f"slips detected before gross slip, {words}", "",
         CAUGHT_TARGET.get(name, ""), f"{path}/gross",
     )  # fmt: skip
-    if name in CAUGHT_TARGET:
-        yield Figure(
-            "slip", f"{path}/bound/caught_before_gross",
-            f"slips that a matched filter with knowledge of the truth detects before gross slip, {words}", "", "",
-            f"{path}/bound/gross",
-        )  # fmt: skip
     yield Figure(
         "slip", f"{path}/false_alarm_hold", f"contacts that stick but raise an alarm, {words}", "",
         HELD_TARGET.get(name, ""), f"{path}/holds",
@@ -318,17 +301,6 @@ FIGURES = (
     Figure("record", "lost_frames", "frames missing in a recording of 64 units at 1 kHz", "", "= 0", kind="count"),
     Figure("record", "lossless_hz", "highest tested cycle rate at which a recording of 64 units lost nothing", "Hz", kind="count"),
     Figure("record", "mb_per_minute_250_hz", "size of a recording of 64 units at 250 Hz", "MB a minute"),
-    Figure("ingest", "ingest_ratio", "time of python-can over that of this package to read the same frames from CAN sockets, or from what `measured_on` names"),
-    Figure("unpack", "cantools_ratio", "time of cantools over that of this package to unpack the same frames; the least of all layouts"),
-    Figure("view", "view_cpu_share/64", "CPU time of the live view with its share of the loop, 30 snapshots a second, one client; 64 units with contacts and slip at 250 Hz", "of a core", "<= 0.05"),
-    Figure("view", "view_cpu_share/1000", "CPU time of the live view with its share of the loop, 30 snapshots a second, one client; 1000 units with contacts and slip at 250 Hz", "of a core", "<= 0.05"),
-    Figure("view", "cycle_p50_ratio/64", "median time of a cycle with the view attached over that without it; 64 units"),
-    Figure("view", "cycle_p99_ratio/64", "99th percentile of the time of a cycle with the view attached over that without it; 64 units", "", "<= 1.25"),
-    Figure("view", "cycle_p50_ratio/1000", "median time of a cycle with the view attached over that without it; 1000 units"),
-    Figure("view", "cycle_p99_ratio/1000", "99th percentile of the time of a cycle with the view attached over that without it; 1000 units", "", "<= 1.25"),
-    Figure("logs", "candump_ratio", "time of python-can over that of this package to read the same candump log"),
-    Figure("logs", "blf_ratio", "time of python-can over that of this package to read the same BLF log"),
-    Figure("simulate", "real_time_factor_64", "simulated over real seconds; 64 units with every non-ideality"),
     # recorded logs
     Figure("cold", "seconds/2", "time to the first state of the palm from an empty cache of kernels, two processes that compile on two cores", "s", "<= 30"),
     Figure("cold", "busiest_cpu_s", "CPU time of the busier of two processes that compile for the first state of the palm", "s"),
@@ -398,8 +370,6 @@ FIGURES = (
     Figure("slip", "caught_with_warning", "slips detected before gross slip, of those that take 40 ms or more from 10 % of the load slipped to gross slip", "", "", "detectors/displacement/warned"),
     Figure("slip", "latency_ms_first_median", "time from 2 % of the load slipped to the alarm, median over all slips", "ms", "<= 60"),
     Figure("slip", "latency_ms_first_p90", "time from 2 % of the load slipped to the alarm, 90th percentile over all slips", "ms", "<= 150"),
-    Figure("slip", "detectors/bound: displacement/latency_ms_first_median", "time from 2 % of the load slipped to the alarm of a matched filter that knows the truth, median", "ms"),
-    Figure("slip", "detectors/bound: displacement/latency_ms_first_p90", "time from 2 % of the load slipped to the alarm of a matched filter that knows the truth, 90th percentile", "ms"),
     Figure("slip", "latency_ms_p90", "time from 10 % of the load slipped to the alarm, 90th percentile over all slips", "ms", "<= 60"),
     Figure("slip", "lead_ms_median", "time from the alarm to gross slip, median over slips that become gross", "ms", ""),
     Figure("slip", "premature", "slips with an alarm before 2 % of the load had slipped", "", "<= 0.02", "detectors/displacement/slips"),
@@ -439,9 +409,7 @@ FIGURES = (
     Figure("behaviours", "handover/carried_s", "time for which objects were carried with bumps, brushes and tugs", "s"),
     Figure("behaviours", "handover/false_releases_per_hour/upper", "false releases an hour of carrying, upper end of the 95 % interval", "1/h"),
     Figure("behaviours", "handover/us_per_cycle", "time of the handover detection in a cycle; two pads of 16 units", "µs"),
-    Figure("channels", "exact_healthy_flagged", "readings of healthy calibrated units that were flagged invalid", "", "= 0", extreme=True),
     Figure("faults", "wrong_unflagged", "wrong readings shown as valid, over all kinds of frame faults", "", "= 0", extreme=True),
-    Figure("crosstalk", "pitches/12/live/field-angle_um/1", "error of the displacement after one sweep from a cold start; units at 12 mm", "µm rms"),
     # a plant that shares no code with simulator and decoder: dipoles, an elastic foundation, laws and noise of its own
     Figure("trust", "fast_press/1 mm/flags_per_day/rate", "false MAGNETIC_ANOMALY flags a day of healthy calibrated units that are pressed, tapped and dragged to 1 mm within 5 to 500 ms; 7 shapes, 3 kinds of film, independent plant", "", "<= 1", spread="fast_press/1 mm/flags_per_day/span"),
     Figure("trust", "fast_press/1 mm/flagged_share/rate", "presses of healthy units to 1 mm within 5 to 500 ms that raise a false MAGNETIC_ANOMALY", "", "", "fast_press/1 mm/flagged_share/trials"),

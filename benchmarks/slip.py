@@ -25,8 +25,6 @@ share of the load on faces that have slipped since the motion began, or since th
   there with an alarm all the same, on the way down included. What is held stops at 10 to 90 % of
   the way on which slip begins. `false_alarms_per_minute`: of held contact, of both kinds; alarms
   that come and go count each.
-- `probability`: whether `slip_probability` is one; `grip`: whether the grip force would have held
-  (`benchmarks.slip_calibration`).
 - `friction_error_median`: of the estimate 0.2 s after the alarm, against the mean coefficient of
   faces in motion, which is 0 to 20 % below the one at rest; `friction_known`: share of the alarms
   after which there is an estimate.
@@ -36,23 +34,16 @@ Each share has the 95 % interval of Clopper and Pearson, each count a minute tha
 
 The rows: the detector on displacements from the field's angle, from the paper's sine law, and with
 neighbours' stray fields left in; and three others, which are told when the motion begins, at their
-best settings (`benchmarks.slip_baselines`). In the row `chain` some of the trials go the whole way,
-films as made, neighbours, bench, creep, counts and decoder (`benchmarks.slip_chain`); `direct` are
-the same trials on the short way, from displacements and sigmas. `slip_robust` has the families of
-`benchmarks.slip_families` and, of trials of the base, the sights of `benchmarks.slip_seen`. A row
-`bound: ` is a matched filter that knows the truth (`benchmarks.slip_matched`) on the same slips; by
-its making it is wrong in no more than a thousandth of the holds.
+best settings (`benchmarks.slip_baselines`). `slip_robust` has the families of
+`benchmarks.slip_families` and, of trials of the base, the sights of `benchmarks.slip_seen`.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from benchmarks.slip_baselines import BASELINES
-from benchmarks.slip_calibration import grip_figures, reliability
-from benchmarks.slip_rows import BOUND, Counts, Found, jobs, judge, warm
+from benchmarks.slip_rows import Counts, Found, Job, jobs, judge
 from benchmarks.slip_scoring import Outcome, score
 from benchmarks.slip_watch import watch
 from benchmarks.workers import in_parallel
@@ -63,11 +54,11 @@ REPORTED = 2001
 """Seed."""
 WHOLE = Counts(
     base={"slip": 300, "hold": 5000, "modulation": 300}, others=150,
-    robust={"slip": 60, "hold": 100, "modulation": 20}, few=60, chain=40,
+    robust={"slip": 60, "hold": 100, "modulation": 20}, few=60,
 )  # fmt: skip
 QUICK = Counts(
     base={"slip": 15, "hold": 40, "modulation": 10}, others=10,
-    robust={"slip": 2, "hold": 2, "modulation": 1}, few=2, chain=2, chain_side=2,
+    robust={"slip": 2, "hold": 2, "modulation": 1}, few=2,
 )  # fmt: skip
 
 TARGETS = {
@@ -83,8 +74,7 @@ COLUMNS = {
     "friction_error_median": "friction", "slips": "slips", "holds": "holds",
 }  # fmt: skip
 """Figures of a row, and what the table calls them."""
-PLAIN = ("displacement", "sine law", "cross-talk left", *BASELINES, "chain", "direct",
-         "three to five units", f"{BOUND}displacement")  # fmt: skip
+PLAIN = ("displacement", "sine law", "cross-talk left", *BASELINES, "three to five units")
 """Rows that are not of `slip_robust`."""
 
 
@@ -96,7 +86,7 @@ def run(quick: bool) -> dict[str, Any]:
 
 def judged(counts: Counts) -> list[Found]:
     """What all trials have given."""
-    warm(REPORTED, counts)
+    judge(Job(REPORTED, "base", "hold", 0, others=True))  # compile what workers inherit
     return in_parallel(judge, jobs(REPORTED, counts), chunk=4)
 
 
@@ -109,24 +99,16 @@ def figures_of(found: list[Found]) -> dict[str, Any]:
     detectors = {name: score(results) for name, results in rows.items()}
     headline = detectors["displacement"]
     rates = headline["rates"]
-    told = [one.told for one in found if one.told is not None]
     return {
         **{name: headline[name] for name in COLUMNS},
         "false_alarm_hold_rate": rates["false_alarm_hold"],
         "false_alarms_per_minute": rates["false_alarms_per_minute"],
         "friction_known": headline["friction_known"],
-        "probability": reliability(told) if told else None,
-        "grip": grip_figures([one.gripped for one in found if one.gripped is not None]),
         "us_per_cycle": 1e6 * sum(f.seconds for f in found) / sum(f.cycles for f in found),
         "targets": TARGETS,
-        "agreement_chain": _agreement(rows.get("direct", []), rows.get("chain", [])),
         "seed": REPORTED,
         "detectors": {name: detectors[name] for name in PLAIN if name in detectors},
-        "slip_robust": {
-            name: {**row, "bound": detectors.get(BOUND + name)}
-            for name, row in detectors.items()
-            if name not in PLAIN and not name.startswith(BOUND)
-        },
+        "slip_robust": {name: row for name, row in detectors.items() if name not in PLAIN},
     }
 
 
@@ -142,31 +124,16 @@ def table(figures: dict[str, Any]) -> str:
         row(name, values)
     for name, values in figures["slip_robust"].items():
         row(name, values)
-        if values["bound"]:
-            row(f"  {BOUND.strip(': ')}", values["bound"])
     row("target", figures["targets"])
     hold, minute = figures["false_alarm_hold_rate"], figures["false_alarms_per_minute"]
     lines += [
         f"false alarms of the base: {hold['rate']:.3%} of {hold['trials']} holds "
         f"({hold['lower']:.3%} to {hold['upper']:.3%}); {minute['rate']:.3g} a minute "
         f"({minute['lower']:.3g} to {minute['upper']:.3g}) in {minute['minutes']:.0f} minutes",
-        _told(figures["probability"], figures["grip"]),
         f"shares of trials; -: never, or not asked; {figures['us_per_cycle']:.0f} us a cycle, "
-        f"Python included; chain and short way agree in "
-        f"{_cell('agreement', figures['agreement_chain'])}",
+        "Python included",
     ]
     return "\n".join(lines)
-
-
-def _told(probability: dict[str, Any] | None, grip: dict[str, Any]) -> str:
-    """What the detector says beside the alarm."""
-    brier = "none said" if probability is None else f"Brier score {probability['brier']:.4f}"
-    force = "none said"
-    if grip["known"]:
-        force = f"off by {grip['error_median']:.1%} (median), bias {grip['bias_median']:+.1%}"
-    if grip["coverage"] is not None:
-        force += f", {grip['coverage']['rate']:.0%} within one sigma"
-    return f"probability of slip: {brier}; grip force: {force}"
 
 
 def _cell(column: str, value: float | None) -> str:
@@ -175,15 +142,3 @@ def _cell(column: str, value: float | None) -> str:
     if column.startswith(("latency", "lead", "slips", "holds")):
         return f"{value:.0f}"
     return f"{value:.1%}"
-
-
-def _agreement(first: list[Outcome], second: list[Outcome]) -> float | None:
-    """Share of the trials in which two detectors both alarm truly, falsely or not at all; None
-    where there are none."""
-    if not first:
-        return None
-
-    def verdict(one: Outcome) -> tuple[bool, bool]:
-        return bool(np.isfinite(one.alarm_s)), one.false or one.early
-
-    return float(np.mean([verdict(a) == verdict(b) for a, b in zip(first, second, strict=True)]))

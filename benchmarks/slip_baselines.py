@@ -1,7 +1,7 @@
 """Slip detectors of the usual kinds, to be compared with; they are told when the motion begins.
 
 Before that they are silent. What they need to know is given to them: the true friction up to an
-error, the noise, the gain error. Their settings are the best that `benchmarks.slip_search` finds on
+error, the noise, the gain error. Their settings are the best that a random search has found on
 trials of its own.
 """
 
@@ -134,5 +134,5 @@ BASELINES = {
         light_units_cusum, {"drift": 15.6, "limit": 6.52, "lowpass_hz": 47.8}
     ),
 }
-"""Settings [tuned on 120 slips and 200 holds of seed 1000 by `python -m benchmarks slip_search`]:
+"""Settings [tuned on 120 slips and 200 holds of seed 1000 by a random search]:
 most slips caught before they are gross, at no more than 1 % of the holds with an alarm."""

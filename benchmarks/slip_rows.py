@@ -7,21 +7,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from benchmarks.slip_baselines import BASELINES, feel
-from benchmarks.slip_calibration import Gripped, Told, gripped, told
-from benchmarks.slip_chain import chain_of
 from benchmarks.slip_families import FAMILIES
-from benchmarks.slip_matched import matched
-from benchmarks.slip_play import SKINS, lasting
+from benchmarks.slip_play import lasting
 from benchmarks.slip_scenes import KINDS, stage
 from benchmarks.slip_scoring import Outcome, outcome
 from benchmarks.slip_seen import SIGHTS, see
 from benchmarks.slip_watch import Watched, listen
 
-__all__ = ["BOUND", "BOUNDED", "FEW_ROW", "Counts", "Found", "Job", "jobs", "judge", "warm"]
+__all__ = ["FEW_ROW", "Counts", "Found", "Job", "jobs", "judge"]
 
-FEW_ROW, BOUND = "three to five units", "bound: "
-BOUNDED = ("base", "light", "soft", "fast", "slow")
-"""Families beside whose row stands the bound that physics sets."""
+FEW_ROW = "three to five units"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,18 +31,14 @@ class Counts:
         Of these, so many by the baselines and other estimators.
     robust : dict of str to int
         Of each further family; of the base, so many in each sight.
-    few, chain : int
-        With three to five units; of the base, through the chain.
-    chain_side : int
-        Units on the bench are a square of it.
+    few : int
+        With three to five units.
     """
 
     base: dict[str, int]
     others: int
     robust: dict[str, int]
     few: int
-    chain: int
-    chain_side: int = 4
 
 
 @dataclass(frozen=True)
@@ -61,10 +52,8 @@ class Job:
     number : int
     few : bool
     others : bool
-        By the baselines, other estimators, and for calibration.
+        By the baselines and other estimators.
     sights : bool
-    chain_side : int
-        Through the chain; 0: not.
     """
 
     seed: int
@@ -74,7 +63,6 @@ class Job:
     few: bool = False
     others: bool = False
     sights: bool = False
-    chain_side: int = 0
 
 
 @dataclass
@@ -87,15 +75,11 @@ class Found:
         By row.
     seconds, cycles
         That the detector took.
-    told, gripped
-        For calibration.
     """
 
     outcomes: dict[str, Outcome] = field(default_factory=dict)
     seconds: float = 0.0
     cycles: int = 0
-    told: Told | None = None
-    gripped: Gripped | None = None
 
 
 def jobs(seed: int, counts: Counts) -> Iterator[Job]:
@@ -108,22 +92,11 @@ def jobs(seed: int, counts: Counts) -> Iterator[Job]:
                 yield Job(seed, family, kind, i)
     for kind in KINDS:
         for i in range(counts.base[kind]):
-            side = counts.chain_side if i < counts.chain else 0
             yield Job(
-                seed, "base", kind, i, others=i < counts.others, sights=i < counts.robust[kind],
-                chain_side=side,
-            )  # fmt: skip
+                seed, "base", kind, i, others=i < counts.others, sights=i < counts.robust[kind]
+            )
         for i in range(counts.few):
             yield Job(seed, "base", kind, i, few=True)
-
-
-def warm(seed: int, counts: Counts) -> None:
-    """Compile and make what workers inherit."""
-    if counts.chain:
-        for name in SKINS:
-            chain_of(name, counts.chain_side)
-    side = counts.chain_side if counts.chain else 0
-    judge(Job(seed, "base", "hold", 0, others=True, chain_side=side))
 
 
 def judge(job: Job) -> Found:
@@ -134,19 +107,14 @@ def judge(job: Job) -> Found:
     first = listen(trial, seen)
     found.seconds = time.perf_counter() - started
 
-    def put(row: str, watched: Watched) -> Outcome:
+    def put(row: str, watched: Watched) -> None:
         found.outcomes[row] = outcome(trial, watched.alarm, watched.friction)
-        return found.outcomes[row]
 
     if job.few:
         put(FEW_ROW, first)
         return found
-    row = "displacement" if job.family == "base" else job.family
-    one = put(row, first)
-    if job.family in BOUNDED and job.kind == "slip" and (job.family != "base" or job.sights):
-        found.outcomes[BOUND + row] = outcome(trial, matched(trial, seen))
+    put("displacement" if job.family == "base" else job.family, first)
     if job.others:
-        found.told, found.gripped = told(trial, first), gripped(trial, first, one)
         put("sine law", listen(trial, see(trial, "sine")))
         put("cross-talk left", listen(trial, see(trial, residue=1.0)))
         felt = feel(trial, seen)
@@ -156,7 +124,4 @@ def judge(job: Job) -> Found:
         for name, sight in SIGHTS.items():
             long = trial if job.kind == "slip" else lasting(trial, sight.lasts_s)
             found.outcomes[name] = outcome(long, listen(long, see(long, sight=sight)).alarm)
-    if job.chain_side:
-        found.outcomes["direct"] = one
-        put("chain", listen(trial, chain_of(trial.plan.skin, job.chain_side).decode(trial)))
     return found

@@ -4,7 +4,7 @@ Decode, predict from the displacements, decode again with the prediction as back
 a live skin the displacements of the last cycle serve, so that one decoding a cycle is one sweep.
 
 What the terms of a stencil are worth, on an array at 12 mm pitch all of whose units move at random
-through the whole range (`python -m benchmarks crosstalk`; times of one core at 2.6 GHz, 4096
+through the whole range (times of one core at 2.6 GHz, 4096
 units; the displacement is that of `field-angle`, cold start, without noise):
 
 ======  =====  =========  =====  =======  ======  =============================
@@ -63,7 +63,7 @@ __all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk"]
 
 LIVE_UT, ACCURATE_UT = 15.0, 5.0
 """Tolerances, µT, for one sweep a cycle, whose own error is larger, and for two or more
-[tuned on `benchmarks crosstalk`: the table above]."""
+[tuned on the table above]."""
 BEYOND_MM = 0.5
 """How far beyond the stencil's range its polynomials are still followed; then films stand still
 [assumed]."""

@@ -15,7 +15,7 @@ ALIKE_MM = 1e-3
 EMPTY_SHARE = 3
 """A lattice with more cells than this times its units is none [assumed]."""
 LEAST_UNITS = 32
-"""Fewer units than these are not worth a lattice [tuned on `benchmarks crosstalk`]."""
+"""Fewer units than these are not worth a lattice [measured]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ LAG_SIGMA_S, SMOOTHED = 0.1, 11
 the mean frequency follows [assumed]; cycles over which both are averaged."""
 NOT_A_GAIN = 0.63
 """Of what a bend of the film changes of a displacement, the share that one gain does not take up:
-it is six times as much across the bend as along it [derived: python -m benchmarks curved]."""
+it is six times as much across the bend as along it [derived: dipoles on an arc]."""
 FAR_SIGMAS = 5.0
 """Of the prior, beyond which a gain is none of a unit's [assumed]."""
 

@@ -52,7 +52,7 @@ SLOW_S = 1.0
 CURVED_MM = 1.2
 """Error of the displacement of a film that was bent after its calibration, over the displacement,
 times the radius of the mount: 8 % across and 1.3 % along a cylinder of 20 mm, root mean square
-[derived: python -m benchmarks curved]."""
+[derived: films as sums of dipoles on an arc]."""
 ROUNDS, DEPTHS = 20, 9
 BEFORE_FOLD_RAD = np.pi / 64.0
 """How far before it folds a table ends, so that a topology's check sees it leave its range: the
