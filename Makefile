@@ -21,8 +21,8 @@ export CHECK_PYTHON
 .PHONY: help install demo docs links check test test-long test-versions lock mutate bench lint clean
 
 help:
-	@echo "make install    a virtual environment in .venv, with everything the tests need (PYTHON=python3)"
-	@echo "make demo       a simulated skin, no hardware needed"
+	@echo "make demo       a simulated skin, no hardware needed; into .venv, the core and plots alone (PYTHON=python3)"
+	@echo "make install    a virtual environment in .venv, with everything the tests need"
 	@echo "make docs       the site into build/docs, with the output of all examples; a warning is an error"
 	@echo "make links      the links of the site to other sites: are they there? (needs the net)"
 	@echo "make check      ruff, types, doctests, imports, rules for code; the figures of the house"
@@ -37,16 +37,25 @@ help:
 
 install: .venv/installed
 
-.venv/installed: pyproject.toml constraints.txt
+.venv/bin/python:
 	@command -v $(PYTHON) >/dev/null || { echo "f3t-skin needs Python 3.11 or newer; there is no $(PYTHON). Choose one: make PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -c "$$CHECK_PYTHON"
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[test]' \
-	|| { echo "The versions of constraints.txt do not fit this Python: the newest ones are installed."; \
-	$(BIN)/python -m pip install --disable-pip-version-check -e '.[test]'; }
-	@touch $@
 
-demo: install
+define PIP
+$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[$(1)]' \
+|| { echo "The versions of constraints.txt do not fit this Python: the newest ones are installed."; \
+$(BIN)/python -m pip install --disable-pip-version-check -e '.[$(1)]'; }
+@touch $@
+endef
+
+.venv/demo: pyproject.toml constraints.txt | .venv/bin/python
+	$(call PIP,plot)
+
+.venv/installed: pyproject.toml constraints.txt | .venv/bin/python
+	$(call PIP,test)
+
+demo: .venv/demo
 	$(BIN)/skin demo
 
 docs: install
