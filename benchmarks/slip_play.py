@@ -19,9 +19,8 @@ import numpy as np
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.mechanics.body import Body, Pose, penetration
-from skin.sim.mechanics.contact import Mechanics
+from skin.sim.mechanics.contact import Coefficient, Mechanics
 from skin.sim.mechanics.foundation import Foundation
-from skin.sim.mechanics.friction import Friction
 from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
 
@@ -312,7 +311,8 @@ def play(
     skin = skin_of(plan.skin, plan.pitch_m)
     mechanics = Mechanics(
         skin, plan.body, foundation=_foundation(plan.skin, plan.pitch_m, plan.modulus_pa),
-        friction=_friction(plan, bool(sticks_for)),
+        static=_friction(plan, plan.friction, bool(sticks_for)),
+        kinetic=_friction(plan, plan.kinetic, bool(sticks_for)),
     )  # fmt: skip
     prony = Prony((3, skin.n))
     grip = _grip(plan)
@@ -361,16 +361,11 @@ def play(
     return Trial(plan, time, np.array(force), displacement, np.array(shares), np.array(travelled))
 
 
-def _friction(plan: Plan, sticks: bool) -> Friction:
+def _friction(plan: Plan, coefficient: np.ndarray, sticks: bool) -> Coefficient:
     """The plan's; where it `sticks`, only until the body begins to move."""
     if not sticks:
-        return Friction(plan.friction.size, plan.friction, plan.kinetic)
-
-    def until_it_moves(coefficient: np.ndarray) -> Callable[[float], np.ndarray]:
-        return lambda time_s: coefficient if time_s <= plan.begins_s else STICKS + 0.0 * coefficient
-
-    coefficients = map(until_it_moves, (plan.friction, plan.kinetic))
-    return Friction(plan.friction.size, *coefficients)
+        return coefficient
+    return lambda time_s: coefficient if time_s <= plan.begins_s else STICKS + 0.0 * coefficient
 
 
 def _grip(plan: Plan) -> Callable[[float], float]:

@@ -12,20 +12,60 @@ sweep is exact, for any knees of its law, so that the sweeps converge to the onl
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
+from typing import NamedTuple
 
+import numpy as np
+
+from bus.compiled.jit import compiled, jitable
 from skin.errors import SkinError
-from skin.sim.mechanics.foundation_kernels import Faces, Touched, drag, press
-from skin.sim.mechanics.influence import influence
-from skin.sim.mechanics.springs import Springs
+from skin.physics.force_law import at as law_at
+from skin.physics.force_law import force, inverse, scaled, stiffening
+from skin.sim.mechanics.half_space import influence
+from skin.sim.mechanics.springs import Springs, yields
 from topology import Topology
 
-__all__ = ["Foundation"]
+__all__ = ["SLIP_MM", "Faces", "Foundation"]
 
 SWEEPS = 2000
 """Upper bound of the number of sweeps."""
+
+SLIP_MM = 1e-6
+"""Slip in one step below which a face counts as stuck, millimetre [assumed]."""
+
+SHORT = 1.0 - 1e-12
+"""Relative distance to its limit within which a face slips: the error of the sweeps."""
+
+
+class Faces(NamedTuple):
+    """State of n faces that a body drags in one step.
+
+    Attributes
+    ----------
+    want_mm : ndarray, shape (2, n)
+        In: displacement of the surfaces without slip in this step.
+    load, depth_mm : ndarray, shape (n,)
+        In: normal forces in newton, and the units' own depths, as from `Foundation.press`.
+    static, kinetic : ndarray, shape (n,)
+        In: static and kinetic coefficients of friction.
+    slipping : ndarray, shape (n,), bool
+        In: whether the face was slipping; out: whether it is.
+    traction : ndarray, shape (2, n)
+        Newton; in: start of the sweeps; out: tangential forces.
+    own_mm, held_mm, slip_mm : ndarray, shape (2, n)
+        Out: the unit's own part of the displacement; the whole elastic displacement; the slip of
+        the face in this step. 0 outside of the contact.
+    """
+
+    want_mm: np.ndarray
+    load: np.ndarray
+    depth_mm: np.ndarray
+    static: np.ndarray
+    kinetic: np.ndarray
+    slipping: np.ndarray
+    traction: np.ndarray
+    own_mm: np.ndarray
+    held_mm: np.ndarray
+    slip_mm: np.ndarray
 
 
 class Foundation:
@@ -41,6 +81,11 @@ class Foundation:
     tolerance : float
         Convergence limit of a sweep, relative to the largest force.
 
+    Attributes
+    ----------
+    together : bool
+        Whether units yield to forces on others.
+
     Raises
     ------
     SkinError
@@ -52,7 +97,6 @@ class Foundation:
     >>> palm = Foundation.winkler(load("palm"))
     >>> force, own_mm = np.zeros(64), np.zeros(64)
     >>> palm.press(np.full(64, 2.0), force, own_mm)
-    1
     >>> round(float(force[0]), 9)
     7.2
     """
@@ -69,23 +113,16 @@ class Foundation:
         self.springs = springs
         self.tolerance = tolerance
         self.together = normal is not None
-        """Whether units yield to forces on others."""
-        self.normal = np.zeros((0, 0)) if normal is None else np.ascontiguousarray(normal, float)
-        self.shear = np.zeros((0, 0)) if shear is None else np.ascontiguousarray(shear, float)
-        # group of units on the same half space
-        self._group = np.arange(self.n)
-        if self.together:
-            linked = csr_array(self.normal != 0.0)
-            self._group = connected_components(linked, directed=False)[1]
-        # units by group
-        self._order = np.argsort(self._group, kind="stable")
-        if self.together:
-            bounds = np.searchsorted(self._group[self._order], np.arange(self._group.max() + 2))
-            for units in np.split(self._order, bounds[1:-1]):
-                _check_definite("normal", self.normal, units)
-                _check_definite("shear", self.shear, np.concatenate([units, self.n + units]))
-        self._parts: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        self._touched = Touched(np.empty(0, np.int64), np.zeros(1, np.int64), *2 * [np.empty(0)])
+        none = np.zeros((0, 0))
+        self.normal, self.shear = (none if each is None else each for each in (normal, shear))
+        self._touched = np.zeros(0, np.int64)
+        for name, matrix in (("normal", self.normal), ("shear", self.shear)):
+            least = np.linalg.eigvalsh(matrix).min(initial=1.0)
+            if not least > 0.0:
+                raise SkinError(
+                    f"{name}: must be positive definite; got a least eigenvalue of {least:.3g} "
+                    "mm/N (do sensing areas overlap?)"
+                )
 
     @classmethod
     def winkler(cls, topology: Topology) -> Foundation:
@@ -99,20 +136,13 @@ class Foundation:
         """The units of a patch on one elastic body; patches are independent.
 
         The default modulus is that of the casting silicone [assumed]. The time of a step is
-        quadratic in the touched units of a patch: about a millisecond for 1024 units of 16 patches,
-        half of one for 256 units of a single patch, more than a bus carries. A single patch of 1024
-        would take tens of them, more than a cycle at 250 Hz.
+        quadratic in the number of touched units.
         """
         normal, shear = influence(
             topology.position, topology.rotation, topology.area, patch=topology.patch,
             modulus_pa=modulus_pa, poisson=poisson,
         )  # fmt: skip
         return cls(Springs.of(topology), normal, shear)
-
-    @property
-    def coupling_error(self) -> float:
-        """Residual of the sweeps relative to the forces; 0 for independent units."""
-        return self.tolerance if self.together else 0.0
 
     def press(
         self,
@@ -121,9 +151,8 @@ class Foundation:
         own_mm: np.ndarray,
         *,
         body_mm_per_n: float = 0.0,
-    ) -> int:
-        """Normal loads under a body that penetrates the unloaded faces; returns the number of
-        sweeps.
+    ) -> None:
+        """Normal loads under a body that penetrates the unloaded faces.
 
         Parameters
         ----------
@@ -141,14 +170,15 @@ class Foundation:
         SkinError
             The sweeps do not converge.
         """
-        touched = self._touch(self._order[depth_mm[self._order] > 0.0])
-        sweeps = press(
-            self.springs, touched, depth_mm, body_mm_per_n, self.tolerance, SWEEPS, load, own_mm
-        )
-        return _settled("normal loads", sweeps)
+        units = self._touched = np.flatnonzero(depth_mm > 0.0)
+        coupled = self.normal[np.ix_(units, units)] if self.together else self.normal
+        _check_settled("normal loads", _press(
+            self.springs, units, coupled, depth_mm, body_mm_per_n, self.tolerance, SWEEPS, load,
+            own_mm,
+        ))  # fmt: skip
 
-    def drag(self, faces: Faces, *, body_mm_per_n: float = 0.0) -> int:
-        """Tangential forces of faces that a body drags; returns the number of sweeps.
+    def drag(self, faces: Faces, *, body_mm_per_n: float = 0.0) -> None:
+        """Tangential forces of faces that a body drags.
 
         The Coulomb return map: a face whose force exceeds its static limit slips along the force,
         until the force is that of kinetic friction.
@@ -165,8 +195,12 @@ class Foundation:
         SkinError
             The sweeps do not converge.
         """
-        sweeps = drag(self.springs, self._touched, faces, body_mm_per_n, self.tolerance, SWEEPS)
-        return _settled("tangential forces", sweeps)
+        units = self._touched
+        both = np.concatenate([units, self.n + units])
+        coupled = self.shear[np.ix_(both, both)] if self.together else self.shear
+        _check_settled("tangential forces", _drag(
+            self.springs, units, coupled, faces, body_mm_per_n, self.tolerance, SWEEPS
+        ))  # fmt: skip
 
     def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
         """Tangential displacement in mm of untouched faces, shape (2, m), by their indices (m,),
@@ -176,56 +210,120 @@ class Foundation:
         rows = self.shear.reshape(2, self.n, 2 * self.n)[:, units]
         return rows @ traction.reshape(-1)
 
-    def spread(self, force: np.ndarray) -> np.ndarray:
-        """Displacement of the half space alone at every face under forces in newton: mm, both of
-        shape (3, n), unit frames."""
-        moved_mm = np.zeros((3, self.n))
-        if self.together:
-            loaded = np.flatnonzero(force.any(axis=0))
-            both = np.concatenate([loaded, self.n + loaded])
-            moved_mm[2] = self.normal[:, loaded] @ force[2, loaded]
-            moved_mm[:2] = (self.shear[:, both] @ force[:2, loaded].ravel()).reshape(2, self.n)
-        return moved_mm
 
-    def _touch(self, units: np.ndarray) -> Touched:
-        """The touched units and their influences, cached while they stay the same."""
-        if np.array_equal(units, self._touched.units):
-            return self._touched
-        start = np.zeros(2, np.int64)
-        start[1] = units.size
-        normal = shear = np.empty(0)
-        if self.together and units.size:
-            start = np.flatnonzero(np.diff(self._group[units], prepend=-1, append=-1))
-            parts = [self._part(group) for group in np.split(units, start[1:-1])]
-            normal, shear = map(np.concatenate, zip(*parts, strict=True))
-        self._touched = Touched(units, start, normal, shear)
-        return self._touched
-
-    def _part(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Influences among units of one group; those of the last request are cached, since a moving
-        body leaves most groups unchanged."""
-        group = int(self._group[units[0]])
-        known = self._parts.get(group)
-        if known is None or not np.array_equal(known[0], units):
-            both = np.concatenate([units, self.n + units])
-            normal, shear = self.normal[np.ix_(units, units)], self.shear[np.ix_(both, both)]
-            known = self._parts[group] = units, normal.ravel(), shear.ravel()
-        return known[1], known[2]
-
-
-def _settled(what: str, sweeps: int) -> int:
-    if sweeps > SWEEPS:
+def _check_settled(what: str, settled: bool) -> None:
+    if not settled:
         raise SkinError(f"{what}: must settle within {SWEEPS} sweeps; got no end")
-    return sweeps
 
 
-def _check_definite(name: str, matrix: np.ndarray, rows: np.ndarray) -> None:
-    """Check the work of forces on these rows."""
-    square = matrix[np.ix_(rows, rows)]
-    try:
-        np.linalg.cholesky(square)
-    except np.linalg.LinAlgError:
-        raise SkinError(
-            f"{name}: must be positive definite; got a least eigenvalue of "
-            f"{np.linalg.eigvalsh(square)[0]:.3g} mm/N (do sensing areas overlap?)"
-        ) from None
+def _press_python(springs, units, coupled, depth, body, tolerance, sweeps, load, own_mm):
+    """`Foundation.press`, in place; returns whether the sweeps have settled."""
+    held = load[units]
+    load[:] = 0.0
+    own_mm[:] = 0.0
+    count, size = units.size, coupled.shape[0]
+    done, settled = 0, False
+    while not settled and done < sweeps:
+        change = largest = 0.0
+        for k in range(count):
+            i = units[k]
+            target, series = depth[i], body
+            if size > 0:
+                others = 0.0
+                for m in range(count):
+                    others += coupled[k, m] * held[m]
+                target -= others - coupled[k, k] * held[k]
+                series += coupled[k, k]
+            new = 0.0
+            if target > 0.0:
+                law = law_at(springs.normal, i)
+                new = force(yields(target, law, series), law)
+            change = max(change, abs(new - held[k]))
+            largest = max(largest, new)
+            held[k] = new
+        done += 1
+        settled = size == 0 or change <= tolerance * largest
+    for k in range(count):
+        i = units[k]
+        load[i] = held[k]
+        own_mm[i] = inverse(held[k], law_at(springs.normal, i))
+    return settled
+
+
+def _drag_python(springs, units, coupled, faces, body, tolerance, sweeps):
+    """`Foundation.drag`, in place; returns whether the sweeps have settled."""
+    count, size = units.size, coupled.shape[0]
+    limit, stiff, forces = np.empty(count), np.empty(count), np.zeros((2, count))
+    for k in range(count):
+        i = units[k]
+        limit[k] = faces.load[i] * (faces.kinetic[i] if faces.slipping[i] else faces.static[i])
+        stiff[k] = stiffening(faces.depth_mm[i], springs.gain_per_mm[i], springs.reference_mm[i])
+        if limit[k] > 0.0:
+            forces[0, k], forces[1, k] = faces.traction[0, i], faces.traction[1, i]
+    for written in (faces.traction, faces.own_mm, faces.held_mm, faces.slip_mm):
+        written[:] = 0.0
+    done, settled = 0, False
+    while not settled and done < sweeps:
+        change = largest = 0.0
+        for k in range(count):
+            if not limit[k] > 0.0:
+                continue
+            i = units[k]
+            by_x, by_y = _by_others(coupled, forces, k)
+            # a square yields equally along x and y, without coupling
+            own = coupled[k, k] if size > 0 else 0.0
+            x = faces.want_mm[0, i] - (by_x - own * forces[0, k])
+            y = faces.want_mm[1, i] - (by_y - own * forces[1, k])
+            length = np.sqrt(x * x + y * y)
+            law = scaled(law_at(springs.shear, i), stiff[k])
+            force_n = min(force(yields(length, law, body + own), law), limit[k])
+            share = force_n / length if length > 0.0 else 0.0
+            x, y = share * x, share * y
+            largest = max(largest, force_n)
+            change = max(change, abs(x - forces[0, k]), abs(y - forces[1, k]))
+            forces[0, k], forces[1, k] = x, y
+        done += 1
+        if size == 0 or change <= tolerance * largest:
+            settled = True
+            for k in range(count):
+                law = scaled(law_at(springs.shear, units[k]), stiff[k])
+                by = _by_others(coupled, forces, k)
+                if _slips(faces, units[k], law, forces[:, k], by, body, limit[k]):
+                    limit[k] = faces.load[units[k]] * faces.kinetic[units[k]]
+                    settled = False
+    for i in range(faces.slipping.size):
+        faces.slipping[i] = np.hypot(faces.slip_mm[0, i], faces.slip_mm[1, i]) > SLIP_MM
+    return settled
+
+
+@jitable
+def _by_others(coupled, forces, k):
+    """Displacement of the half space at a face under the forces on all."""
+    by_x = by_y = 0.0
+    count = coupled.shape[0] // 2
+    for m in range(count):
+        by_x += coupled[k, m] * forces[0, m] + coupled[k, count + m] * forces[1, m]
+        by_y += coupled[count + k, m] * forces[0, m] + coupled[count + k, count + m] * forces[1, m]
+    return by_x, by_y
+
+
+@jitable
+def _slips(faces, i, law, pull, by, body, most_n):
+    """Coulomb's return map of one face. True where it has begun to slip: its force drops to kinetic
+    friction, so that others may follow."""
+    want, held, slip = faces.want_mm, faces.held_mm, faces.slip_mm
+    force_n = np.sqrt(pull[0] * pull[0] + pull[1] * pull[1])
+    share = inverse(force_n, law) / force_n if force_n > 0.0 else 0.0
+    stuck = most_n > 0.0 and force_n < SHORT * most_n
+    for a in range(2):
+        faces.traction[a, i], faces.own_mm[a, i] = pull[a], share * pull[a]
+        held[a, i] = want[a, i] if stuck else (share + body) * pull[a] + by[a]
+        slip[a, i] = want[a, i] - held[a, i] if most_n > 0.0 else 0.0
+    if faces.slipping[i] or not np.hypot(slip[0, i], slip[1, i]) > SLIP_MM:
+        return False
+    faces.slipping[i] = True
+    return faces.kinetic[i] < faces.static[i]
+
+
+_press = compiled(_press_python, fastmath=("contract", "reassoc"))
+_drag = compiled(_drag_python, fastmath=("contract", "reassoc"))
