@@ -1,7 +1,7 @@
 """What happens when a body presses, slides and turns on a skin: truth, by the simulator.
 
-Faces are springs on an elastic half space that couples them all, a body of its own shape and
-compliance presses and drags them through Coulomb's return map (`skin.sim.mechanics`), on flat and
+Faces are springs on an elastic half space that couples them all (`benchmarks.half_space`), a body
+of its own shape and compliance presses and drags them through Coulomb's return map, on flat and
 curved skins, and the elastomer relaxes. `benchmarks.slip_scenes` draws the plans.
 """
 
@@ -16,11 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.half_space import HalfSpace
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.mechanics.body import Body, Pose, penetration
 from skin.sim.mechanics.contact import Coefficient, Mechanics
-from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.foundation import Winkler
+from skin.sim.mechanics.springs import Springs
 from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
 
@@ -233,11 +235,11 @@ def _fields(name: str, pitch_m: float) -> tuple[HalbachField, HalbachField]:
 
 
 @lru_cache(4)
-def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> Foundation:
+def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Winkler:
     topology = skin_of(skin, pitch_m)
     if np.isinf(modulus_pa):
-        return Foundation.winkler(topology)
-    return Foundation.half_space(topology, modulus_pa)
+        return Winkler(Springs.of(topology))
+    return HalfSpace.of(topology, modulus_pa)
 
 
 def reached_mm(plan: Plan) -> np.ndarray:

@@ -15,7 +15,8 @@ from scipy.optimize import brentq
 
 from skin.errors import SkinError
 from skin.sim.mechanics.body import Body, Pose, carried, penetration
-from skin.sim.mechanics.foundation import Faces, Foundation
+from skin.sim.mechanics.foundation import Faces, Winkler
+from skin.sim.mechanics.springs import Springs
 from topology import Topology
 
 __all__ = ["Coefficient", "Mechanics", "MechanicsTruth", "Slip"]
@@ -107,8 +108,8 @@ class Mechanics:
     ----------
     topology : Topology
     body : Body
-    foundation : Foundation, optional
-        A Winkler foundation if not given.
+    foundation : Winkler, optional
+        Support of the units, or another with its methods; that of the topology if not given.
     static, kinetic : float, ndarray of shape (n,), or function of the time
         Coefficients of friction at rest and in motion; the latter at most the former, and equal to
         it if None.
@@ -136,13 +137,13 @@ class Mechanics:
         topology: Topology,
         body: Body,
         *,
-        foundation: Foundation | None = None,
+        foundation: Winkler | None = None,
         static: Coefficient = 0.5,
         kinetic: Coefficient | None = None,
     ) -> None:
         n = topology.n
         self.body = body
-        self.foundation = foundation or Foundation.winkler(topology)
+        self.foundation = foundation or Winkler(Springs.of(topology))
         self._friction = static, static if kinetic is None else kinetic
         self._position, self._rotation = topology.position, topology.rotation
         self._depth_mm = np.full(n, -np.inf)

@@ -169,7 +169,9 @@ class Hysteresis:
             step = np.minimum(lacking / slope, free)
             self._elastic += sign * step
             self.stops[...] = np.where(room <= step, end, self.stops + sign * step)
-            lacking -= slope * step
+            lacking = np.where(step < free, 0.0, lacking - slope * step)
+            if not lacking.any():
+                break
         return self._elastic.copy()
 
     def lagging(self, force: np.ndarray) -> np.ndarray:

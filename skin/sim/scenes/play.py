@@ -22,11 +22,10 @@ from skin.physics.surroundings import EARTH_UT, Surroundings
 from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.field import Field, SineField, StrayField
 from skin.sim.mechanics.contact import Mechanics
-from skin.sim.mechanics.foundation import Foundation
-from skin.sim.mechanics.springs import under
+from skin.sim.mechanics.springs import Springs, under
 from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
 from skin.sim.scenes.motion import Motion, Track, shape_of
-from skin.sim.scenes.script import HalfSpace, NonIdeal, SceneFile
+from skin.sim.scenes.script import NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import ThermalChain
 from skin.sim.truth import Truth, sum_wrench, wrench_map
@@ -62,10 +61,7 @@ class PlayedBody:
         Its force on each unit, newton, unit frame; 0 where another body acts on the unit.
     """
 
-    def __init__(
-        self, script: SceneFile, index: int, topology: Topology, foundation: Foundation,
-        room_c: float,
-    ) -> None:  # fmt: skip
+    def __init__(self, script: SceneFile, index: int, topology: Topology, room_c: float) -> None:
         table = script.bodies[index]
         self.name = table.name
         self._where = partial(script.where, "bodies", index)
@@ -73,14 +69,12 @@ class PlayedBody:
         self.mechanics = Mechanics(
             topology,
             shape_of(table.shape, table.compliance_mm_per_n),
-            foundation=foundation,
             static=motion.friction,
             kinetic=lambda time_s: table.friction_share * motion.friction(time_s),
         )
         self.force = np.zeros((3, topology.n))
         self._topology = topology
         self._dragged_m = np.zeros(3)
-        self._springs = foundation.springs
 
     @property
     def pose(self) -> tuple[np.ndarray, np.ndarray]:
@@ -131,7 +125,9 @@ class PlayedBody:
             return np.zeros(2)
         held = np.einsum("ijn,jn->i", self._topology.rotation, truth.force) @ axes[:, :2]
         stuck = truth.contact & ~truth.slipping
-        steep = slope(np.hypot(*truth.displacement_mm[:2]), tuple(self._springs.shear))
+        steep = slope(
+            np.hypot(*truth.displacement_mm[:2]), tuple(self.mechanics.foundation.springs.shear)
+        )
         stiffness = float(np.sum(steep[stuck])) if stuck.any() else 0.0
         lacking = wanted_n - held
         size = float(np.hypot(*lacking))
@@ -227,14 +223,13 @@ class ScriptedScene:
         self._room_c = Track("temperature_c", script.room, (), ROOM_C, period_s)
         self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0), period_s)
         room_c = float(self._room_c(0.0))
-        foundation = _foundation(topology, script)
         self.bodies = tuple(
-            PlayedBody(script, i, topology, foundation, room_c) for i in range(len(script.bodies))
+            PlayedBody(script, i, topology, room_c) for i in range(len(script.bodies))
         )
         self._weights = tuple(
             _Weights(script, i, topology, room_c) for i in range(len(script.loads))
         )
-        self._springs = foundation.springs
+        self._springs = Springs.of(topology)
         self._chain = ThermalChain(topology, ambient=room_c, direct=not wanted.thermal)
         self._material = material or Prony.of(topology, wanted.viscoelastic)
         self._loops = None
@@ -358,10 +353,3 @@ class ScriptedScene:
         made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
         reach_m = FELT_M if wanted.crosstalk else 0.0
         return HalbachField(topology, fabrication=made, reach_m=reach_m, surroundings=surroundings)
-
-
-def _foundation(topology: Topology, script: SceneFile) -> Foundation:
-    wanted = script.foundation
-    if isinstance(wanted, HalfSpace):
-        return Foundation.half_space(topology, wanted.modulus_pa, wanted.poisson)
-    return Foundation.winkler(topology)

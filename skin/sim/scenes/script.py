@@ -46,7 +46,6 @@ from skin.sim.board import Counter, Divider, HallConverter
 __all__ = [
     "BodyTable",
     "Electronics",
-    "Foundation",
     "Key",
     "LoadKey",
     "LoadTable",
@@ -238,24 +237,6 @@ class RoomKey(_Table, frozen=True, kw_only=True):
     ] = None
 
 
-class _Foundation(_Table, frozen=True, kw_only=True, tag_field="kind"):
-    """Support of the units (`[foundation]`)."""
-
-
-class Winkler(_Foundation, frozen=True, kw_only=True, tag="winkler"):
-    """Independent units."""
-
-
-class HalfSpace(_Foundation, frozen=True, kw_only=True, tag="half-space"):
-    """The units of a patch on one elastic body."""
-
-    modulus_pa: Annotated[float, Meta(ge=1e3, le=1e12)] = 6e5
-    poisson: Annotated[float, Meta(ge=0, le=0.5)] = 0.5
-
-
-Foundation = Winkler | HalfSpace
-
-
 class NonIdeal(_Table, frozen=True, kw_only=True):
     """Effects of real units that the paper's formulas leave out (`[non_ideal]`), one by one."""
 
@@ -334,7 +315,6 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     name: str = ""
     description: str = ""
     seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
-    foundation: Foundation = Winkler()
     non_ideal: NonIdeal = NonIdeal()
     electronics: Electronics = Electronics()
     room: tuple[RoomKey, ...] = ()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +11,6 @@ from scipy.stats import spearmanr
 from skin.errors import SkinError
 from skin.sim.mechanics.body import Body, Pose
 from skin.sim.mechanics.contact import Mechanics, MechanicsTruth, Slip
-from skin.sim.mechanics.foundation import Foundation
 from skin.sim.truth import wrench_map
 from tests.naive.mechanics import moved, rolled, turned
 from topology import load
@@ -21,21 +18,11 @@ from topology import load
 DOWN = np.array([0.0, 0.0, -1.0])
 SEEDS = st.integers(0, 2**32 - 1)
 RADIUS_M = 0.1
-KINDS = pytest.mark.parametrize("kind", ["winkler", "half_space"])
 
 
-@cache
-def foundation(kind: str, name: str) -> Foundation:
-    carrier = getattr(Foundation, kind)(load(name))
-    carrier.tolerance = 1e-9
-    return carrier
-
-
-def ball(kind: str = "winkler", name: str = "palm", **options: object) -> Mechanics:
+def ball(name: str = "palm", **options: object) -> Mechanics:
     """A sphere on one of the skins."""
-    return Mechanics(
-        load(name), Body.sphere(RADIUS_M), foundation=foundation(kind, name), **options
-    )
+    return Mechanics(load(name), Body.sphere(RADIUS_M), **options)
 
 
 def over(x: float, y: float, depth_m: float) -> Pose:
@@ -102,13 +89,12 @@ def random_drive(mechanics: Mechanics, seed: int, steps: int, name: str = "palm"
         yield mechanics.step(0.004 * k, pose)
 
 
-@KINDS
 @settings(max_examples=10)
 @given(seed=SEEDS, name=st.sampled_from(("palm", "fingertip")), slower=st.floats(0.5, 1.0))
 def test_coulomb_is_never_exceeded_and_no_work_is_gained(
-    kind: str, seed: int, name: str, slower: float
+    seed: int, name: str, slower: float
 ) -> None:
-    mechanics = ball(kind, name, static=0.3, kinetic=0.3 * slower)
+    mechanics = ball(name, static=0.3, kinetic=0.3 * slower)
     loads = 0.0
     for truth in random_drive(mechanics, seed, 30, name):
         assert np.all(np.hypot(*truth.force[:2]) <= 0.3 * truth.load * (1.0 + 1e-9))
@@ -121,15 +107,13 @@ def test_coulomb_is_never_exceeded_and_no_work_is_gained(
     assert loads > 0.0
 
 
-def drag_plate(kind: str, way: np.ndarray, static: float) -> tuple[np.ndarray, np.ndarray]:
+def drag_plate(way: np.ndarray, static: float) -> tuple[np.ndarray, np.ndarray]:
     """Tangential work of a plate that is dragged along, and what friction takes, joule by step.
 
     Its depth stays the same, so that no other work is done. Forces are those at the end of a step,
     as in `dissipated_j`.
     """
-    plate = Mechanics(
-        load("palm"), Body.plate(0.3, 0.3), foundation=foundation(kind, "palm"), static=static
-    )
+    plate = Mechanics(load("palm"), Body.plate(0.3, 0.3), static=static)
     done, lost, before = [], [], way[0]
     for step, at in enumerate(way):
         truth = plate.step(float(step), (np.eye(3), np.array([*at, -0.0008])))
@@ -140,28 +124,24 @@ def drag_plate(kind: str, way: np.ndarray, static: float) -> tuple[np.ndarray, n
 
 
 @pytest.mark.long_but_first
-@KINDS
-def test_a_way_around_and_around_leaves_all_its_work_in_friction(kind: str) -> None:
+def test_a_way_around_and_around_leaves_all_its_work_in_friction() -> None:
     angle = np.linspace(0.0, 6.0 * np.pi, 601)
     way = 2e-3 * np.stack([np.cos(angle) - 1.0, np.sin(angle)], axis=1)
-    done, lost = drag_plate(kind, way, 0.3)
+    done, lost = drag_plate(way, 0.3)
     last = slice(401, None)
     assert lost[last].sum() > 1e-3
     assert done[last].sum() == pytest.approx(lost[last].sum(), rel=0.02)
 
 
-@KINDS
 @settings(max_examples=8)
 @given(force=st.floats(0.1, 60.0), x=st.floats(-0.03, 0.03), name=st.sampled_from(("palm",)))
-def test_unit_loads_add_up_to_the_load_of_the_body(
-    kind: str, force: float, x: float, name: str
-) -> None:
-    mechanics = ball(kind, name)
+def test_unit_loads_add_up_to_the_load_of_the_body(force: float, x: float, name: str) -> None:
+    mechanics = ball(name)
     truth = mechanics.push(0.0, over(x, 0.002, -0.05), force, DOWN)
     assert truth.load.sum() == pytest.approx(force, rel=1e-6, abs=1e-8)
     assert -wrench(truth)[2] == pytest.approx(force, rel=1e-6, abs=1e-8)
     height = truth.pose[1][2]
-    again = ball(kind, name).step(0.0, truth.pose)
+    again = ball(name).step(0.0, truth.pose)
     np.testing.assert_allclose(again.load, truth.load, rtol=1e-5, atol=1e-6)
     more = mechanics.push(0.1, over(x, 0.002, -0.05), 1.1 * force, DOWN)
     assert more.pose[1][2] < height
@@ -174,10 +154,9 @@ def test_a_load_is_found_on_curved_skins(name: str) -> None:
     for near in range(0, skin.n, 7):
         into = skin.rotation[:, 2, near]
         pose = np.eye(3), skin.position[:, near] - (RADIUS_M + 0.01) * into
-        for kind in ("winkler", "half_space"):
-            truth = ball(kind, name).push(0.0, pose, 3.0, into)
-            along = into @ np.einsum("in,n->i", skin.rotation[:, 2], truth.load)
-            assert along == pytest.approx(3.0, rel=1e-6)
+        truth = ball(name).push(0.0, pose, 3.0, into)
+        along = into @ np.einsum("in,n->i", skin.rotation[:, 2], truth.load)
+        assert along == pytest.approx(3.0, rel=1e-6)
 
 
 def test_a_load_of_nothing_lifts_the_body() -> None:
@@ -197,11 +176,10 @@ def test_a_load_that_is_not_to_be_had_is_refused() -> None:
 # -- stick and slip --------------------------------------------------------------------------------
 
 
-@KINDS
-def test_the_rim_slips_first(kind: str) -> None:
+def test_the_rim_slips_first() -> None:
     """A sphere dragged off: light units before heavy ones, then all; standing still, none."""
     mechanics = Mechanics(
-        load("palm"), Body.sphere(0.4), foundation=foundation(kind, "palm"),
+        load("palm"), Body.sphere(0.4),
         static=0.5,
     )  # fmt: skip
     shares, first_slip = [], np.full(64, np.inf)
@@ -272,10 +250,9 @@ def test_asking_rarely_or_often_is_nearly_the_same() -> None:
 # -- torsion, rolling, soft bodies -----------------------------------------------------------------
 
 
-@KINDS
-def test_torsion_turns_faces_around_the_contact(kind: str) -> None:
+def test_torsion_turns_faces_around_the_contact() -> None:
     """A moment against the turn, no net force; gross slip at the sum of µ f r."""
-    mechanics = ball(kind, static=0.4)
+    mechanics = ball(static=0.4)
     pose = over(0.0, 0.0, 0.0015)
     mechanics.step(0.0, pose)
     moments = []
@@ -291,10 +268,9 @@ def test_torsion_turns_faces_around_the_contact(kind: str) -> None:
     assert truth.slip_share > 0.95
 
 
-@KINDS
-def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does(kind: str) -> None:
+def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does() -> None:
     def drags(rolls: bool) -> float:
-        mechanics = ball(kind, static=0.5)
+        mechanics = ball(static=0.5)
         pose, shift, most = over(-0.01, 0.003, 0.001), np.array([1e-4, 0.0, 0.0]), 0.0
         for k in range(200):
             truth = mechanics.step(0.004 * k, pose)

@@ -34,7 +34,6 @@ from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import (
     BodyTable,
     Electronics,
-    HalfSpace,
     Key,
     LoadKey,
     LoadTable,
@@ -154,16 +153,6 @@ def test_a_unit_under_two_bodies_bears_the_harder_one_alone() -> None:
         )
         assert (truth.force[2] >= np.maximum(first, second)).all()
     assert met > 10
-
-
-def test_a_half_space_lets_neighbours_of_a_pressed_unit_share_less() -> None:
-    """The same sphere at the same depth: units that sink together bear less."""
-    script = load_scene("press", skin())
-    loads = []
-    for foundation in (script.foundation, HalfSpace()):
-        scene = ScriptedScene(skin(), replace(script, foundation=foundation), non_ideal=IDEAL)
-        loads.append(float(scene.at(2.0).force[2].sum()))
-    assert 0.0 < loads[1] < 0.95 * loads[0]
 
 
 def test_a_body_that_goes_too_deep_between_its_keys_is_named_with_the_time() -> None:

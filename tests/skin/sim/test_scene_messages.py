@@ -18,7 +18,7 @@ from skin.errors import SceneError
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
-from skin.sim.scenes.load import load_scene, open_scene
+from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from topology import Topology, load
 
@@ -31,12 +31,16 @@ def palm() -> Topology:
     return load("palm")
 
 
+def play_through(file: str | Path, topology: Topology) -> None:
+    scene = ScriptedScene(topology, load_scene(file, topology))
+    for time_s in np.linspace(0.0, scene.seconds, 101):
+        scene.at(time_s)
+
+
 def messages(file: str, topology: Topology) -> str:
     """Of a file that cannot be loaded, or not be played to its end."""
     with pytest.raises(SceneError) as raised:
-        scene = ScriptedScene(topology, load_scene(file, topology))
-        for time_s in np.linspace(0.0, scene.seconds, 101):
-            scene.at(time_s)
+        play_through(file, topology)
     return f"{raised.value}\n"
 
 
@@ -115,4 +119,4 @@ def test_a_body_that_cannot_be_there_is_told_in_whose_frame_it_stands(tmp_path, 
         "keys = [{ t_s = 0.0, xyz_m = [0.0, 0.0, -0.01] }]\n"
     )
     with pytest.raises(SceneError, match=re.escape(f"; its frame is that of {where}")):
-        open_scene(file, load("palm")).at(0.0)
+        play_through(file, load("palm"))
