@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.grasp_hand import hand_model, hand_topology
-from skin.grasp.object import GraspObject
-from skin.grasp.plant import Plant
-from skin.grasp.spec import engine_library
-from skin.grasp.steps import split
-from skin.grasp.world import grasp
+from skin.sim.grasping.model import engine_library
+from skin.sim.grasping.object import GraspObject
+from skin.sim.grasping.plant import Plant
+from skin.sim.grasping.steps import split
+from skin.sim.grasping.world import grasp
 from topology import load
 
 G = 9.81

@@ -15,7 +15,7 @@ import numpy as np
 from shared.gripper import held
 from shared.people import Act, Hand, Person, brush, bump, draw_block, draw_person, take
 from skin.behaviours.handover import Handover, Phase
-from skin.grasp.world import World
+from skin.sim.grasping.world import World
 
 __all__ = ["Carry", "Take", "run_carry", "run_take"]
 

@@ -1,7 +1,7 @@
 """What happens when a body presses, slides and turns on a skin: truth, by the simulator.
 
-Faces are springs on an elastic half space that couples them all, a body of its own shape and
-compliance presses and drags them through Coulomb's return map (`skin.sim.mechanics`), on flat and
+Faces are springs on an elastic half space that couples them all (`benchmarks.half_space`), a body
+of its own shape and compliance presses and drags them through Coulomb's return map, on flat and
 curved skins, and the elastomer relaxes. `benchmarks.slip_scenes` draws the plans.
 """
 
@@ -16,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.half_space import HalfSpace
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.mechanics.body import Body, Pose, penetration
-from skin.sim.mechanics.contact import Mechanics
-from skin.sim.mechanics.foundation import Foundation
-from skin.sim.mechanics.friction import Friction
+from skin.sim.mechanics.contact import Coefficient, Mechanics
+from skin.sim.mechanics.foundation import Winkler
+from skin.sim.mechanics.springs import Springs
 from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
 
@@ -234,11 +235,11 @@ def _fields(name: str, pitch_m: float) -> tuple[HalbachField, HalbachField]:
 
 
 @lru_cache(4)
-def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> Foundation:
+def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Winkler:
     topology = skin_of(skin, pitch_m)
     if np.isinf(modulus_pa):
-        return Foundation.winkler(topology)
-    return Foundation.half_space(topology, modulus_pa)
+        return Winkler(Springs.of(topology))
+    return HalfSpace.of(topology, modulus_pa)
 
 
 def reached_mm(plan: Plan) -> np.ndarray:
@@ -312,7 +313,8 @@ def play(
     skin = skin_of(plan.skin, plan.pitch_m)
     mechanics = Mechanics(
         skin, plan.body, foundation=_foundation(plan.skin, plan.pitch_m, plan.modulus_pa),
-        friction=_friction(plan, bool(sticks_for)),
+        static=_friction(plan, plan.friction, bool(sticks_for)),
+        kinetic=_friction(plan, plan.kinetic, bool(sticks_for)),
     )  # fmt: skip
     prony = Prony((3, skin.n))
     grip = _grip(plan)
@@ -361,16 +363,11 @@ def play(
     return Trial(plan, time, np.array(force), displacement, np.array(shares), np.array(travelled))
 
 
-def _friction(plan: Plan, sticks: bool) -> Friction:
+def _friction(plan: Plan, coefficient: np.ndarray, sticks: bool) -> Coefficient:
     """The plan's; where it `sticks`, only until the body begins to move."""
     if not sticks:
-        return Friction(plan.friction.size, plan.friction, plan.kinetic)
-
-    def until_it_moves(coefficient: np.ndarray) -> Callable[[float], np.ndarray]:
-        return lambda time_s: coefficient if time_s <= plan.begins_s else STICKS + 0.0 * coefficient
-
-    coefficients = map(until_it_moves, (plan.friction, plan.kinetic))
-    return Friction(plan.friction.size, *coefficients)
+        return coefficient
+    return lambda time_s: coefficient if time_s <= plan.begins_s else STICKS + 0.0 * coefficient
 
 
 def _grip(plan: Plan) -> Callable[[float], float]:

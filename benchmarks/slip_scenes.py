@@ -28,6 +28,7 @@ from benchmarks.slip_play import (
 )  # fmt: skip
 from skin.physics.elastic import Elastic
 from skin.sim.mechanics.body import Body
+from skin.sim.mechanics.rays import CYLINDER
 
 __all__ = [
     "FAMILIES", "FEW", "FIRST", "GROSS", "KINDS", "ONSET", "PITCH_M", "RATE_HZ", "SKINS", "Plan",
@@ -136,10 +137,10 @@ def _of_family(rng: np.random.Generator, plan: Plan, family: Family, yaw: float)
         lift_mm = max(reached_mm(plan).max(), 0.0)
         changes["lean"] = rotation, place + np.array([0.0, 0.0, 1e-3 * lift_mm])
     if family.roll[1]:
-        radius = 1.0 / np.sqrt(plan.body.curvature[2])
+        radius = plan.body.size[0]
         changes["roll_per_m"] = rng.uniform(*family.roll) / radius
         changes["turn_rad_per_mm"], changes["slide"] = 0.0, 1.0
-        if not plan.body.curvature[0]:
+        if plan.body.kind == CYLINDER:
             # a cylinder rolls about its own axis
             changes["heading_rad"] = yaw + 0.5 * np.pi * rng.choice([-1.0, 1.0])
     if family.shake_mm[1]:

@@ -20,8 +20,7 @@ import numpy as np
 from shared.gripper import OPEN_M, SimulatedGripper
 from shared.people import knots_between, loads_at
 from skin.behaviours.grip import GripControl, GripParameters
-from skin.grasp.episode import Episode
-from skin.sim import GraspObject, grasp
+from skin.sim import Episode, GraspObject, grasp
 from topology import Topology, load
 
 G = 9.81

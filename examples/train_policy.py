@@ -9,12 +9,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import skin.sim
-from skin.grasp.episode import Ranges
-from skin.grasp.gym import GraspEnv
+from shared.grasp_env import GraspEnv
 
 STEPS, LIFT_AT, SEEDS = 40, 16, (1, 2)
 cube = skin.sim.GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.08, friction=0.5)
-ranges = Ranges(mass=(0.5, 1.5), friction=(0.7, 1.3))
+ranges = skin.sim.Ranges(mass=(0.5, 1.5), friction=(0.7, 1.3))
 env = GraspEnv("gripper", [cube], ranges=ranges, cycles=5, steps=STEPS)
 rng = np.random.default_rng(0)
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from skin.behaviours.grip import GripControl, Phase
 from skin.behaviours.pads import Pads
-from skin.grasp.episode import Ranges
 from skin.sim import GraspObject, grasp
+from skin.sim.grasping.episode import Ranges
 from topology import load
 
 from .gripper import OPEN_M, SimulatedGripper

@@ -20,15 +20,21 @@ from typing import TYPE_CHECKING, Any
 from skin.sim import scenes
 
 if TYPE_CHECKING:
-    from skin.grasp.object import GraspObject
-    from skin.grasp.world import grasp
+    from skin.sim.grasping.episode import Episode, Ranges
+    from skin.sim.grasping.object import GraspObject
+    from skin.sim.grasping.world import World, grasp
     from skin.sim.scenes.load import load_scene, open_scene
 
-__all__ = ["GraspObject", "grasp", "load_scene", "open_scene", "scenes"]
+__all__ = [
+    "Episode", "GraspObject", "Ranges", "World", "grasp", "load_scene", "open_scene", "scenes",
+]  # fmt: skip
 
 _HOMES = {
-    "GraspObject": "skin.grasp.object",
-    "grasp": "skin.grasp.world",
+    "Episode": "skin.sim.grasping.episode",
+    "GraspObject": "skin.sim.grasping.object",
+    "Ranges": "skin.sim.grasping.episode",
+    "World": "skin.sim.grasping.world",
+    "grasp": "skin.sim.grasping.world",
     "load_scene": "skin.sim.scenes.load",
     "open_scene": "skin.sim.scenes.load",
 }

@@ -6,7 +6,6 @@ from typing import Protocol
 
 import numpy as np
 
-from bus.compiled.jit import compiled
 from skin.physics.halbach import CHIP_AXES
 from skin.physics.surroundings import Surroundings
 from topology import Topology
@@ -46,43 +45,33 @@ STEPS = 5
 """Newton iterations, from the angle of a small displacement: 1e-12 rad within the range."""
 
 
-def lever_python(displacement_mm, depth_mm, table, reach_mm):
+def lever(
+    displacement_mm: np.ndarray, depth_mm: np.ndarray, table: np.ndarray, reach_mm: np.ndarray
+) -> np.ndarray:
     """R / tan psi in mm, where the table maps psi to R: finite at R = 0.
 
     Parameters
     ----------
-    displacement_mm, depth_mm : ndarray, shape (t, n)
+    displacement_mm, depth_mm : ndarray, shape (..., n)
     table : ndarray, shape (16, n)
         `field_angle_mm`; a unit of zeros gets NaN.
     reach_mm : ndarray, shape (n,)
 
     Returns
     -------
-    ndarray, shape (t, n)
+    ndarray, shape (..., n)
     """
-    out = np.empty(displacement_mm.shape)
-    cycles, n = displacement_mm.shape
-    for t in range(cycles):
-        for i in range(n):
-            displacement = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
-            h = min(max(depth_mm[t, i], -PULLED_MM), PRESSED_MM)
-            a, b, c, d = 0.0, 0.0, 0.0, 0.0
-            for j in range(3, -1, -1):
-                a = a * h + table[j, i]
-                b = b * h + table[4 + j, i]
-                c = c * h + table[8 + j, i]
-                d = d * h + table[12 + j, i]
-            angle = displacement / a
-            for _ in range(STEPS):
-                z = angle * angle
-                found = (((d * z + c) * z + b) * z + a) * angle
-                slope = ((7.0 * d * z + 5.0 * c) * z + 3.0 * b) * z + a
-                angle -= (found - displacement) / slope
-            out[t, i] = displacement / np.tan(angle)
-    return out
-
-
-lever = compiled(lever_python)
+    displacement = np.minimum(np.maximum(displacement_mm, NEAR_MM), reach_mm)
+    h = np.clip(depth_mm, -PULLED_MM, PRESSED_MM)
+    a, b, c, d = (np.polyval(table[j : j + 4][::-1], h) for j in range(0, 16, 4))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        angle = displacement / a
+        for _ in range(STEPS):
+            z = angle * angle
+            found = (((d * z + c) * z + b) * z + a) * angle
+            slope = ((7.0 * d * z + 5.0 * c) * z + 3.0 * b) * z + a
+            angle = angle - (found - displacement) / slope
+        return displacement / np.tan(angle)
 
 
 class SineField:
@@ -117,11 +106,8 @@ class SineField:
         field = np.empty((*lead, 3, n))
         lateral = amplitude * self._wavenumber * np.sinc(phase / np.pi)
         np.multiply(lateral[..., np.newaxis, :], displacement_mm, out=field[..., :2, :])
-        flat = np.broadcast_to(displacement, lateral.shape).reshape(-1, n)
-        deep = np.broadcast_to(depth_mm, lateral.shape).reshape(-1, n)
         up = field[..., 2, :]
-        up[...] = lever(flat, deep, self._angle, self._longest_mm).reshape(lateral.shape)
-        up *= lateral
+        up[...] = lateral * lever(displacement, depth_mm, self._angle, self._longest_mm)
         if not self._tabled.all():
             up[...] = np.where(self._tabled, up, self._vertical * amplitude * np.cos(phase))
         return field

@@ -178,14 +178,6 @@ class SimulatedUnits:
             self._append(cycle, out, bus, stamp_ns)
         return out.count - count
 
-    def foresee(self, cycle: int, cycles: int) -> int:
-        """Sample up to `cycles` cycles at once, from `cycle` on, which must be after all sampled
-        ones; for callers that do not wait between cycles. Returns their number."""
-        with self._lock:
-            count = self._sampled.foresee(cycle, cycles)
-            self.served.cycles = self._sampled.cycles
-        return count
-
     def _is_heard(self, records: np.ndarray, bus: int) -> np.ndarray:
         """Mask of SYNC and configuration frames."""
         sync_id = self.topology.buses[bus].sync_id
@@ -212,7 +204,7 @@ class SimulatedUnits:
         self._sent[bus] = cycle
         self._heartbeats.append(since, out, bus=bus, stamp_ns=stamp_ns)
 
-    def _batch(self, bus: int) -> FrameBatch:
+    def batch(self, bus: int) -> FrameBatch:
         """A batch with room for one cycle of a bus."""
         data = int(np.sum(self.topology.frames.bus == bus))
         return FrameBatch(data + self._heartbeats.most(bus))
@@ -230,7 +222,7 @@ class SimulatedUnits:
         self._stop = threading.Event()
         for bus, transport in enumerate(transports):
             if self._synced[bus]:
-                transport.listener = partial(self._answer, transport, self._batch(bus), bus)
+                transport.listener = partial(self._answer, transport, self.batch(bus), bus)
             else:
                 self._start(self.topology.buses[bus].name, self._send_freely, transport, bus)
 
@@ -341,7 +333,7 @@ class SimulatedUnits:
             self.served.send_failures += out.count - taken
 
     def _listen(self, transport: Transport, bus: int) -> None:
-        heard, out = FrameBatch(256), self._batch(bus)
+        heard, out = FrameBatch(256), self.batch(bus)
         while not self._stop.is_set():
             heard.clear()
             if transport.receive(heard, POLL_S):
@@ -351,7 +343,7 @@ class SimulatedUnits:
         heard, arrival = FrameBatch(256), select.poll()
         for transport, _ in ends:
             arrival.register(transport.fileno(), select.POLLIN)
-        outs = [self._batch(bus) for _, bus in ends]
+        outs = [self.batch(bus) for _, bus in ends]
         while not self._stop.is_set():
             taken = 0
             for (transport, bus), out in zip(ends, outs, strict=True):
@@ -364,7 +356,7 @@ class SimulatedUnits:
                 self._stop.wait(0.0)
 
     def _send_freely(self, transport: Transport, bus: int) -> None:
-        heard, out = FrameBatch(256), self._batch(bus)
+        heard, out = FrameBatch(256), self.batch(bus)
         rate_hz = self.topology.cycle_rate_hz
         cycle, started = 0, time.monotonic()
         while True:

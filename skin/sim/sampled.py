@@ -47,7 +47,6 @@ class SampledScene:
         self._rate_hz = units.topology.cycle_rate_hz
         self._counts = np.zeros((RECENT, len(CHANNELS), n), np.int16)
         self._cycles: list[int | None] = [None] * RECENT
-        self._at_once = RECENT if getattr(scene, "steady", True) else 1
         self._start = self._begun()
 
     def _begun(self) -> Truth:
@@ -63,7 +62,7 @@ class SampledScene:
     def counts(self, cycle: int) -> np.ndarray:
         """Counts of a cycle, shape (c, n), int16; those of the last one if it is not stored."""
         if cycle > self.cycle:
-            self._sample(cycle)
+            self._counts[cycle % RECENT] = self.units.counts(self._go_on(cycle))
         slot = cycle % RECENT
         if self._cycles[slot] != cycle:  # it was skipped by all buses; the scene is past it
             slot = self.cycle % RECENT
@@ -78,16 +77,6 @@ class SampledScene:
         ]
         return self._counts[slots]
 
-    def foresee(self, cycle: int, cycles: int) -> int:
-        """Sample up to `cycles` future cycles from `cycle` on; returns their number."""
-        count = min(cycles, self._at_once)
-        if count == 1:
-            self._sample(cycle)
-            return 1
-        truths = Truth.stack(self._go_on(cycle + k).copy() for k in range(count))
-        self._counts[(cycle + np.arange(count)) % RECENT] = self.units.counts(truths)
-        return count
-
     def truth_at(self, cycle: int) -> Truth:
         """Truth of a stored cycle; SkinError for others."""
         for number, truth in reversed(self.history):
@@ -95,9 +84,6 @@ class SampledScene:
                 return truth
         known = f"{self.history[0][0]} to {self.history[-1][0]}" if self.history else "none"
         raise SkinError(f"cycle: must be a stored one ({known}); got {cycle}")
-
-    def _sample(self, cycle: int) -> None:
-        self._counts[cycle % RECENT] = self.units.counts(self._go_on(cycle))
 
     def _go_on(self, cycle: int) -> Truth:
         """Advance to a cycle without taking its counts."""

@@ -12,9 +12,8 @@ __all__ = ["Scene"]
 class Scene(Protocol):
     """Contacts and temperatures of a skin over time.
 
-    A scene with surroundings that change has an attribute `steady` that is False: what its units
-    read then depends on more than the truth, and is to be asked for instant by instant. One with an
-    end has an attribute `ends_s`, in seconds: a skin that plays it has no states from then on.
+    One with an end has an attribute `ends_s`, in seconds: a skin that plays it has no states from
+    then on. One with `units`, a `skin.sim.unit.UnitSimulator`, has units of its own.
     """
 
     def at(self, time_s: float) -> Truth:

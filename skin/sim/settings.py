@@ -7,7 +7,7 @@ import numpy as np
 from bus.codec import Packer
 from bus.configure import ALL_NODES, Command, node_numbers, read
 from bus.frame import FrameBatch
-from skin.sim.electronics.hall import HallChip
+from skin.sim.hall import HallChip
 from topology import CHANNELS, Topology
 
 __all__ = ["BoardSettings"]

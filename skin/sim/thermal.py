@@ -11,7 +11,6 @@ import math
 import numpy as np
 from scipy.linalg import expm
 
-from bus.compiled.jit import compiled
 from skin.errors import OptionError
 from topology import Topology
 
@@ -82,7 +81,8 @@ class ThermalChain:
                     f"{ELASTOMER_LAG_S:g} s of the elastomer; got {chip[worst]:g}"
                 )
         shares = np.array([1.0, *((1.0,) * len(LAYERS) if direct else STEADY_SHARES)])
-        self.temperature = np.full((len(LAYERS), topology.n), float(ambient))
+        self._state = np.full((len(LAYERS) + 2, topology.n), float(ambient))
+        self.temperature = self._state[:-2]
         # units with the same lags share a row
         lags, self._kind = np.unique(np.stack(own), axis=1, return_inverse=True)
         self._flows = np.stack(
@@ -92,7 +92,6 @@ class ThermalChain:
             ]
         )
         self._kind = self._kind.reshape(-1)
-        self._outside = np.empty((2, topology.n))
         self._dt_s, self._update = -1.0, np.empty(0)
 
     def step(
@@ -114,10 +113,11 @@ class ThermalChain:
         """
         # differences of times differ in the last bit
         if not math.isclose(dt_s, self._dt_s, rel_tol=1e-9):
-            self._update = np.ascontiguousarray(expm(dt_s * self._flows)[:, :, : len(LAYERS)])
+            self._update = expm(dt_s * self._flows)[:, :, : len(LAYERS)]
             self._dt_s = dt_s
-        self._outside[0], self._outside[1] = source, ambient
-        _step(self._update, self._kind, contact, self._outside, self.temperature)
+        self._state[-2], self._state[-1] = source, ambient
+        flow = self._update[contact.astype(int), self._kind]
+        self.temperature[...] = np.einsum("nab,bn->an", flow, self._state)
         return self.temperature
 
 
@@ -138,20 +138,3 @@ def _flows(
         flows[layer, above] += rate * share
         flows[layer, 5] += rate * (1.0 - share)
     return flows
-
-
-def _step_python(update, kind, contact, outside, temperature):
-    """`ThermalChain.step`, in place."""
-    layers = temperature.shape[0]
-    now = np.empty(layers)
-    for i in range(kind.size):
-        linear = update[int(contact[i]), kind[i]]
-        for a in range(layers):
-            now[a] = linear[a, layers] * outside[0, i] + linear[a, layers + 1] * outside[1, i]
-            for b in range(layers):
-                now[a] += linear[a, b] * temperature[b, i]
-        for a in range(layers):
-            temperature[a, i] = now[a]
-
-
-_step = compiled(_step_python, fastmath=("contract",))

@@ -7,9 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from bus.compiled.jit import compiled
-
-__all__ = ["Truth", "sum_wrench", "sum_wrench_python", "wrench_map"]
+__all__ = ["Truth", "sum_wrench", "wrench_map"]
 
 
 @dataclass(slots=True)
@@ -94,37 +92,18 @@ def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     return np.concatenate([rotation, arm]).reshape(6, -1)
 
 
-def sum_wrench_python(to_wrench, position, force, wrench, centroid):
-    """Sum of forces on n units.
+def sum_wrench(to_wrench: np.ndarray, position: np.ndarray, truth: Truth) -> None:
+    """Set `wrench` and `centroid` of a truth from its forces.
 
     Parameters
     ----------
     to_wrench : ndarray, shape (6, 3 n)
         From `wrench_map`.
     position : ndarray, shape (3, n)
-        Metre, skin frame.
-    force : ndarray, shape (3, n)
-        Newton, unit frames.
-    wrench : ndarray, shape (6,)
-        Written: newton and newton metre about the origin of the skin frame.
-    centroid : ndarray, shape (3,)
-        Written: mean position, weighted by normal load; NaN without load.
+        Metre, frame of the wrench.
+    truth : Truth
+        Of one instant.
     """
-    n = position.shape[1]
-    for r in range(6):
-        total = 0.0
-        for a in range(3):
-            for i in range(n):
-                total += to_wrench[r, a * n + i] * force[a, i]
-        wrench[r] = total
-    load = 0.0
-    for i in range(n):
-        load += force[2, i]
-    for r in range(3):
-        total = 0.0
-        for i in range(n):
-            total += position[r, i] * force[2, i]
-        centroid[r] = total / load if load > 0.0 else np.nan
-
-
-sum_wrench = compiled(sum_wrench_python, fastmath=("contract", "reassoc"))
+    truth.wrench[:] = to_wrench @ truth.force.ravel()
+    load = float(truth.force[2].sum())
+    truth.centroid[:] = position @ truth.force[2] / load if load > 0.0 else np.nan

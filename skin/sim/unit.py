@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.sim.electronics.capacitor import Timer
-from skin.sim.electronics.counter import Counter, Gate
-from skin.sim.electronics.divider import Divider
-from skin.sim.electronics.hall import HallChip, HallConverter
+from skin.sim.board import Counter, Divider, Gate, HallConverter, Timer
 from skin.sim.field import Field, SineField
+from skin.sim.hall import HallChip
 from skin.sim.truth import Truth
 from topology import CHANNELS, Topology
 from topology.gel import gel_share

@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 
 from benchmarks.brush_pads import FACES, Body, Pads, law_of
 from shared.gripper import SimulatedGripper
-from skin.grasp.object import GraspObject
-from skin.grasp.world import grasp
+from skin.sim.grasping.object import GraspObject
+from skin.sim.grasping.world import grasp
 
 G = 9.81
 AT_MM = np.array([[y, z] for _ in (0, 1) for y in (-18.0, -6.0, 6.0, 18.0)

@@ -58,7 +58,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "offline": COMMON | {"pipeline", "compiling", "blocks", "sinks"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker", "sinks", "io", "robot"},
     "behaviours": COMMON | {"contact"},
-    "grasp": COMMON | {"physics", "contact", "sim", "live", "opening"},
+    "sim/grasping": COMMON | {"physics", "contact", "sim", "live", "opening"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
@@ -76,7 +76,7 @@ TYPE_ONLY = {
     ("calibrate", "pipeline"),  # what learns is a sink of a pipeline
     ("sinks", "pipeline"),  # that calls them
     ("live", "io"),  # a Skin names its recorder
-    ("sim", "grasp"),  # its world is found under `skin.sim`, and opens a skin
+    ("sim", "sim/grasping"),  # its world is found under `skin.sim`, and opens a skin
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""
 
@@ -127,8 +127,11 @@ def _modules(file: Path, node: ast.Import | ast.ImportFrom) -> Iterator[str]:
 
 
 def room_of(module: str) -> str:
-    """The room of a module of `skin`: ``skin.decode.laws`` is in ``decode``."""
+    """The room of a module of `skin`: ``skin.decode.laws`` is in ``decode``; a folder in a room is
+    one where the table has it."""
     parts = module.split(".")
+    if "/".join(parts[1:3]) in ROOMS:
+        return "/".join(parts[1:3])
     return parts[1] if len(parts) > 1 else "__init__"
 
 

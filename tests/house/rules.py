@@ -40,7 +40,7 @@ MANY_ARGUMENTS: dict[str, Callable[[Definition], bool]] = {
         in (
             ("skin/opening.py", "open"),
             ("skin/io/publish/publisher.py", "ros"),
-            ("skin/grasp/world.py", "grasp"),
+            ("skin/sim/grasping/world.py", "grasp"),
         )
     ),
     "a command: its arguments are the options of the command line": lambda d: (

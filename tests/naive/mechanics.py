@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from skin.sim.mechanics.body import Pose, moved
+from skin.sim.mechanics.body import Body, Pose
+from skin.sim.mechanics.rays import CYLINDER, SPHERE
 from topology import Topology, load
 
 
@@ -41,12 +42,14 @@ def sphere_reach(
     return np.where(inside > 0.0, depth, 0.0)
 
 
-def inside(
-    curvature: np.ndarray, planes: np.ndarray, points: np.ndarray, slack: float = 1e-12
-) -> np.ndarray:
+def inside(body: Body, points: np.ndarray, slack: float = 1e-12) -> np.ndarray:
     """Which points, shape (3, m), lie in a body, all in the body's frame."""
-    within = (curvature @ points**2 <= 1.0 + slack) | (not curvature.any())
-    return within & np.all(planes[:3].T @ points <= planes[3][:, np.newaxis] + slack, axis=0)
+    x, y, z = body.axes.T @ (points - body.middle[:, np.newaxis])
+    if body.kind == SPHERE:
+        return np.sqrt(x * x + y * y + z * z) <= body.size[0] + slack
+    if body.kind == CYLINDER:
+        return (np.hypot(x, y) <= body.size[0] + slack) & (np.abs(z) <= body.size[1] + slack)
+    return np.all(np.abs([x, y, z]) <= body.size[:, np.newaxis] + slack, axis=0)
 
 
 def line_integral_rectangle(x: float, y: float, half: float, fineness: int = 400) -> np.ndarray:
@@ -82,6 +85,11 @@ def held_tractions(
         size = np.hypot(*force)
         force *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))
     return force
+
+
+def moved(pose: Pose, shift_m: np.ndarray) -> Pose:
+    """The pose after a translation in metre."""
+    return pose[0], pose[1] + shift_m
 
 
 def turned(pose: Pose, axis: np.ndarray, angle_rad: float) -> Pose:

@@ -6,25 +6,33 @@ along its own x and y, for any slope of the body.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from skin.errors import SkinError
-from skin.sim.mechanics.body import Body, Pose, carried, moved, penetration
-from skin.sim.mechanics.foundation import Foundation
-from skin.sim.mechanics.foundation_kernels import Faces
-from skin.sim.mechanics.friction import Friction, Slip
-from skin.sim.mechanics.root import root
+from skin.sim.mechanics.body import Body, Pose, carried, penetration
+from skin.sim.mechanics.foundation import Faces, Winkler
+from skin.sim.mechanics.springs import Springs
 from topology import Topology
 
-__all__ = ["Mechanics", "MechanicsTruth"]
+__all__ = ["Coefficient", "Mechanics", "MechanicsTruth", "Slip"]
 
 FURTHEST_M = 1.0
 """Largest displacement of a body in search of a load."""
 
 FIRST_M = 1e-4
-"""First step of that search, without a known stiffness."""
+"""First step of that search."""
+
+GROSS = 0.95
+"""Fraction of the load that has slipped above which the contact is in gross slip; it never reaches
+1, since a moving body always meets new faces."""
+
+Coefficient = float | np.ndarray | Callable[[float], float | np.ndarray]
+"""One number, one for each unit, or either as a function of the time in seconds."""
 
 
 @dataclass(slots=True)
@@ -64,6 +72,35 @@ class MechanicsTruth:
         return self.force[2]
 
 
+class Slip:
+    """Extent of slip of a contact since it began to stick.
+
+    A contact begins to stick when it begins, and again when no face moves after gross slip.
+
+    Attributes
+    ----------
+    slipped : ndarray, shape (n,), bool
+        Loaded faces that have moved since.
+    share : float
+        Their fraction of the load.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.slipped = np.zeros(n, bool)
+        self.share = 0.0
+        self._gross = False
+
+    def follow(self, load: np.ndarray, slipping: np.ndarray) -> None:
+        """Process a step, with the loads and moving faces at its end."""
+        total = float(load.sum())
+        if not total > 0.0 or (self._gross and not slipping.any()):
+            self.slipped[:] = self._gross = False
+        self.slipped |= slipping
+        self.slipped &= load > 0.0
+        self.share = float(load[self.slipped].sum()) / total if total > 0.0 else 0.0
+        self._gross |= self.share >= GROSS
+
+
 class Mechanics:
     """Contact of one body with the n units of a topology.
 
@@ -71,9 +108,11 @@ class Mechanics:
     ----------
     topology : Topology
     body : Body
-    foundation : Foundation, optional
-        A Winkler foundation if not given.
-    friction : Friction, optional
+    foundation : Winkler, optional
+        Support of the units, or another with its methods; that of the topology if not given.
+    static, kinetic : float, ndarray of shape (n,), or function of the time
+        Coefficients of friction at rest and in motion; the latter at most the former, and equal to
+        it if None.
 
     Attributes
     ----------
@@ -98,43 +137,35 @@ class Mechanics:
         topology: Topology,
         body: Body,
         *,
-        foundation: Foundation | None = None,
-        friction: Friction | None = None,
+        foundation: Winkler | None = None,
+        static: Coefficient = 0.5,
+        kinetic: Coefficient | None = None,
     ) -> None:
         n = topology.n
         self.body = body
-        self.foundation = foundation or Foundation.winkler(topology)
-        self.friction = friction or Friction(n)
+        self.foundation = foundation or Winkler(Springs.of(topology))
+        self._friction = static, static if kinetic is None else kinetic
         self._position, self._rotation = topology.position, topology.rotation
         self._depth_mm = np.full(n, -np.inf)
-        self._before_mm = np.full(n, -np.inf)
         self._load = np.zeros(n)
-        self._want_mm, self._holds_mm = np.zeros((2, n)), np.zeros((2, n))
         # state of the last step, from which trials start
-        # displacements of surfaces, by any body
+        self._before_mm = np.full(n, -np.inf)
         self._held_mm, self._traction = np.zeros((2, n)), np.zeros((2, n))
         self._slipping = np.zeros(n, bool)
         self._slip = Slip(n)
-        self._others_mm: np.ndarray | None = None
         self._last: Pose | None = None
         self.passed: np.ndarray | None = None
-        self._sunk_m, self._slope = 0.0, 0.0
+        self._sunk_m = 0.0
         self.truth = MechanicsTruth(
             (np.eye(3), np.full(3, np.nan)), np.zeros(n, bool), np.zeros((3, n)), np.zeros((3, n)),
             np.zeros(n, bool), np.zeros((2, n)), 0.0,
         )  # fmt: skip
 
-    def share(self, force: np.ndarray) -> None:
-        """Set the forces of other bodies on the same foundation, until the next call: newton, shape
-        (3, n), unit frames. No effect on a Winkler foundation."""
-        if self.foundation.together:
-            self._others_mm = self.foundation.spread(force)
-
     def step(self, time_s: float, pose: Pose) -> MechanicsTruth:
         """Move the body to a pose."""
         self._press(pose)
         self._drag(time_s, pose)
-        return self._commit(pose)
+        return self.truth
 
     def push(
         self, time_s: float, pose: Pose, load_n: float, direction: np.ndarray
@@ -154,37 +185,39 @@ class Mechanics:
         along = (self._rotation[:, 2] * direction[:, np.newaxis]).sum(axis=0)
 
         def excess(sunk_m: float) -> float:
-            self._press(moved(pose, sunk_m * direction))
+            self._press((pose[0], pose[1] + sunk_m * direction))
             return float(along @ self._load) - load_n
 
-        sunk_m = self._sunk_m
-        gap_mm = 0.0
-        while excess(sunk_m) == -load_n != 0.0 and np.isfinite(gap_mm):
-            # no contact: start at the nearest face
-            gap_mm = -self._depth_mm.max()
-            if gap_mm < 1e-3 * FIRST_M:
-                break
-            sunk_m += 1e-3 * gap_mm if np.isfinite(gap_mm) else 0.0
-        tolerance_n = max(1e-9, self.foundation.coupling_error) * max(1.0, abs(load_n))
-        found = root(
-            excess, sunk_m, self._slope, tolerance=tolerance_n, first_step=FIRST_M,
-            furthest=FURTHEST_M,
-        )  # fmt: skip
+        found = self._sink(excess, load_n)
         if found is None:
             raise SkinError(
                 f"push: load_n must be one that the body meets along direction; got {load_n:g}"
             )
-        self._sunk_m, self._slope = found
-        pose = moved(pose, self._sunk_m * direction)
-        self._drag(time_s, pose)
-        return self._commit(pose)
+        self._sunk_m = found
+        return self.step(time_s, (pose[0], pose[1] + found * direction))
+
+    def _sink(self, excess: Callable[[float], float], load_n: float) -> float | None:
+        """Way to a load, from where the last step ended; None if there is no such load."""
+        start, gap_mm = self._sunk_m, 0.0
+        while (found := excess(start)) == -load_n != 0.0:
+            # no contact: start at the nearest face
+            gap_mm = -self._depth_mm.max()
+            if gap_mm < 1e-3 * FIRST_M or not np.isfinite(gap_mm):
+                break
+            start += 1e-3 * gap_mm
+        if found == 0.0:
+            return start
+        step_m = -math.copysign(FIRST_M, found)
+        while abs(end := start + step_m) <= FURTHEST_M:
+            if excess(end) * found <= 0.0:
+                return float(brentq(excess, start, end, xtol=1e-15))
+            start, step_m = end, 2.0 * step_m
+        return None
 
     def _press(self, pose: Pose) -> None:
         penetration(self.body, pose, self._position, self._rotation, out=self._depth_mm)
         if self.passed is not None:
             self._depth_mm[self.passed] = -np.inf
-        if self._others_mm is not None:
-            self._depth_mm -= self._others_mm[2]
         self.foundation.press(
             self._depth_mm, self._load, self.truth.displacement_mm[2],
             body_mm_per_n=self.body.compliance_mm_per_n,
@@ -192,43 +225,31 @@ class Mechanics:
 
     def _drag(self, time_s: float, pose: Pose) -> None:
         """Drag the pressed faces along from the last step's pose to this one."""
-        truth, depth_mm, want_mm = self.truth, self._depth_mm, self._want_mm
-        carried(
+        truth, depth_mm, n = self.truth, self._depth_mm, self._load.size
+        want_mm = carried(
             pose if self._last is None else self._last, pose, self._position, self._rotation,
-            depth_mm, out=want_mm,
+            depth_mm,
         )  # fmt: skip
-        new = (depth_mm > 0.0) > (self._before_mm > 0.0)
-        if new.any():
-            new = np.flatnonzero(new)
+        new = np.flatnonzero((depth_mm > 0.0) > (self._before_mm > 0.0))
+        if new.size:
             # a face is dragged from its present place, while it is in contact
-            since = depth_mm[new] / (depth_mm[new] - self._before_mm[new])
-            want_mm[:, new] *= since
+            want_mm[:, new] *= depth_mm[new] / (depth_mm[new] - self._before_mm[new])
             self._held_mm[:, new] = self.foundation.surface(new, self._traction)
-            if self._others_mm is not None:
-                self._held_mm[:, new] += self._others_mm[:2, new]
-        want_mm += self._held_mm
-        if self._others_mm is not None:
-            want_mm -= self._others_mm[:2]
-        truth.slipping[:] = self._slipping
-        faces = Faces(
-            want_mm, self._load, truth.displacement_mm[2], *self.friction.at(time_s),
-            truth.slipping, truth.force[:2], truth.displacement_mm[:2], self._holds_mm,
-            truth.slip_mm,
+        static, kinetic = (
+            np.zeros(n) + (each(time_s) if callable(each) else each) for each in self._friction
+        )
+        self.foundation.drag(
+            Faces(
+                want_mm + self._held_mm, self._load, truth.displacement_mm[2], static, kinetic,
+                self._slipping, self._traction, truth.displacement_mm[:2], self._held_mm,
+                truth.slip_mm,
+            ),
+            body_mm_per_n=self.body.compliance_mm_per_n,
         )  # fmt: skip
-        self.foundation.drag(faces, body_mm_per_n=self.body.compliance_mm_per_n)
-        truth.force[2] = self._load
-
-    def _commit(self, pose: Pose) -> MechanicsTruth:
-        """Accept the last trial."""
-        truth = self.truth
-        self._held_mm[:] = self._holds_mm
-        if self._others_mm is not None:
-            self._held_mm += self._others_mm[:2]
-        self._traction[:] = truth.force[:2]
-        self._slipping[:] = truth.slipping
-        self._before_mm[:] = self._depth_mm
+        truth.force[:2], truth.force[2] = self._traction, self._load
+        truth.slipping[:] = self._slipping
+        np.greater(self._load, 0.0, out=truth.contact)
+        self._before_mm[:] = depth_mm
         self._last = truth.pose = pose
         self._slip.follow(self._load, truth.slipping)
         truth.slip_share = self._slip.share
-        np.greater(self._load, 0.0, out=truth.contact)
-        return truth

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bus.compiled.jit import compiled, jitable
+from bus.compiled.jit import jitable
 from skin.physics import force_law
 from topology import Topology
 
@@ -49,7 +49,9 @@ def yields(target, law, series):
     return force_law.inverse(target, force_law.in_series(law, series))
 
 
-def under_python(springs, force, depth_mm, displacement_mm):
+def under(
+    springs: Springs, force: np.ndarray, depth_mm: np.ndarray, displacement_mm: np.ndarray
+) -> None:
     """Displacements of independent units under forces.
 
     Parameters
@@ -62,18 +64,8 @@ def under_python(springs, force, depth_mm, displacement_mm):
     displacement_mm : ndarray, shape (2, n)
         Written.
     """
-    normal, shear, gain, reference = springs
-    for i in range(depth_mm.size):
-        x, y, z = force[0, i], force[1, i], max(force[2, i], 0.0)
-        depth = force_law.inverse(z, force_law.at(normal, i))
-        size = np.sqrt(x * x + y * y)
-        share = 0.0
-        if size > 0.0:
-            stiff = force_law.stiffening(depth, gain[i], reference[i])
-            travel = force_law.inverse(size / stiff, force_law.at(shear, i))
-            share = travel / size
-        depth_mm[i] = depth
-        displacement_mm[0, i], displacement_mm[1, i] = share * x, share * y
-
-
-under = compiled(under_python, fastmath=("contract", "reassoc"))
+    depth_mm[:] = force_law.inverse(np.maximum(force[2], 0.0), tuple(springs.normal))
+    stiff = force_law.stiffening(depth_mm, springs.gain_per_mm, springs.reference_mm)
+    size = np.hypot(force[0], force[1])
+    travel = force_law.inverse(size / stiff, tuple(springs.shear))
+    displacement_mm[:] = force[:2] * (travel / np.where(size > 0.0, size, 1.0))

@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 
-from bus.compiled.jit import compiled
 from topology import Topology
 
 __all__ = ["Hysteresis", "Material", "Prony"]
@@ -93,12 +92,12 @@ class Prony:
     def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
         """Advance by one step; returns the elastic force of the displacement under `force`."""
         self._adapt(dt_s)
-        flat = (len(self.terms), force.size)
-        _creep(
-            np.ascontiguousarray(force, float).reshape(-1), self._kept.reshape(flat),
-            self._gained.reshape(flat), self.terms.reshape(flat), self._elastic.reshape(-1),
-        )  # fmt: skip
-        return self._elastic.copy()
+        self.terms *= self._kept
+        gain = self._gained.sum(axis=0)
+        new = (force - self.terms.sum(axis=0) + gain * self._elastic) / (1.0 + gain)
+        self.terms += self._gained * (new - self._elastic)
+        self._elastic[...] = new
+        return new
 
     def _adapt(self, dt_s: float) -> None:
         # differences of times differ in the last bit
@@ -151,19 +150,28 @@ class Hysteresis:
         one_sided: bool = True,
     ) -> None:
         ranges = 0.5 * span_n * np.arange(1, OPERATORS + 1) / OPERATORS
+        ranges = ranges.reshape(-1, *(1,) * len(shape))
         self._weights = width_n / (OPERATORS * ranges)
-        self._low = np.zeros(OPERATORS) if one_sided else -0.5 * ranges
+        self._low = np.zeros_like(ranges) if one_sided else -0.5 * ranges
         self._high = self._low + ranges
         self.stops = np.zeros((OPERATORS, *shape))
         self._elastic = np.zeros(shape)
 
     def elastic(self, force: np.ndarray) -> np.ndarray:
         """Advance; returns the elastic force of the displacement under `force`."""
-        flat = self.stops.reshape(len(self._weights), -1)
-        _yield(
-            np.ascontiguousarray(force, float).reshape(-1),
-            self._weights, self._low, self._high, flat, self._elastic.reshape(-1),
-        )  # fmt: skip
+        lacking = force - self._elastic - (self._weights * self.stops).sum(axis=0)
+        sign = np.where(lacking >= 0.0, 1.0, -1.0)
+        end, lacking = np.where(sign > 0.0, self._high, self._low), np.abs(lacking)
+        for _ in range(OPERATORS + 1):  # linear from one stop to the next
+            room = np.abs(end - self.stops)
+            slope = 1.0 + (self._weights * (room > 0.0)).sum(axis=0)
+            free = np.where(room > 0.0, room, np.inf).min(axis=0)
+            step = np.minimum(lacking / slope, free)
+            self._elastic += sign * step
+            self.stops[...] = np.where(room <= step, end, self.stops + sign * step)
+            lacking = np.where(step < free, 0.0, lacking - slope * step)
+            if not lacking.any():
+                break
         return self._elastic.copy()
 
     def lagging(self, force: np.ndarray) -> np.ndarray:
@@ -173,60 +181,4 @@ class Hysteresis:
         until the first unloading.
         """
         elastic = self.elastic(force)
-        _load(elastic.reshape(-1), self._weights, self._low, self._high)
-        return elastic
-
-
-def _load_python(elastic, weights, low, high):
-    """From elastic forces, which are overwritten, to forces of first loading."""
-    for i in range(elastic.size):
-        force = elastic[i]
-        for j in range(weights.size):
-            force += weights[j] * min(max(elastic[i], low[j]), high[j])
-        elastic[i] = force
-
-
-def _yield_python(force, weights, low, high, stops, elastic):
-    """`Hysteresis.elastic`, in place: piecewise linear from one stop to the next."""
-    count = weights.size
-    for i in range(force.size):
-        lacking = force[i] - elastic[i]
-        for j in range(count):
-            lacking -= weights[j] * stops[j, i]
-        sign = 1.0 if lacking >= 0.0 else -1.0
-        lacking = abs(lacking)
-        for _ in range(count + 1):
-            slope, free = 1.0, np.inf
-            for j in range(count):
-                room = high[j] - stops[j, i] if sign > 0.0 else stops[j, i] - low[j]
-                if room > 0.0:
-                    slope += weights[j]
-                    free = min(free, room)
-            step = min(lacking / slope, free)
-            elastic[i] += sign * step
-            for j in range(count):
-                end = high[j] if sign > 0.0 else low[j]
-                reached = abs(end - stops[j, i]) <= step
-                stops[j, i] = end if reached else stops[j, i] + sign * step
-            lacking -= slope * step
-            if step < free:
-                break
-
-
-def _creep_python(force, kept, gained, terms, elastic):
-    """`Prony.elastic`, in place."""
-    for i in range(force.size):
-        over = gain = 0.0
-        for j in range(len(terms)):
-            terms[j, i] *= kept[j, i]
-            over += terms[j, i]
-            gain += gained[j, i]
-        new = (force[i] - over + gain * elastic[i]) / (1.0 + gain)
-        for j in range(len(terms)):
-            terms[j, i] += gained[j, i] * (new - elastic[i])
-        elastic[i] = new
-
-
-_load = compiled(_load_python, fastmath=("contract",))
-_creep = compiled(_creep_python, fastmath=("contract",))
-_yield = compiled(_yield_python, fastmath=("contract",))
+        return elastic + (self._weights * np.clip(elastic, self._low, self._high)).sum(axis=0)

@@ -7,11 +7,10 @@ import time
 import numpy as np
 
 from bus.faults import FaultScript, Injector
-from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.frame import FRAME_DTYPE
 from bus.logs import Recording
 from skin.errors import SkinError
 from skin.sim.node import Served, SimulatedUnits
-from topology import Topology
 
 __all__ = ["play"]
 
@@ -49,34 +48,28 @@ def play(
     injectors = [] if script is None else [
         Injector(script, topology=topology, index=bus) for bus in buses
     ]  # fmt: skip
-    # room for the data frames of a cycle and for a heartbeat of every board
-    batch = FrameBatch(2 * int(np.bincount(topology.frames.bus).max()) + 1)
-    stamps_ns = 1 + np.rint(1e9 / topology.cycle_rate_hz * np.arange(cycles)).astype(np.int64)
-    served, started = nodes.served, time.perf_counter()
-    sampled = 0
+    batches = [nodes.batch(bus) for bus in buses]
+    started = time.perf_counter()
     for cycle in range(cycles):
-        if cycle == sampled:
-            sampled += nodes.foresee(cycle, cycles - cycle)
-        for bus in buses:
+        stamp_ns = 1 + round(1e9 * cycle / topology.cycle_rate_hz)
+        for bus, batch in enumerate(batches):
             batch.clear()
-            nodes.tick(cycle, batch, bus, int(stamps_ns[cycle]))
+            nodes.tick(cycle, batch, bus, stamp_ns)
             left = injectors[bus](batch.frames) if injectors else batch.frames
-            served.frames += left.size
+            nodes.served.frames += left.size
             if recording is not None:
-                recording.write(_with_sync(left, topology, bus, cycle, stamps_ns[cycle]))
-    served.seconds += time.perf_counter() - started
-    return served, [injector.injected for injector in injectors]
+                sync_id = topology.buses[bus].sync_id
+                sync = [] if sync_id is None else [_sync(sync_id, cycle, stamp_ns)]
+                frames = np.concatenate([*sync, left])
+                frames["bus"] = bus
+                recording.write(frames)
+    nodes.served.seconds += time.perf_counter() - started
+    return nodes.served, [injector.injected for injector in injectors]
 
 
-def _with_sync(
-    frames: np.ndarray, topology: Topology, bus: int, cycle: int, stamp_ns: int
-) -> np.ndarray:
-    """The frames of a cycle of a bus after the SYNC that they answer, if there is one."""
-    sync_id = topology.buses[bus].sync_id
-    sync = np.zeros(0 if sync_id is None else 1, FRAME_DTYPE)
-    if sync_id is not None:
-        sync["id"], sync["length"], sync["stamp_ns"] = sync_id, 1, stamp_ns
-        sync["data"][0, 0] = cycle & 0xFF
-    both = np.concatenate([sync, frames])
-    both["bus"] = bus
-    return both
+def _sync(sync_id: int, cycle: int, stamp_ns: int) -> np.ndarray:
+    """The SYNC of a cycle."""
+    sync = np.zeros(1, FRAME_DTYPE)
+    sync["id"], sync["length"], sync["stamp_ns"] = sync_id, 1, stamp_ns
+    sync["data"][0, 0] = cycle & 0xFF
+    return sync

@@ -11,17 +11,7 @@ from typing import Any
 import numpy as np
 
 from skin.sim.mechanics.body import Body, Pose
-from skin.sim.scenes.script import (
-    Block,
-    BodyTable,
-    Cylinder,
-    Edge,
-    Plate,
-    Shape,
-    Sphere,
-    angle_rad,
-    lowest_m,
-)
+from skin.sim.scenes.script import Block, BodyTable, Cylinder, Plate, Shape, Sphere, lowest_m
 from topology import Topology
 from topology.pose import from_axes, from_rpy
 
@@ -117,9 +107,6 @@ def shape_of(shape: Shape, compliance_mm_per_n: float = 0.0) -> Body:
             return Body.block(shape.x_m, shape.y_m, shape.z_m, **soft)
         case Plate():
             return Body.plate(shape.x_m, shape.y_m, **soft)
-        case Edge():
-            return Body.edge(shape.length_m, angle_rad(shape), **soft)
-    raise TypeError(shape)
 
 
 def largest_patch(topology: Topology) -> str:
@@ -198,7 +185,6 @@ class Motion:
         self._temperature_c = track("temperature_c", room_c)
         self._friction = track("friction", table.friction)
         self.pressed, self.dragged = self._press_n.given, self._drag_n.given
-        self.changes_friction = self._friction.given
 
     def frame(self, time_s: float) -> Pose:
         """Frame of the body's coordinates."""
@@ -207,6 +193,10 @@ class Motion:
     def passed(self, time_s: float) -> np.ndarray | None:
         """Units that the body cannot touch, shape (n,), bool; None: it can touch all."""
         return self._passed[self._place(time_s)] if self._passed else None
+
+    def place(self, time_s: float) -> str:
+        """Name of what it is on."""
+        return self.places[self._place(time_s)]
 
     def _place(self, time_s: float) -> int:
         return int(time_s // self._period_s) % len(self.frames)

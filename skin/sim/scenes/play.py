@@ -3,8 +3,7 @@
 Forces are those of the contact mechanics. The electronics measure the displacement that the
 elastomer needs to bear them: by its elastic law alone, or with creep and hysteresis where the file
 (or the caller) wants them. Where several bodies touch a unit, only the one that presses it hardest
-acts on it, and the others are held by their other units. On a half space each body also yields to
-the others' loads of their last step.
+acts on it, and the others are held by their other units.
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ from functools import partial
 import numpy as np
 
 from skin.errors import SceneError, SkinError
+from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.force_law import slope
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
+from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.field import Field, SineField, StrayField
 from skin.sim.mechanics.contact import Mechanics
-from skin.sim.mechanics.foundation import Foundation
-from skin.sim.mechanics.friction import Friction
-from skin.sim.mechanics.springs import under
+from skin.sim.mechanics.springs import Springs, under
 from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
 from skin.sim.scenes.motion import Motion, Track, shape_of
-from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
+from skin.sim.scenes.script import NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import ThermalChain
 from skin.sim.truth import Truth, sum_wrench, wrench_map
@@ -62,26 +61,20 @@ class PlayedBody:
         Its force on each unit, newton, unit frame; 0 where another body acts on the unit.
     """
 
-    def __init__(
-        self, script: SceneFile, index: int, topology: Topology, foundation: Foundation,
-        room_c: float,
-    ) -> None:  # fmt: skip
+    def __init__(self, script: SceneFile, index: int, topology: Topology, room_c: float) -> None:
         table = script.bodies[index]
         self.name = table.name
         self._where = partial(script.where, "bodies", index)
-        self.motion = Motion(table, topology, room_c, script.period_s)
-        motion, share = self.motion, table.friction_share
-        if motion.changes_friction:
-            friction = Friction(topology.n, motion.friction, lambda t: share * motion.friction(t))
-        else:
-            friction = Friction(topology.n, table.friction, share * table.friction)
-        body = shape_of(table.shape, table.compliance_mm_per_n)
-        self.mechanics = Mechanics(topology, body, foundation=foundation, friction=friction)
+        self.motion = motion = Motion(table, topology, room_c, script.period_s)
+        self.mechanics = Mechanics(
+            topology,
+            shape_of(table.shape, table.compliance_mm_per_n),
+            static=motion.friction,
+            kinetic=lambda time_s: table.friction_share * motion.friction(time_s),
+        )
         self.force = np.zeros((3, topology.n))
-        self._rotation = topology.rotation
-        self._names = topology.unit_names
+        self._topology = topology
         self._dragged_m = np.zeros(3)
-        self._springs = foundation.springs
 
     @property
     def pose(self) -> tuple[np.ndarray, np.ndarray]:
@@ -106,14 +99,22 @@ class PlayedBody:
             else:
                 truth = self.mechanics.step(time_s, (rotation, place + axes[:, 2]))
         except SkinError as error:
-            raise SceneError(f"{self._where(time_s)}: {error}") from None
+            raise SceneError(f"{self._where(time_s)}: {error}{self._hint(time_s)}") from None
         self.force[...] = truth.force
         if not truth.displacement_mm[2].max() <= DEEPEST_MM:
             deepest = int(np.argmax(truth.displacement_mm[2]))
             raise SceneError(
                 f"{self._where(time_s)}: must press no unit deeper than {DEEPEST_MM:g} mm; got "
-                f"{truth.displacement_mm[2, deepest]:.2f} mm at {self._names[deepest]}"
+                f"{truth.displacement_mm[2, deepest]:.3g} mm at "
+                f"{self._topology.unit_names[deepest]}{self._hint(time_s)}"
             )
+
+    def _hint(self, time_s: float) -> str:
+        """In whose frame it is, as the end of a message; a robot's fingers have bodies around."""
+        hint = f"; its frame is that of {self.motion.place(time_s)!r}"
+        if self._topology.robot is not None:
+            hint += "; between the fingers of a robot, bodies are those of `skin.sim.grasp`"
+        return hint
 
     def _yield_to_drag(self, wanted_n: np.ndarray, axes: np.ndarray, dt_s: float) -> np.ndarray:
         """Displacement along x and y in one step under its drag, metre: until stuck faces bear it;
@@ -122,9 +123,11 @@ class PlayedBody:
         if not truth.contact.any():
             self._dragged_m[:] = 0.0
             return np.zeros(2)
-        held = np.einsum("ijn,jn->i", self._rotation, truth.force) @ axes[:, :2]
+        held = np.einsum("ijn,jn->i", self._topology.rotation, truth.force) @ axes[:, :2]
         stuck = truth.contact & ~truth.slipping
-        steep = slope(np.hypot(*truth.displacement_mm[:2]), tuple(self._springs.shear))
+        steep = slope(
+            np.hypot(*truth.displacement_mm[:2]), tuple(self.mechanics.foundation.springs.shear)
+        )
         stiffness = float(np.sum(steep[stuck])) if stuck.any() else 0.0
         lacking = wanted_n - held
         size = float(np.hypot(*lacking))
@@ -138,18 +141,24 @@ class PlayedBody:
 class _Weights:
     """Forces of weights glued to units."""
 
-    def __init__(
-        self, table: LoadTable, topology: Topology, room_c: float, period_s: float
-    ) -> None:
+    def __init__(self, script: SceneFile, index: int, topology: Topology, room_c: float) -> None:
+        table, period_s = script.loads[index], script.period_s
+        self._where = partial(script.where, "loads", index)
         self.units = loaded_units(table.units, topology)
+        self._most_n = float(Elastic(topology).normal(DEEPEST_MM)[self.units].min())
         self._force = Track("force_n", table.keys, table.waves, (0.0, 0.0, 0.0), period_s)
         self._temperature = Track("temperature_c", table.keys, (), room_c, period_s)
         self.warms = self._temperature.given
 
     def force(self, time_s: float) -> np.ndarray:
-        force = self._force(time_s).copy()
-        force[2] = max(force[2], 0.0)
-        return force
+        """On each of the units; SceneError where it presses them too deep."""
+        x, y, z = self._force(time_s)
+        if z > self._most_n:
+            raise SceneError(
+                f"{self._where(time_s)}: force_n[2] must be at most {self._most_n:.4g}, which "
+                f"presses a unit {DEEPEST_MM:g} mm; got {z:.4g}"
+            )
+        return np.array([x, y, max(z, 0.0)])
 
     def temperature(self, time_s: float) -> float:
         return float(self._temperature(time_s))
@@ -191,9 +200,6 @@ class ScriptedScene:
         When it is over: infinite for a scene that repeats.
     units : UnitSimulator
         Units with imperfect electronics, for `skin.sim.node.SimulatedUnits`.
-    steady : bool
-        Whether readings depend on the truth alone; False where the skin turns in the field of the
-        Earth, or tools move.
 
     Examples
     --------
@@ -217,12 +223,13 @@ class ScriptedScene:
         self._room_c = Track("temperature_c", script.room, (), ROOM_C, period_s)
         self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0), period_s)
         room_c = float(self._room_c(0.0))
-        foundation = _foundation(topology, script)
         self.bodies = tuple(
-            PlayedBody(script, i, topology, foundation, room_c) for i in range(len(script.bodies))
+            PlayedBody(script, i, topology, room_c) for i in range(len(script.bodies))
         )
-        self._weights = tuple(_Weights(table, topology, room_c, period_s) for table in script.loads)
-        self._springs = foundation.springs
+        self._weights = tuple(
+            _Weights(script, i, topology, room_c) for i in range(len(script.loads))
+        )
+        self._springs = Springs.of(topology)
         self._chain = ThermalChain(topology, ambient=room_c, direct=not wanted.thermal)
         self._material = material or Prony.of(topology, wanted.viscoelastic)
         self._loops = None
@@ -237,20 +244,22 @@ class ScriptedScene:
         if wanted.ambient_field or tools:
             ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
             self._surroundings = Surroundings(ambient_ut)
-        self.steady = self._surroundings is None or not (tools or self._attitude_deg.given)
         parts = script.electronics
         self.units = UnitSimulator(
             topology,
             seed=script.seed,
             noise=wanted.noise,
             field=self._field(),
-            counter=parts.counter() if wanted.counter else None,
-            divider=parts.divider() if wanted.divider else None,
-            converter=parts.hall_converter() if wanted.hall_converter else None,
+            counter=Counter(parts.gate_s, parts.clock_hz) if wanted.counter else None,
+            divider=Divider(parts.reference_v, parts.series_ohm, parts.adc_bits)
+            if wanted.divider
+            else None,
+            converter=HallConverter(parts.hall_lsb_ut, parts.hall_range_ut)
+            if wanted.hall_converter
+            else None,
         )
-        self._position = topology.position
         self._to_wrench = wrench_map(topology.position, topology.rotation)
-        self._source_c, self._needed = np.empty(n), np.empty((3, n))
+        self._source_c = np.empty(n)
         self._truth = Truth.at_rest(n, room_c)
         self._time_s, self._began = 0.0, False
 
@@ -287,9 +296,6 @@ class ScriptedScene:
         source[:] = room_c
         truth.force[...] = 0.0
         for body in self.bodies:
-            if len(self.bodies) > 1:
-                others = [other.force for other in self.bodies if other is not body]
-                body.mechanics.share(np.sum(others, axis=0))
             body.go(time_s, dt_s)
         self._share_out()
         for body in self.bodies:
@@ -301,7 +307,7 @@ class ScriptedScene:
             if weights.warms and force[2] > 0.0:
                 source[weights.units] = weights.temperature(time_s)
         np.greater(truth.force[2], 0.0, out=truth.contact)
-        sum_wrench(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
+        sum_wrench(self._to_wrench, self.topology.position, truth)
         self._yield(dt_s)
         warm = self._chain.step(dt_s, truth.contact, source, room_c)
         truth.temperature[:] = warm[0]
@@ -332,10 +338,8 @@ class ScriptedScene:
         needed = truth.force
         if self._loops is not None:
             pressing, dragging = self._loops
-            needed = self._needed
-            needed[:2], needed[2] = (
-                dragging.lagging(truth.force[:2]),
-                pressing.lagging(truth.force[2]),
+            needed = np.vstack(
+                [dragging.lagging(truth.force[:2]), pressing.lagging(truth.force[2])]
             )
         if self._material is not None:
             needed = self._material.elastic(needed, dt_s)
@@ -349,10 +353,3 @@ class ScriptedScene:
         made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
         reach_m = FELT_M if wanted.crosstalk else 0.0
         return HalbachField(topology, fabrication=made, reach_m=reach_m, surroundings=surroundings)
-
-
-def _foundation(topology: Topology, script: SceneFile) -> Foundation:
-    wanted = script.foundation
-    if isinstance(wanted, HalfSpace):
-        return Foundation.half_space(topology, wanted.modulus_pa, wanted.poisson)
-    return Foundation.winkler(topology)

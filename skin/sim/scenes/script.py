@@ -41,14 +41,11 @@ from msgspec import Meta
 
 from bus.faults.script import FaultScript
 from skin.physics.surroundings import Tool
-from skin.sim.electronics.counter import Counter
-from skin.sim.electronics.divider import Divider
-from skin.sim.electronics.hall import HallConverter
+from skin.sim.board import Counter, Divider, HallConverter
 
 __all__ = [
     "BodyTable",
     "Electronics",
-    "Foundation",
     "Key",
     "LoadKey",
     "LoadTable",
@@ -113,14 +110,7 @@ class Plate(_Shape, frozen=True, kw_only=True, tag="plate"):
     y_m: _Length
 
 
-class Edge(_Shape, frozen=True, kw_only=True, tag="edge"):
-    """A wedge; its ridge along x, the origin in the middle of the ridge."""
-
-    length_m: _Length
-    angle_deg: Annotated[float, Meta(ge=1, le=179)] = 90.0
-
-
-Shape = Sphere | Cylinder | Block | Plate | Edge
+Shape = Sphere | Cylinder | Block | Plate
 
 
 class Key(_Table, frozen=True, kw_only=True):
@@ -247,24 +237,6 @@ class RoomKey(_Table, frozen=True, kw_only=True):
     ] = None
 
 
-class _Foundation(_Table, frozen=True, kw_only=True, tag_field="kind"):
-    """Support of the units (`[foundation]`)."""
-
-
-class Winkler(_Foundation, frozen=True, kw_only=True, tag="winkler"):
-    """Independent units."""
-
-
-class HalfSpace(_Foundation, frozen=True, kw_only=True, tag="half-space"):
-    """The units of a patch on one elastic body."""
-
-    modulus_pa: Annotated[float, Meta(ge=1e3, le=1e12)] = 6e5
-    poisson: Annotated[float, Meta(ge=0, le=0.5)] = 0.5
-
-
-Foundation = Winkler | HalfSpace
-
-
 class NonIdeal(_Table, frozen=True, kw_only=True):
     """Effects of real units that the paper's formulas leave out (`[non_ideal]`), one by one."""
 
@@ -325,18 +297,6 @@ class Electronics(_Table, frozen=True, kw_only=True):
         float, Meta(ge=1, le=1e7, description="Largest field of either sign")
     ] = HallConverter.range_ut
 
-    def counter(self) -> Counter:
-        """The counter of the timer."""
-        return Counter(gate_s=self.gate_s, clock_hz=self.clock_hz)
-
-    def divider(self) -> Divider:
-        """The divider of the gel."""
-        return Divider(self.reference_v, self.series_ohm, self.adc_bits)
-
-    def hall_converter(self) -> HallConverter:
-        """The converter of the Hall chip."""
-        return HallConverter(lsb_ut=self.hall_lsb_ut, range_ut=self.hall_range_ut)
-
 
 if TYPE_CHECKING:
     _Faults = tuple[Any, ...]
@@ -355,7 +315,6 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     name: str = ""
     description: str = ""
     seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
-    foundation: Foundation = Winkler()
     non_ideal: NonIdeal = NonIdeal()
     electronics: Electronics = Electronics()
     room: tuple[RoomKey, ...] = ()
@@ -399,8 +358,3 @@ def lowest_m(shape: Shape) -> float:
         case Block(z_m=height):
             return 0.5 * height
     return 0.0
-
-
-def angle_rad(edge: Edge) -> float:
-    """Angle between the faces of a wedge."""
-    return math.radians(edge.angle_deg)

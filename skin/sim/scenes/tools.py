@@ -46,34 +46,29 @@ class MovingTool:
         Raises
         ------
         SceneError
-            The place is impossible; see `problem`.
-        """
-        if found := self.problem(time_s):
-            raise SceneError(f"{self._where(time_s)}: must be {found[0]}; got {found[1]}")
-        return replace(self._tool, position=tuple(self._position(time_s)))
-
-    def problem(self, time_s: float) -> tuple[str, str] | None:
-        """Why the place of a tool at a time is impossible: expected and actual.
-
-        It touches no unit, and keeps the distance to each film that `HalbachField` needs.
+            It enters a unit, or comes nearer to a film than `HalbachField` can tell.
         """
         topology, position = self._topology, self._position(time_s)
         depth_mm = penetration(
-            self._body, (np.eye(3), position), topology.position, topology.rotation,
-            radius_m=topology.parameters["radius_m"],
-        )  # fmt: skip
+            self._body, (np.eye(3), position), topology.position, topology.rotation
+        )
         deepest = int(np.argmax(depth_mm))
         if depth_mm[deepest] > 0.0:
-            got = f"{depth_mm[deepest]:.3g} mm into {topology.unit_names[deepest]}"
-            return "outside of all units (what presses them goes into [[bodies]])", got
+            raise SceneError(
+                f"{self._where(time_s)}: must be outside of all units (what presses them goes into "
+                f"[[bodies]]); got {depth_mm[deepest]:.3g} mm into {topology.unit_names[deepest]}"
+            )
         table = load_film_table()
         film = topology.position + 1e-3 * table.film.middle_mm * topology.rotation[:, 2]
         away_mm = 1e3 * np.linalg.norm(film - position[:, np.newaxis], axis=0)
         nearest = int(np.argmin(away_mm))
         if away_mm[nearest] < table.far_mm:
-            got = f"{away_mm[nearest]:.3g} mm from that of {topology.unit_names[nearest]}"
-            return f"with its middle {table.far_mm:.3g} mm or more from that of any film", got
-        return None
+            raise SceneError(
+                f"{self._where(time_s)}: must be with its middle {table.far_mm:.3g} mm or more "
+                f"from that of any film; got {away_mm[nearest]:.3g} mm from that of "
+                f"{topology.unit_names[nearest]}"
+            )
+        return replace(self._tool, position=tuple(position))
 
     def _position(self, time_s: float) -> np.ndarray:
         return self._rotation @ (self._xyz_m(time_s) + self._lowest_m) + self._origin

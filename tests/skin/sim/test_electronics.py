@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 
 from bus.status import Status
 from skin import Decoder
-from skin.sim.electronics.counter import Counter, Gate
-from skin.sim.electronics.divider import Divider
-from skin.sim.electronics.hall import HallConverter
+from skin.sim.board import Counter, Divider, Gate, HallConverter
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, load
@@ -31,30 +29,6 @@ def at_rest(time_s: float = 0.0) -> Truth:
 # -- counter ---------------------------------------------------------------------------------------
 
 
-def test_one_period_is_counted_to_20_hz_and_ten_milliseconds_to_half_a_hertz() -> None:
-    """f^2 / clock, and that over 45 periods."""
-    f = np.array([4500.0])
-    for gate_s, step_hz in [(1.5 / 4500.0, 20.25), (0.0101, 0.45)]:
-        counter = Counter(gate_s=gate_s, clock_hz=1e6)
-        near = counter.read(f + np.linspace(-2.0, 2.0, 4001) * step_hz, 0.5)
-        steps = np.diff(np.unique(near))
-        assert steps.max() == pytest.approx(step_hz, rel=0.02)
-
-
-@given(
-    frequency=st.floats(500.0, 5000.0),
-    gate_s=st.sampled_from([0.005, 0.01, 0.05]),
-    clock_hz=st.sampled_from([1e5, 1e6, 8e6]),
-    phase=st.floats(0.0, 0.999),
-)
-def test_a_count_is_off_by_one_tick_at_most(
-    frequency: float, gate_s: float, clock_hz: float, phase: float
-) -> None:
-    found = Counter(gate_s, clock_hz).read(np.array([frequency]), phase)[0]
-    periods = np.floor(frequency * gate_s * (1.0 + 1e-12))
-    assert abs(periods / found - periods / frequency) * clock_hz <= 1.0 + 1e-6
-
-
 @given(frequency=st.floats(500.0, 5000.0))
 def test_ticks_are_right_on_average_and_spread_as_their_remainder(frequency: float) -> None:
     """Mean of the counted time is the true one, its variance r (1 - r) ticks for a remainder r."""
@@ -67,19 +41,6 @@ def test_ticks_are_right_on_average_and_spread_as_their_remainder(frequency: flo
     assert ticks.var() == pytest.approx(remainder * (1.0 - remainder), abs=1e-4)
 
 
-@pytest.mark.parametrize(("gate_s", "clock_hz"), [(0.01, 1e6), (0.01, 1e5), (0.1, 1e5)])
-def test_noise_of_the_counter_is_that_of_the_closed_form(gate_s: float, clock_hz: float) -> None:
-    """f / (gate clock sqrt 6) over all frequencies, for gates that whole periods fill."""
-    random = np.random.default_rng(2)
-    periods = int(4500 * gate_s)
-    f = periods / gate_s * (1.0 + random.uniform(0.0, 0.5 / periods, 40_000))
-    off = Counter(gate_s, clock_hz).read(f, random.random(f.size)) - f
-    sigma = 4500.0 / (gate_s * clock_hz * np.sqrt(6.0))
-    assert off.std() == pytest.approx(sigma, rel=0.03)
-    # The mean of 1/M is above 1/(mean M) by var(M)/M^2, which is far below the noise.
-    assert abs(off.mean()) < 5.0 * sigma / np.sqrt(f.size) + 4500.0 / (gate_s * clock_hz) ** 2
-
-
 def test_a_timer_that_stands_still_is_counted_as_nothing() -> None:
     found = Counter(gate_s=0.01).read(np.array([-1.0, 0.0, 99.0, 100.0, 101.0]), 0.5)
     np.testing.assert_allclose(found[:3], 0.0)
@@ -87,19 +48,6 @@ def test_a_timer_that_stands_still_is_counted_as_nothing() -> None:
 
 
 # -- gate ------------------------------------------------------------------------------------------
-
-
-@given(
-    gate_s=st.sampled_from([0.001, 0.01, 0.013, 0.1]),
-    steps_s=st.lists(st.floats(0.001, 0.03), min_size=8, max_size=40),
-    slope=st.floats(-9000.0, 9000.0),
-)
-def test_a_gate_is_half_of_it_late(gate_s: float, steps_s: list[float], slope: float) -> None:
-    gate, times = Gate(gate_s), np.cumsum([0.0, *steps_s])
-    for t in times:
-        found = gate(float(t), np.array([4500.0 + slope * t]))
-        if t >= gate_s:
-            assert found[0] == pytest.approx(4500.0 + slope * (t - gate_s / 2.0), abs=1e-6)
 
 
 @given(seed=st.integers(0, 1000), gate_s=st.floats(0.002, 0.08))
@@ -141,29 +89,6 @@ def test_a_step_of_the_converter_is_as_large_as_by_hand(
         assert np.median(kelvin) == pytest.approx(expected, rel=0.02)
 
 
-@given(celsius=st.floats(15.0, 85.0), bits=st.integers(8, 16))
-def test_a_reading_is_within_half_a_step(celsius: float, bits: int) -> None:
-    divider = Divider(bits=bits)
-    current = 10.0 * np.exp(RATE * (celsius - 20.0))
-    code = divider.code(np.array([current]))[0]
-    alone = 3.3 / 95_000.0 * 1e6
-    exact = 2**bits * current / (current + alone)
-    assert abs(code - exact) <= 0.5 + 1e-6
-    back = divider.read(np.array([current]))[0]
-    assert 2**bits * back / (back + alone) == pytest.approx(code, abs=1e-6)
-
-
-def test_the_divider_is_right_on_average() -> None:
-    random = np.random.default_rng(4)
-    celsius = random.uniform(20.0, 80.0, 100_000)
-    read = Divider().read(10.0 * np.exp(RATE * (celsius - 20.0)))
-    off = 20.0 + np.log(read / 10.0) / RATE - celsius
-    step = 0.034
-    assert abs(off.mean()) < 5.0 * step / np.sqrt(12 * celsius.size)
-    assert off.std() < step / np.sqrt(12.0)
-    assert np.abs(off).max() < 0.51 * step
-
-
 def test_a_broken_gel_is_at_the_ends_of_the_converter() -> None:
     np.testing.assert_array_equal(Divider().read(np.array([-1.0, 0.0, 1e9])), [0.0, 0.0, np.inf])
 
@@ -190,12 +115,6 @@ def test_a_field_beyond_the_chip_is_flagged_by_the_host() -> None:
 
 
 # -- the whole unit --------------------------------------------------------------------------------
-
-
-def test_without_electronics_nothing_is_measured() -> None:
-    unit = UnitSimulator(PALM, seed=9)
-    values = np.random.default_rng(0).uniform(-10.0, 5000.0, (len(CHANNELS), PALM.n))
-    np.testing.assert_array_equal(unit.measure(values.copy()), values)
 
 
 def test_each_part_changes_its_own_channels_only() -> None:

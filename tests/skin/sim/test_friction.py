@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,33 +9,20 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from skin.errors import SkinError
-from skin.sim.mechanics import friction as rubbing
-from skin.sim.mechanics.body import Body, Pose, moved, penetration
-from skin.sim.mechanics.contact import Mechanics, MechanicsTruth
-from skin.sim.mechanics.foundation import Foundation
-from skin.sim.mechanics.friction import Friction, Slip
+from skin.sim.mechanics.body import Body, Pose
+from skin.sim.mechanics.contact import Mechanics, MechanicsTruth, Slip
 from skin.sim.truth import wrench_map
-from tests.naive.mechanics import rolled, turned
+from tests.naive.mechanics import moved, rolled, turned
 from topology import load
 
 DOWN = np.array([0.0, 0.0, -1.0])
 SEEDS = st.integers(0, 2**32 - 1)
 RADIUS_M = 0.1
-KINDS = pytest.mark.parametrize("kind", ["winkler", "half_space"])
 
 
-@cache
-def foundation(kind: str, name: str) -> Foundation:
-    carrier = getattr(Foundation, kind)(load(name))
-    carrier.tolerance = 1e-9
-    return carrier
-
-
-def ball(kind: str = "winkler", name: str = "palm", **options: object) -> Mechanics:
+def ball(name: str = "palm", **options: object) -> Mechanics:
     """A sphere on one of the skins."""
-    return Mechanics(
-        load(name), Body.sphere(RADIUS_M), foundation=foundation(kind, name), **options
-    )
+    return Mechanics(load(name), Body.sphere(RADIUS_M), **options)
 
 
 def over(x: float, y: float, depth_m: float) -> Pose:
@@ -57,15 +42,6 @@ def dissipated_j(truth: MechanicsTruth) -> float:
 
 
 # -- coefficients ----------------------------------------------------------------------------------
-
-
-def test_coefficients_may_differ_and_change() -> None:
-    friction = Friction(3, lambda time_s: np.array([0.5, 0.6, 0.7]) - 0.1 * time_s, kinetic=0.2)
-    static, kinetic = friction.at(1.0)
-    np.testing.assert_allclose(static, [0.4, 0.5, 0.6])
-    np.testing.assert_array_equal(kinetic, 0.2)
-    same, also = Friction(2, 0.3).at(5.0)
-    np.testing.assert_array_equal(same, also)
 
 
 # -- how far slip has gone -------------------------------------------------------------------------
@@ -113,13 +89,12 @@ def random_drive(mechanics: Mechanics, seed: int, steps: int, name: str = "palm"
         yield mechanics.step(0.004 * k, pose)
 
 
-@KINDS
 @settings(max_examples=10)
 @given(seed=SEEDS, name=st.sampled_from(("palm", "fingertip")), slower=st.floats(0.5, 1.0))
 def test_coulomb_is_never_exceeded_and_no_work_is_gained(
-    kind: str, seed: int, name: str, slower: float
+    seed: int, name: str, slower: float
 ) -> None:
-    mechanics = ball(kind, name, friction=Friction(load(name).n, 0.3, 0.3 * slower))
+    mechanics = ball(name, static=0.3, kinetic=0.3 * slower)
     loads = 0.0
     for truth in random_drive(mechanics, seed, 30, name):
         assert np.all(np.hypot(*truth.force[:2]) <= 0.3 * truth.load * (1.0 + 1e-9))
@@ -132,15 +107,13 @@ def test_coulomb_is_never_exceeded_and_no_work_is_gained(
     assert loads > 0.0
 
 
-def drag_plate(kind: str, way: np.ndarray, friction: Friction) -> tuple[np.ndarray, np.ndarray]:
+def drag_plate(way: np.ndarray, static: float) -> tuple[np.ndarray, np.ndarray]:
     """Tangential work of a plate that is dragged along, and what friction takes, joule by step.
 
     Its depth stays the same, so that no other work is done. Forces are those at the end of a step,
     as in `dissipated_j`.
     """
-    plate = Mechanics(
-        load("palm"), Body.plate(0.3, 0.3), foundation=foundation(kind, "palm"), friction=friction
-    )
+    plate = Mechanics(load("palm"), Body.plate(0.3, 0.3), static=static)
     done, lost, before = [], [], way[0]
     for step, at in enumerate(way):
         truth = plate.step(float(step), (np.eye(3), np.array([*at, -0.0008])))
@@ -150,41 +123,25 @@ def drag_plate(kind: str, way: np.ndarray, friction: Friction) -> tuple[np.ndarr
     return np.array(done), np.array(lost)
 
 
-@KINDS
-@settings(max_examples=10)
-@given(seed=SEEDS, slower=st.floats(0.3, 1.0))
-def test_friction_never_gives_back_what_it_took(kind: str, seed: int, slower: float) -> None:
-    """Up to any moment, all work done is in friction or in the springs, and those started empty."""
-    way = np.random.default_rng(seed).normal(0.0, 4e-4, (40, 2)).cumsum(axis=0)
-    done, lost = drag_plate(kind, way, Friction(64, 0.3, 0.3 * slower))
-    assert np.all(lost >= -1e-12)
-    assert np.all(np.cumsum(done - lost) >= -1e-9)
-    assert lost.sum() > 0.0
-
-
 @pytest.mark.long_but_first
-@KINDS
-def test_a_way_around_and_around_leaves_all_its_work_in_friction(kind: str) -> None:
+def test_a_way_around_and_around_leaves_all_its_work_in_friction() -> None:
     angle = np.linspace(0.0, 6.0 * np.pi, 601)
     way = 2e-3 * np.stack([np.cos(angle) - 1.0, np.sin(angle)], axis=1)
-    done, lost = drag_plate(kind, way, Friction(64, 0.3))
+    done, lost = drag_plate(way, 0.3)
     last = slice(401, None)
     assert lost[last].sum() > 1e-3
     assert done[last].sum() == pytest.approx(lost[last].sum(), rel=0.02)
 
 
-@KINDS
 @settings(max_examples=8)
 @given(force=st.floats(0.1, 60.0), x=st.floats(-0.03, 0.03), name=st.sampled_from(("palm",)))
-def test_unit_loads_add_up_to_the_load_of_the_body(
-    kind: str, force: float, x: float, name: str
-) -> None:
-    mechanics = ball(kind, name)
+def test_unit_loads_add_up_to_the_load_of_the_body(force: float, x: float, name: str) -> None:
+    mechanics = ball(name)
     truth = mechanics.push(0.0, over(x, 0.002, -0.05), force, DOWN)
     assert truth.load.sum() == pytest.approx(force, rel=1e-6, abs=1e-8)
     assert -wrench(truth)[2] == pytest.approx(force, rel=1e-6, abs=1e-8)
     height = truth.pose[1][2]
-    again = ball(kind, name).step(0.0, truth.pose)
+    again = ball(name).step(0.0, truth.pose)
     np.testing.assert_allclose(again.load, truth.load, rtol=1e-5, atol=1e-6)
     more = mechanics.push(0.1, over(x, 0.002, -0.05), 1.1 * force, DOWN)
     assert more.pose[1][2] < height
@@ -197,10 +154,9 @@ def test_a_load_is_found_on_curved_skins(name: str) -> None:
     for near in range(0, skin.n, 7):
         into = skin.rotation[:, 2, near]
         pose = np.eye(3), skin.position[:, near] - (RADIUS_M + 0.01) * into
-        for kind in ("winkler", "half_space"):
-            truth = ball(kind, name).push(0.0, pose, 3.0, into)
-            along = into @ np.einsum("in,n->i", skin.rotation[:, 2], truth.load)
-            assert along == pytest.approx(3.0, rel=1e-6)
+        truth = ball(name).push(0.0, pose, 3.0, into)
+        along = into @ np.einsum("in,n->i", skin.rotation[:, 2], truth.load)
+        assert along == pytest.approx(3.0, rel=1e-6)
 
 
 def test_a_load_of_nothing_lifts_the_body() -> None:
@@ -220,12 +176,11 @@ def test_a_load_that_is_not_to_be_had_is_refused() -> None:
 # -- stick and slip --------------------------------------------------------------------------------
 
 
-@KINDS
-def test_the_rim_slips_first(kind: str) -> None:
+def test_the_rim_slips_first() -> None:
     """A sphere dragged off: light units before heavy ones, then all; standing still, none."""
     mechanics = Mechanics(
-        load("palm"), Body.sphere(0.4), foundation=foundation(kind, "palm"),
-        friction=Friction(64, 0.5),
+        load("palm"), Body.sphere(0.4),
+        static=0.5,
     )  # fmt: skip
     shares, first_slip = [], np.full(64, np.inf)
     for k in range(200):
@@ -248,7 +203,7 @@ def test_the_rim_slips_first(kind: str) -> None:
 
 def test_gross_slip_bears_the_friction_of_motion_and_rest_that_of_rest() -> None:
     """A plate at rest is held by more than one in motion, and again so after a rest."""
-    mechanics = Mechanics(load("palm"), Body.plate(0.3, 0.3), friction=Friction(64, 0.5, 0.3))
+    mechanics = Mechanics(load("palm"), Body.plate(0.3, 0.3), static=0.5, kinetic=0.3)
     at, ratios = 0.0, []
     for k in range(300):
         at += 0.0 if 150 <= k < 160 else 1e-5
@@ -263,8 +218,9 @@ def test_gross_slip_bears_the_friction_of_motion_and_rest_that_of_rest() -> None
 
 def test_friction_that_fades_lets_a_held_body_slip() -> None:
     """Nothing moves but the coefficient: the force follows it down."""
-    fading = Friction(64, lambda time_s: 0.5 - 0.1 * time_s)
-    mechanics = Mechanics(load("palm"), Body.plate(0.3, 0.3), friction=fading)
+    mechanics = Mechanics(
+        load("palm"), Body.plate(0.3, 0.3), static=lambda time_s: np.full(64, 0.5 - 0.1 * time_s)
+    )
     down = np.array([0.0, 0.0, -0.0005])
     mechanics.step(0.0, (np.eye(3), down))
     pose = np.eye(3), down + np.array([4e-4, 0.0, 0.0])
@@ -281,7 +237,7 @@ def test_asking_rarely_or_often_is_nearly_the_same() -> None:
     """Faces that come into touch within a step are dragged for the rest of it only."""
 
     def end(steps: int) -> np.ndarray:
-        mechanics = ball(friction=Friction(64, 5.0))
+        mechanics = ball(static=5.0)
         for s in np.linspace(0.0, 1.0, steps + 1):
             truth = mechanics.step(s, over(0.002 * s, 0.001 * s, -0.001 + 0.0025 * s))
         return truth.force.copy()
@@ -294,10 +250,9 @@ def test_asking_rarely_or_often_is_nearly_the_same() -> None:
 # -- torsion, rolling, soft bodies -----------------------------------------------------------------
 
 
-@KINDS
-def test_torsion_turns_faces_around_the_contact(kind: str) -> None:
+def test_torsion_turns_faces_around_the_contact() -> None:
     """A moment against the turn, no net force; gross slip at the sum of µ f r."""
-    mechanics = ball(kind, friction=Friction(64, 0.4))
+    mechanics = ball(static=0.4)
     pose = over(0.0, 0.0, 0.0015)
     mechanics.step(0.0, pose)
     moments = []
@@ -313,10 +268,9 @@ def test_torsion_turns_faces_around_the_contact(kind: str) -> None:
     assert truth.slip_share > 0.95
 
 
-@KINDS
-def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does(kind: str) -> None:
+def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does() -> None:
     def drags(rolls: bool) -> float:
-        mechanics = ball(kind, friction=Friction(64, 0.5))
+        mechanics = ball(static=0.5)
         pose, shift, most = over(-0.01, 0.003, 0.001), np.array([1e-4, 0.0, 0.0]), 0.0
         for k in range(200):
             truth = mechanics.step(0.004 * k, pose)
@@ -346,75 +300,4 @@ def test_a_soft_body_spreads_its_load() -> None:
 # -- several bodies --------------------------------------------------------------------------------
 
 
-def test_two_bodies_on_one_half_space_bear_what_both_together_would() -> None:
-    """Each in its turn feels the other's last forces; at rest that is the one solution there is."""
-    carrier = foundation("half_space", "palm")
-    poses = [over(x, 0.0, 0.0016) for x in (-0.024, 0.02)]
-    bodies = [ball("half_space") for _ in poses]
-    for k in range(12):
-        for body, other, pose in zip(bodies, reversed(bodies), poses, strict=True):
-            body.share(other.truth.force)
-            body.step(0.1 * k, pose)
-    palm = load("palm")
-    depth_mm = np.max(
-        [penetration(bodies[0].body, pose, palm.position, palm.rotation) for pose in poses],
-        axis=0,
-    )
-    together, own_mm = np.zeros(64), np.zeros(64)
-    carrier.press(depth_mm, together, own_mm)
-    found = bodies[0].truth.load + bodies[1].truth.load
-    np.testing.assert_allclose(found, together, atol=1e-6 * together.max())
-    first = ball("half_space").step(0.0, poses[0]).load
-    assert first.sum() > 1.02 * bodies[0].truth.load.sum()
-    assert not (bodies[0].truth.load * bodies[1].truth.load).any()
-
-
-def test_what_another_body_drags_along_drags_no_face_that_sticks() -> None:
-    """Under a resting body the surface moves with the other's drag, and its faces hold on to it."""
-    still, moving = ball("half_space"), ball("half_space")
-    poses = over(-0.024, 0.0, 0.0015), over(0.02, 0.0, 0.0015)
-    for k in range(6):
-        for body, other, pose in ((still, moving, poses[0]), (moving, still, poses[1])):
-            body.share(other.truth.force)
-            body.step(0.01 * k, pose)
-    for k in range(6, 20):
-        moving.share(still.truth.force)
-        moving.step(0.01 * k, (np.eye(3), poses[1][1] + np.array([5e-6 * (k - 5), 0.0, 0.0])))
-        still.share(moving.truth.force)
-        still.step(0.01 * k, poses[0])
-    held, pulled = still.truth.force[0], moving.truth.force[0]
-    assert pulled.sum() > 0.05
-    # what holds still is pulled back by what the surface would go along
-    assert -0.2 * pulled.sum() < held.sum() < -0.001 * pulled.sum()
-    carried_mm = foundation("half_space", "palm").spread(moving.truth.force)[0]
-    own_mm = (
-        still.truth.displacement_mm[0]
-        + foundation("half_space", "palm").spread(still.truth.force)[0]
-    )
-    touched = still.truth.contact & ~still.truth.slipping
-    np.testing.assert_allclose(own_mm[touched], -carried_mm[touched], rtol=1e-3)
-
-
-def test_bodies_on_a_winkler_foundation_do_not_feel_each_other() -> None:
-    first, second = ball(), ball()
-    before = first.step(0.0, over(0.0, 0.0, 0.0015)).load.copy()
-    second.step(0.0, over(0.03, 0.0, 0.0015))
-    first.share(second.truth.force)
-    np.testing.assert_array_equal(first.step(0.1, over(0.0, 0.0, 0.0015)).load, before)
-
-
 # -- the code --------------------------------------------------------------------------------------
-
-
-def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    def dragged() -> list[float]:
-        found, body = [], ball(friction=Friction(64, 0.4, 0.3))
-        for k in range(12):
-            truth = body.step(0.1 * k, over(4e-4 * k, 1e-4 * k, 0.0015 if k < 11 else -0.001))
-            found.append(truth.slip_share)
-        return found
-
-    compiled = dragged()
-    monkeypatch.setattr(rubbing, "_share", rubbing._share_python)
-    with np.errstate(invalid="ignore"):  # no load, no share
-        np.testing.assert_allclose(dragged(), compiled, rtol=1e-9, atol=1e-12)

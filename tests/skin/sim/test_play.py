@@ -17,7 +17,6 @@ from msgspec.structs import replace
 import skin as skin_package
 from bus.faults import FaultScript
 from bus.faults.script import Drop
-from bus.frame import FrameBatch
 from bus.memory import MemoryTransport
 from bus.open import open_transport
 from skin import Decoder
@@ -30,12 +29,11 @@ from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.motion import Track, frame_of
-from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
+from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene
 from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import (
     BodyTable,
     Electronics,
-    HalfSpace,
     Key,
     LoadKey,
     LoadTable,
@@ -157,36 +155,6 @@ def test_a_unit_under_two_bodies_bears_the_harder_one_alone() -> None:
     assert met > 10
 
 
-def test_rolling_does_not_drag_as_sliding_does() -> None:
-    """The same way of the same cylinder: what rolls takes no face along but by its slope."""
-    rolling = load_scene("roll", skin())
-    keys = tuple(replace(key, rpy_deg=None) for key in rolling.bodies[0].keys)
-    sliding = replace(rolling, bodies=(replace(rolling.bodies[0], keys=keys),))
-    most = []
-    for script in (rolling, sliding):
-        scene = ScriptedScene(skin(), script, non_ideal=IDEAL)
-        drags = [abs(scene.at(float(t)).wrench[1]) for t in np.linspace(0.0, 4.0, 200)]
-        most.append(max(drags))
-    assert most[0] < 0.2 * most[1]
-
-
-def test_a_half_space_lets_neighbours_of_a_pressed_unit_share_less() -> None:
-    """The same sphere at the same depth: units that sink together bear less."""
-    script = load_scene("press", skin())
-    loads = []
-    for foundation in (script.foundation, HalfSpace()):
-        scene = ScriptedScene(skin(), replace(script, foundation=foundation), non_ideal=IDEAL)
-        loads.append(float(scene.at(2.0).force[2].sum()))
-    assert 0.0 < loads[1] < 0.95 * loads[0]
-
-
-def test_time_does_not_run_backwards() -> None:
-    scene = scene_of("press")
-    scene.at(1.0)
-    with pytest.raises(SkinError, match=r"time_s: must not be before 1, the last one; got 0\.5"):
-        scene.at(0.5)
-
-
 def test_a_body_that_goes_too_deep_between_its_keys_is_named_with_the_time() -> None:
     keys = (
         Key(t_s=0.0, xyz_m=(0.0, 0.0, 0.003), rpy_deg=(0.0, 0.0, 0.0)),
@@ -218,18 +186,6 @@ def test_what_goes_wrong_between_keys_is_told_with_file_and_line(
 
 
 # -- frames, tracks, weights -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["palm", "hand", "fingertip", "strip"])
-def test_a_frame_looks_out_of_the_skin_from_its_outermost_face(name: str) -> None:
-    topology = skin(name)
-    for on in (*topology.patch_names, topology.unit_names[-1]):
-        rotation, origin = frame_of(topology, on)
-        assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)
-        assert np.linalg.det(rotation) == pytest.approx(1.0)
-        units = loaded_units((on,), topology)
-        heights = rotation[:, 2] @ (topology.position[:, units] - origin[:, np.newaxis])
-        assert heights.max() == pytest.approx(0.0, abs=1e-12)
 
 
 @given(
@@ -273,12 +229,6 @@ def test_each_non_ideality_alone_changes_the_counts(name: str) -> None:
         scene = scene_of("tool" if name == "tools" else "slide", non_ideal)
         counts.append(np.stack([scene.units.counts(scene.at(t)) for t in np.arange(0.5, 4.0, 0.1)]))
     assert (counts[0] != counts[1]).any()
-
-
-def test_forces_do_not_depend_on_what_the_elastomer_or_the_magnets_do() -> None:
-    plain, full = scene_of("slide"), scene_of("slide", NonIdeal.everything())
-    for time_s in np.linspace(0.0, 4.0, 50):
-        assert (plain.at(float(time_s)).force == full.at(float(time_s)).force).all()
 
 
 def test_seeds_repeat_and_differ() -> None:
@@ -393,19 +343,6 @@ def test_fig4a_is_decoded_within_the_noise_where_nothing_else_is_wrong() -> None
     assert errors[:, 2].mean() < 0.03
 
 
-def test_fig5_shakes_once_a_second_and_fig6_hands_over_by_pulling() -> None:
-    shaking = scene_of("fig5").bodies[0].motion
-    drags = np.array([shaking.drag_n(t)[0] for t in np.arange(230.0, 240.0, 0.01)])
-    rising = np.flatnonzero((drags[:-1] < drags.mean()) & (drags[1:] >= drags.mean()))
-    assert np.diff(rising) == pytest.approx(100, abs=1)
-    temperatures = [shaking.temperature_c(float(t)) for t in range(901)]
-    assert max(temperatures) < 90.0
-    cup = scene_of("fig6").bodies[0].motion
-    assert cup.press_n(130.0) == pytest.approx(7.7)
-    assert cup.press_n(138.0) == pytest.approx(12.5)
-    assert cup.drag_n(130.0)[1] < 0.0 < cup.drag_n(138.0)[1]
-
-
 # -- truth files, frames, the command --------------------------------------------------------------
 
 
@@ -453,31 +390,6 @@ def test_faults_of_a_scene_are_done_to_its_frames() -> None:
     lost = injected[0]["drop"]
     assert rest.frames == whole.frames - lost
     assert 0.4 < lost / whole.frames < 0.6
-
-
-@pytest.mark.parametrize("name", ["slide", "tool"])
-def test_many_instants_at_once_are_the_same_as_one_after_the_other(name: str) -> None:
-    """Counts with every non-ideality, and the truths, of cycles that `play` samples together."""
-    script = replace(load_scene(name, skin()), seed=3)
-    one, many = (
-        SimulatedUnits(
-            skin(), ScriptedScene(skin(), script, non_ideal=NonIdeal.everything()), history=None
-        )
-        for _ in range(2)
-    )
-    batch, cycle, singly = FrameBatch(64), 0, []
-    while cycle < 50:
-        cycle += many.foresee(cycle, 50 - cycle)
-        for late in range(len(singly), cycle):
-            for nodes in (one, many):
-                batch.clear()
-                nodes.tick(late, batch)
-                singly.append(batch.frames.copy()) if nodes is one else None
-            assert (batch.frames == singly[-1]).all()
-    assert many.served.cycles == one.served.cycles == 50
-    for (_, a), (_, b) in zip(one.history, many.history, strict=True):
-        assert (a.force == b.force).all()
-        assert (a.depth_mm == b.depth_mm).all()
 
 
 @pytest.mark.parametrize("interface", ["memory", "virtual"])

@@ -13,7 +13,6 @@ from scipy.spatial import ConvexHull
 
 from skin.errors import SkinError
 from skin.physics.elastic import Elastic
-from skin.sim.mechanics.body import Body, penetration
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.motion import frame_of
 from skin.sim.scenes.play import ScriptedScene
@@ -54,32 +53,6 @@ def stacked(truths: tuple[Truth, ...], name: str) -> np.ndarray:
 # -- the sphere ------------------------------------------------------------------------------------
 
 
-@given(
-    radius=st.floats(5.0, 100.0),
-    depth=st.floats(0.01, 3.0),
-    aside=st.floats(0.0, 20.0),
-    angle=st.floats(-np.pi, np.pi),
-)
-def test_sphere_reaches_as_deep_as_its_cap(
-    radius: float, depth: float, aside: float, angle: float
-) -> None:
-    """On a plane the cap is radius - sqrt(radius² - aside²) less deep, `aside` from the middle."""
-    position = np.array([[aside * np.cos(angle)], [aside * np.sin(angle)], [0.0]])
-    into = np.diag([1.0, -1.0, -1.0])[..., np.newaxis]
-    pose = np.eye(3), np.array([0.0, 0.0, 1e-3 * (radius - depth)])
-    found = penetration(Body.sphere(1e-3 * radius), pose, 1e-3 * position, into)
-    cap = depth - (radius - np.sqrt(radius**2 - aside**2)) if aside < radius else -1.0
-    assert max(found[0], 0.0) == pytest.approx(max(cap, 0.0), abs=1e-9)
-
-
-def test_a_unit_that_faces_away_is_not_reached_through_its_back() -> None:
-    position, into = np.array([[0.0], [0.0], [-0.020]]), np.eye(3)[..., np.newaxis]
-    depth = penetration(
-        Body.sphere(0.010), (np.eye(3), np.array([0.0, 0.0, 0.009])), position, into
-    )
-    assert depth[0] <= 0.0
-
-
 # -- contact ---------------------------------------------------------------------------------------
 
 
@@ -92,25 +65,6 @@ def test_each_unit_carries_what_its_depth_costs(name: str) -> None:
     soft, stiff = 1.5 * np.minimum(depth, 0.6), 4.5 * np.maximum(depth - 0.6, 0.0)
     np.testing.assert_allclose(fz, soft + stiff, atol=1e-9)
     assert np.all((depth > 0.0) == contact)
-
-
-@pytest.mark.parametrize("name", SKINS)
-def test_wrench_is_the_sum_of_its_parts(name: str) -> None:
-    topology = skin(name)
-    for truth in history(name)[::25]:
-        force, moment = np.zeros(3), np.zeros(3)
-        for i in range(topology.n):
-            f = topology.rotation[:, :, i] @ truth.force[:, i]
-            force += f
-            moment += np.cross(topology.position[:, i], f)
-        np.testing.assert_allclose(truth.wrench, [*force, *moment], atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["palm", "strip"])
-def test_on_a_plane_the_unit_loads_add_up_to_the_load_of_the_sphere(name: str) -> None:
-    outward = -skin(name).rotation[:, 2, 0]
-    for truth in history(name):
-        assert -outward @ truth.wrench[:3] == pytest.approx(truth.force[2].sum(), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", SKINS)
@@ -129,24 +83,6 @@ def test_centroid_is_within_the_hull_of_the_units(name: str) -> None:
         if np.linalg.matrix_rank(flat - flat[0], tol=1e-6) == 2:
             hull = ConvexHull(flat).equations
             assert np.all(hull[:, :2] @ truth.centroid[:2] + hull[:, 2] <= 1e-9)
-
-
-def test_a_symmetric_press_gives_symmetric_loads() -> None:
-    topology, unit = skin("palm"), skin("palm").unit_index("palm/r3c4")
-    keys = load_scene("demo", topology).bodies[0].keys
-    middle = tuple(replace(key, xyz_m=(0.0, 0.0, key.xyz_m[2])) for key in keys)
-    truth = demo("palm", on="palm/r3c4", keys=middle).at(2.0)
-    x, y = topology.position[:2] - topology.position[:2, unit, np.newaxis]
-    place = {(round(1e6 * a), round(1e6 * b)): i for i, (a, b) in enumerate(zip(x, y, strict=True))}
-    pressed = 0
-    for (a, b), i in place.items():
-        for other in ((-a, b), (a, -b), (b, a)):
-            if other in place:
-                assert truth.force[2, i] == pytest.approx(truth.force[2, place[other]], abs=1e-6)
-        pressed += truth.force[2, i] > 0.0
-    assert pressed == 9
-    np.testing.assert_allclose(truth.centroid, topology.position[:, unit], atol=1e-9)
-    np.testing.assert_allclose(truth.force[:2], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", SKINS)
@@ -248,14 +184,6 @@ def test_layers_follow_the_contact_one_after_the_other() -> None:
 
 
 # -- time ------------------------------------------------------------------------------------------
-
-
-def test_the_same_times_give_the_same_truth() -> None:
-    first, second = demo("hand"), demo("hand")
-    for k in range(300):
-        a, b = first.at(k / 50.0), second.at(k / 50.0)
-        np.testing.assert_array_equal(a.force, b.force)
-        np.testing.assert_array_equal(a.temperature, b.temperature)
 
 
 def test_asking_rarely_or_often_is_nearly_the_same() -> None:

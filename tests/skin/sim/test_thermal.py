@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skin.errors import OptionError
-from skin.sim import thermal as room
 from skin.sim.thermal import (
     CONTACT_LAG_S,
     ELASTOMER_LAG_S,
@@ -124,15 +123,3 @@ def test_only_what_is_touched_warms_and_it_cools_in_the_room() -> None:
     chain.step(FREE_LAG_S, np.zeros(10, bool), 80.0, 20.0)
     assert chain.temperature[0, 2] - 20.0 == pytest.approx(warm * np.exp(-1.0))
     assert len(LAYERS) == len(chain.temperature)
-
-
-def test_a_step_of_no_time_changes_nothing() -> None:
-    chain = ThermalChain(strip(), ambient=20.0)
-    np.testing.assert_array_equal(touch(chain, 0.0), 20.0)
-
-
-def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled, plain = (ThermalChain(strip(), ambient=24.0) for _ in range(2))
-    found = touch(compiled, 3.0, 5)
-    monkeypatch.setattr(room, "_step", room._step_python)
-    np.testing.assert_allclose(touch(plain, 3.0, 5), found, rtol=1e-12)

@@ -12,8 +12,8 @@ from scipy import constants
 
 from skin.errors import CalibrationError
 from skin.physics.elastic import Elastic
-from skin.sim.electronics.capacitor import PERMITTIVITY, Timer, picofarad
-from skin.sim.field import SineField, lever, lever_python
+from skin.sim.board import PERMITTIVITY, Timer, picofarad
+from skin.sim.field import SineField
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, MODELS, THETA_KNOTS, Topology, load
@@ -70,43 +70,6 @@ def test_frequency_stays_positive_when_the_discs_meet() -> None:
 # -- material --------------------------------------------------------------------------------------
 
 
-def test_normal_law_meets_the_figures_of_the_paper() -> None:
-    normal = Elastic(PALM).normal
-    for depth, force in [(0.0, 0.0), (0.6, 0.9), (2.0, 7.2), (2.24, 8.28), (3.178, 12.5)]:
-        np.testing.assert_allclose(normal(np.full(64, depth)), force, atol=2e-3)
-
-
-def test_tangential_law_meets_the_figures_of_the_paper() -> None:
-    tangential = Elastic(PALM).tangential
-    for displacement, force in [(0.0, 0.0), (1.0, 0.5), (2.0, 1.0), (2.348, 2.0), (2.5, 2.4375)]:
-        found = tangential(np.full(64, displacement), np.full(64, 2.0))
-        np.testing.assert_allclose(found, force, atol=1e-3)
-
-
-@given(
-    force=st.floats(0.0, 15.0),
-    tangential=st.floats(0.0, 4.0),
-    gain=st.floats(-0.1, 0.3),
-)
-def test_inverse_laws_are_exact(force: float, tangential: float, gain: float) -> None:
-    elastic = Elastic(with_parameters(PALM, shear_gain_per_mm=gain))
-    depth = elastic.depth(np.full(64, force))
-    np.testing.assert_allclose(elastic.normal(depth), force, rtol=1e-12, atol=1e-15)
-    displacement = elastic.displacement(np.full(64, tangential), depth)
-    np.testing.assert_allclose(
-        elastic.tangential(displacement, depth), tangential, rtol=1e-12, atol=1e-15
-    )
-
-
-@given(a=st.floats(0.0, 3.5), b=st.floats(0.0, 3.5))
-def test_laws_are_monotone(a: float, b: float) -> None:
-    low, high = np.full(64, min(a, b)), np.full(64, max(a, b))
-    elastic, timer = Elastic(PALM), Timer(PALM)
-    assert np.all(elastic.normal(low) <= elastic.normal(high))
-    assert np.all(elastic.tangential(low, low) <= elastic.tangential(high, low))
-    assert np.all(timer.frequency(low) >= timer.frequency(high))
-
-
 # -- field -----------------------------------------------------------------------------------------
 
 
@@ -146,14 +109,6 @@ def test_without_a_table_of_angles_bz_is_a_cosine() -> None:
     moved[1] = np.linspace(0.0, 2.5, 64)
     bz = SineField(bare)(moved, np.full(64, 2.0), np.full(64, 25.0))[2]
     np.testing.assert_allclose(bz, 1.65 * 11073.0 * np.cos(np.pi / 5 * moved[1]), atol=1e-7)
-
-
-def test_the_angle_of_the_field_is_the_same_compiled_or_not() -> None:
-    moved, depth = np.linspace(0.0, 3.4, 64)[None], np.linspace(-1.0, 4.0, 64)[None]
-    told = PALM.parameters["field_angle_mm"], np.full(64, 3.3)
-    np.testing.assert_allclose(
-        lever(moved, depth, *told), lever_python(moved, depth, *told), rtol=1e-12
-    )
 
 
 def test_warm_film_is_weaker() -> None:

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from skin.sim.mechanics import viscoelastic as room
 from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -26,10 +25,8 @@ def force_of(law: Prony | Hysteresis, elastic: np.ndarray, dt_s: float = 0.0) ->
         law._adapt(dt_s)
         law.terms[...] = law._kept * law.terms + law._gained * change
         return elastic + law.terms.sum(axis=0)
-    column = (-1,) + (1,) * elastic.ndim
-    low, high = law._low.reshape(column), law._high.reshape(column)
-    law.stops[...] = np.clip(law.stops + change, low, high)
-    return elastic + np.tensordot(law._weights, law.stops, axes=1)
+    law.stops[...] = np.clip(law.stops + change, law._low, law._high)
+    return elastic + (law._weights * law.stops).sum(axis=0)
 
 
 # -- Prony -----------------------------------------------------------------------------------------
@@ -86,35 +83,12 @@ def test_the_force_of_the_displacement_under_a_force_is_that_force(seed: int) ->
     np.testing.assert_allclose(there.terms, back.terms, atol=1e-12)
 
 
-@given(seed=SEEDS)
-def test_relaxation_never_gives_work_back(seed: int) -> None:
-    """Around any closed way, from rest to rest: the loop of force over elastic force is not
-    negative."""
-    way = np.random.default_rng(seed).normal(size=40).cumsum()
-    way = np.concatenate([[0.0], way, [0.0]])
-    prony, before, work = Prony((1,), [0.4, 0.2], [0.05, 0.5]), np.zeros(2), 0.0
-    for x in way:
-        # finer than the fastest term, so that the corners of the force are seen
-        for part in np.linspace(before[0], x, 20):
-            force = force_of(prony, np.array([part]), 0.005)[0]
-            work += 0.5 * (force + before[1]) * (part - before[0])
-            before = np.array([part, force])
-    assert work >= -1e-9
-
-
 def test_a_constant_load_creeps_to_the_elastic_displacement() -> None:
     prony, load = Prony((1,)), np.array([2.0])
     found = np.array([prony.elastic(load, 0.004 if k else 0.0)[0] for k in range(25000)])
     assert found[0] == pytest.approx(2.0 / 1.18)
     assert np.all(np.diff(found) >= 0.0)
     assert found[-1] == pytest.approx(2.0, rel=1e-3)
-
-
-@pytest.mark.parametrize("prony", [Prony((2,), (), ()), Prony((2,), (0.0,), (1.0,))])
-def test_without_weight_there_is_no_relaxation(prony: Prony) -> None:
-    for load in np.random.default_rng(0).normal(size=(10, 2)):
-        np.testing.assert_array_equal(force_of(prony, load, 0.1), load)
-        np.testing.assert_array_equal(prony.elastic(load, 0.1), load)
 
 
 # -- hysteresis ------------------------------------------------------------------------------------
@@ -148,23 +122,6 @@ def test_pressing_leaves_no_force_behind(way: np.ndarray) -> None:
 
 
 @given(way=BOTH_WAYS, one_sided=st.booleans())
-def test_loops_never_give_work_back(way: np.ndarray, one_sided: bool) -> None:
-    """Around any way twice: the second round ends where it began, and its loop is not negative."""
-    way = np.abs(way) if one_sided else way
-    loop = Hysteresis((2,), width_n=0.5, span_n=7.2, one_sided=one_sided)
-    fine = np.concatenate(
-        [np.linspace(a, b, 15) for a, b in zip(way, np.roll(way, -1, 0), strict=True)]
-    )
-    work, before = np.zeros(2), None
-    for k, x in enumerate(np.concatenate([fine, fine])):
-        force = force_of(loop, x)
-        if before is not None and k >= len(fine):
-            work += 0.5 * (force + before[1]) * (x - before[0])
-        before = x, force
-    assert np.all(work >= -0.02)
-
-
-@given(way=BOTH_WAYS, one_sided=st.booleans())
 def test_the_force_of_the_elastic_force_under_a_force_is_that_force(
     way: np.ndarray, one_sided: bool
 ) -> None:
@@ -172,29 +129,6 @@ def test_the_force_of_the_elastic_force_under_a_force_is_that_force(
     for load in way:
         np.testing.assert_allclose(force_of(back, there.elastic(load)), load, atol=1e-9)
     np.testing.assert_allclose(there.stops, back.stops, atol=1e-9)
-
-
-@given(way=WAYS)
-def test_without_width_there_is_no_loop(way: np.ndarray) -> None:
-    loop = Hysteresis((2,), width_n=0.0, span_n=7.2)
-    for at in way:
-        np.testing.assert_array_equal(force_of(loop, at), at)
-        np.testing.assert_allclose(loop.elastic(at), at, atol=1e-12)
-
-
-@given(way=BOTH_WAYS)
-def test_compiled_and_plain_python_agree(way: np.ndarray) -> None:
-    compiled, plain = (Hysteresis((2,), width_n=0.8, span_n=7.2) for _ in range(2))
-    creeping, plainly = (Prony((2,)) for _ in range(2))
-    for load in way:
-        found = compiled.lagging(load), creeping.elastic(load, 0.02)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(room, "_yield", room._yield_python)
-            patch.setattr(room, "_creep", room._creep_python)
-            patch.setattr(room, "_load", room._load_python)
-            again = plain.lagging(load), plainly.elastic(load, 0.02)
-        np.testing.assert_allclose(found, again, atol=1e-12)
-        np.testing.assert_allclose(creeping.terms, plainly.terms, atol=1e-12)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -206,14 +140,3 @@ def test_a_law_of_first_loading_holds_until_the_first_unloading(way: float) -> N
     back = [float(loop.lagging(np.array([f]))[0]) - f for f in way * np.linspace(7.2, 0.0, 60)]
     assert (way * np.array(back) > -1e-12).all()
     assert max(np.abs(back)) == pytest.approx(0.36, rel=0.15)
-
-
-@given(way=WAYS)
-def test_loops_and_lags_are_one_displacement_seen_twice(way: np.ndarray) -> None:
-    """`lagging` rises with `elastic`, whatever came before: both tell the same displacement."""
-    loops, again = (Hysteresis((2,), width_n=0.8, span_n=7.2) for _ in range(2))
-    pairs = np.array([[loops.elastic(at), again.lagging(at)] for at in way])
-    elastic, lagging = np.swapaxes(pairs, 0, 1).reshape(2, -1)
-    order = np.argsort(elastic)
-    assert (np.diff(lagging[order]) >= -1e-12).all()
-    assert (lagging >= elastic - 1e-12).all()

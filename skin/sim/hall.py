@@ -2,40 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from skin.errors import CalibrationError
 from skin.physics.rest import inverse_map
 from topology import THETA_KNOTS, Topology
 
-__all__ = ["HallChip", "HallConverter"]
-
-
-@dataclass(frozen=True)
-class HallConverter:
-    """The converter of a Hall chip: its step and its range.
-
-    Attributes
-    ----------
-    lsb_ut : float
-        One step, µT; the default is a common chip's.
-    range_ut : float
-        Largest measurable field of either sign, µT.
-    """
-
-    lsb_ut: float = 98.0
-    range_ut: float = 130_000.0
-
-    def read(self, field_ut: np.ndarray) -> np.ndarray:
-        """The field in whole steps, shape as given.
-
-        Infinite beyond the range, so that the board sends the rail of the wire and a lower bound is
-        not taken for a reading.
-        """
-        steps = self.lsb_ut * np.rint(field_ut / self.lsb_ut)
-        return np.where(np.abs(field_ut) > self.range_ut, np.copysign(np.inf, field_ut), steps)
+__all__ = ["HallChip"]
 
 
 class HallChip:

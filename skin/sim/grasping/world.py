@@ -10,13 +10,11 @@ import numpy as np
 
 import skin.opening
 from skin.errors import OptionError, check_number, shown
-from skin.grasp.episode import Episode
-from skin.grasp.joints import Joints
-from skin.grasp.object import GraspObject
-from skin.grasp.scene import GraspScene
-from skin.grasp.setting import grasp_scene
-from skin.grasp.truth import GraspTruth
 from skin.live import Skin
+from skin.sim.grasping.episode import Episode
+from skin.sim.grasping.joints import Joints
+from skin.sim.grasping.object import GraspObject
+from skin.sim.grasping.scene import GraspScene, GraspTruth, grasp_scene
 from skin.state import State
 from topology import Topology
 
@@ -47,7 +45,7 @@ def grasp(
     topology : Topology, str or Path, optional
         With a link of the model for every patch.
     objects, episode, seed, noise, step_s, self_touch
-        See `skin.grasp.setting.grasp_scene`.
+        See `skin.sim.grasping.scene.grasp_scene`.
     pace : bool
         Real time; False runs at full speed.
     **options
@@ -73,12 +71,9 @@ def grasp(
     ...     world.truth.object_names, int((world.truth.touched_by == 0).sum())
     (('cube',), 32)
     """
-    if topology is None:
-        own, file = model, None
-    elif isinstance(model, Topology):
+    if topology is not None and isinstance(model, Topology):
         raise OptionError(f"model: must be an MJCF or URDF file; got {shown(model)}")
-    else:
-        own, file = topology, model
+    own, file = (model, None) if topology is None else (topology, model)
     scene = grasp_scene(
         own, objects, model=file, episode=episode, seed=seed, noise=noise, step_s=step_s,
         self_touch=self_touch,
@@ -102,9 +97,6 @@ class World:
         self.scene = scene
         self.joints = Joints(scene.plant)
         topology = scene.plant.topology
-        self._names = () if topology.robot is None else topology.robot.joint_names
-        self._names = tuple(name for name in self._names if name in self.joints)
-        scene.moved = None
         self.skin: Skin = skin.opening.open(topology, simulate=scene, pace=pace, **options)
         scene.moved = self._moved
         self._moved()
@@ -134,8 +126,8 @@ class World:
         OptionError
             No such object, or no three finite numbers.
         """
-        plant = self.scene.plant
-        names = [plant.model.body(i).name for i in range(1, plant.model.nbody)]
+        model = self.scene.plant.model
+        names = [model.body(i).name for i in range(1, model.nbody)]
         if name not in names:
             raise OptionError.unknown("push", name, names)
         for where, given in (("force_n", force_n), ("torque_nm", torque_nm)):
@@ -143,7 +135,7 @@ class World:
                 raise OptionError(f"push: {where}: must be three numbers; got {shown(given)}")
             for value in given:
                 check_number(f"push: {where}", value, -1e6, 1e6)
-        plant.pushes[plant.model.body(name).id] = [*force_n, *torque_nm]
+        self.scene.plant.pushes[model.body(name).id] = [*force_n, *torque_nm]
 
     def warm(self, name: str, celsius: float) -> None:
         """Set the surface temperature of an object, from the next cycle on.
@@ -154,7 +146,7 @@ class World:
             No such object, or no temperature.
         """
         check_number("warm: celsius", celsius, -273.15, 1000.0)
-        self.scene.set_temperature(self._object("warm", name), celsius)
+        self.scene.surface_c[self._object("warm", name)] = celsius
 
     def weigh(self, name: str, mass_kg: float) -> None:
         """Set the mass of an object, from the next cycle on, with the same distribution.
@@ -195,10 +187,10 @@ class World:
     def _moved(self) -> None:
         """Report the joints' positions to the skin, as encoders would."""
         robot = self.skin.topology.robot
-        if robot is None or not self._names:
+        if robot is None:
             return
-        at = self.joints.coordinates(self._names)
-        index = [robot.joint_names.index(name) for name in self._names]
-        lower, upper = robot.lower[index], robot.upper[index]
-        at = np.fmin(np.fmax(at, lower), upper)  # the engine's limits yield a little
-        self.skin.move_joints(dict(zip(self._names, at.tolist(), strict=True)))
+        limits = zip(robot.joint_names, robot.lower.tolist(), robot.upper.tolist(), strict=True)
+        self.skin.move_joints({  # the engine's limits yield a little
+            name: max(lower, min(self.joints[name], upper))
+            for name, lower, upper in limits if name in self.joints
+        })  # fmt: skip

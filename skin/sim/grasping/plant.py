@@ -10,13 +10,12 @@ import numpy as np
 
 from bus.compiled.bound import Bound
 from skin.errors import OptionError, SceneError
-from skin.grasp.inertia import yielding
-from skin.grasp.mesh import Meshes
-from skin.grasp.object import GraspObject
-from skin.grasp.rays import MESH, PLANE
-from skin.grasp.records import Bodies, Mounted, Surfaces, Touch
-from skin.grasp.spec import compile_model, engine_library, name_of
-from skin.grasp.touch import feel
+from skin.sim.grasping.mesh import triangles
+from skin.sim.grasping.model import compile_model, engine_library, name_of
+from skin.sim.grasping.object import GraspObject
+from skin.sim.grasping.records import Bodies, Mounted, Surfaces, Touch
+from skin.sim.grasping.touch import feel
+from skin.sim.mechanics.rays import PLANE
 from skin.sim.mechanics.springs import Springs
 from topology import Topology
 
@@ -56,9 +55,9 @@ class Plant:
     objects : tuple of str
     object_bodies : ndarray, shape (o,), int32
     mounted, surfaces, bodies, touch : NamedTuple
-        See `skin.grasp.records`.
-    yielding : ndarray, shape (b,)
-        Inverse mass of the bodies at their rims, 1/kg.
+        See `skin.sim.grasping.records`.
+    rim_m : ndarray, shape (b,)
+        Radius of a ball about the centre of mass of each body that contains its geoms.
     timestep_s : float
         Time step of the model.
     pushes : ndarray, shape (b, 6)
@@ -88,13 +87,14 @@ class Plant:
         )
         robot = topology.robot
         base = "" if robot is None else robot.link_names[robot.base]
-        self.base_body = self.model.body(base).id if base in _bodies(self.model) else 0
+        found = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, base)
+        self.base_body = max(found, 0)
         self.mounted = _mounted(self.model, topology, springs, mounted_at)
         self.mounted.weight[...] = self._weights(self_touch)
         self.surfaces = self._surfaces(objects)
         self.touch = Touch.nothing(topology.n)
         self.pushes = np.zeros((self.model.nbody, 6))
-        self.yielding = yielding(self.model)
+        self.rim_m = _rims(self.model)
         self.timestep_s = float(self.model.opt.timestep)
         self._elapsed_s = np.zeros(1)
         self._feel = Bound(
@@ -133,6 +133,13 @@ class Plant:
         """Wrench of the skin on a body, shape (6,): newton, and newton metre about its centre of
         mass."""
         return self.data.xfrc_applied[body] - self.pushes[body]
+
+    def velocity_of(self, body: int) -> np.ndarray:
+        """Velocity of the centre of mass of a body, and its turning, shape (6,), frame of the
+        world."""
+        found, kind = np.zeros(6), self.engine.mjtObj.mjOBJ_BODY
+        self.engine.mj_objectVelocity(self.model, self.data, kind, body, found, 0)
+        return np.roll(found, 3)  # the engine has the turning first
 
     def energy_j(self) -> float:
         """Kinetic and potential energy, including that of the elastomer."""
@@ -201,12 +208,17 @@ class Plant:
         return Surfaces(
             kind, np.array(model.geom_bodyid, np.int32), np.array(model.geom_size),
             np.where(kind == PLANE, np.inf, model.geom_rbound), static, kinetic, compliance,
-            np.where(kind == MESH, model.geom_dataid, 0).astype(np.int32), Meshes.of(model),
+            *triangles(model),
         )  # fmt: skip
 
 
-def _bodies(model: Any) -> list[str]:
-    return [name_of(model, "body", i) for i in range(model.nbody)]
+def _rims(model: Any) -> np.ndarray:
+    radius = np.zeros(model.nbody)
+    off = np.linalg.norm(model.geom_pos - model.body_ipos[model.geom_bodyid], axis=1)
+    np.maximum.at(
+        radius, model.geom_bodyid, np.where(model.geom_rbound, off + model.geom_rbound, 0)
+    )
+    return radius
 
 
 def _mounted(

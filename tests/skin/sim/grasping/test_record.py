@@ -9,7 +9,7 @@ import pytest
 
 import skin
 import skin.sim
-from skin.grasp.object import GraspObject
+from skin.sim.grasping.object import GraspObject
 
 pytest.importorskip("mcap", reason="mcap is not installed")
 

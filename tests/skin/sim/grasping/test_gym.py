@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from shared.grasp_env import GraspEnv
 from skin.errors import OptionError
-from skin.grasp.episode import Ranges
-from skin.grasp.gym import GraspEnv
-from skin.grasp.object import GraspObject
+from skin.sim import GraspObject, Ranges
 
 CUBE = GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.06)
 
@@ -39,15 +38,3 @@ def test_an_action_closes_the_pads_until_units_feel_it(env: GraspEnv) -> None:
 def test_a_step_before_reset_is_refused(env: GraspEnv) -> None:
     with pytest.raises(OptionError, match="must come after reset"):
         env.step(np.zeros(3))
-
-
-def test_an_action_of_another_length_is_refused(env: GraspEnv) -> None:
-    env.reset(seed=1)
-    with pytest.raises(OptionError, match=r"action: must have shape \(3,\), one for each of lift"):
-        env.step(np.zeros(2))
-
-
-def test_nothing_to_be_grasped_is_refused_and_one_object_need_be_no_list() -> None:
-    with pytest.raises(OptionError, match="objects: must have one or more"):
-        GraspEnv("gripper", [])
-    GraspEnv("gripper", CUBE).close()

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from skin.errors import LibraryError, OptionError, SceneError
-from skin.grasp.object import GraspObject
+from skin.sim.grasping.object import GraspObject
 from topology import Topology
 from topology.pose import from_rpy
 from topology.robot.mjcf import MissingMujocoError, mujoco_library
@@ -62,11 +63,8 @@ def compile_model(
         A name that the model does not have.
     """
     mujoco = engine_library()
-    try:
+    with _named(path):
         spec = mujoco.MjSpec.from_file(os.fspath(path))
-    except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).split())
-        raise SceneError(f"{path}: must be a model that MuJoCo reads; got: {reason}") from None
     spec.compiler.fusestatic = False  # URDF would lose the links that are fixed
     names = _named_bodies(spec)
     for thing in objects:
@@ -86,15 +84,22 @@ def compile_model(
     _leave_contacts(mujoco, spec, set(links))
     _tie_joints(mujoco, spec)
     _add_servos(mujoco, spec)
-    try:
+    with _named(path):
         model = spec.compile()
-    except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).split())
-        raise SceneError(f"{path}: must be a model that MuJoCo compiles; got: {reason}") from None
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     wanted = [thing.name if isinstance(thing, GraspObject) else thing for thing in objects]
     return model, [_checked(model, name) for name in wanted]
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Turn what the engine says about a model into a SceneError."""
+    try:
+        yield
+    except (ValueError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise SceneError(f"{path}: must be a model that MuJoCo reads; got: {reason}") from None
 
 
 def _named_bodies(spec: Any) -> list[str]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from skin.errors import OptionError, SceneError, check_choice, check_number, check_numbers, shown
+from skin.errors import OptionError, SceneError, check_choice, check_number, shown
 
 __all__ = ["SHAPES", "GraspObject"]
 
@@ -72,36 +70,23 @@ class GraspObject:
         if not isinstance(self.name, str) or not self.name:
             raise OptionError(f"object: name: must be a text; got {shown(self.name)}")
         check_choice(f"{where}: shape", self.shape, SHAPES)
-        count = SHAPES[self.shape]
-        _check_row(f"{where}: size_m", self.size_m, count, f" of a {self.shape}")
-        for value in self.size_m:
-            check_number(f"{where}: size_m", value, 1e-6, 1e3)
-        check_number(f"{where}: mass_kg", self.mass_kg, 1e-6, 1e3)
-        check_number(f"{where}: friction", self.friction, 0.0, 10.0)
-        check_number(f"{where}: kinetic_share", self.kinetic_share, 0.0, 1.0)
-        check_number(f"{where}: compliance_mm_per_n", self.compliance_mm_per_n, 0.0, 1e3)
-        _check_row(f"{where}: position_m", self.position_m, 3)
-        _check_row(f"{where}: rpy_deg", self.rpy_deg, 3)
-        for value in (*self.position_m, *self.rpy_deg):
-            check_number(f"{where}: position_m, rpy_deg", value, -1e6, 1e6)
-        check_numbers(-273.15, 1000.0, temperature_c=self.temperature_c)
+        rows = {
+            "size_m": (SHAPES[self.shape], f" of a {self.shape}", 1e-6, 1e3),
+            "position_m": (3, "", -1e6, 1e6),
+            "rpy_deg": (3, "", -1e6, 1e6),
+        }
+        for name, (count, of, least, most) in rows.items():
+            row = getattr(self, name)
+            if np.shape(row) != (count,):
+                got = len(row) if np.ndim(row) == 1 else shown(row)
+                raise OptionError(f"{where}: {name}: must have {count} numbers{of}; got {got}")
+            for value in row:
+                check_number(f"{where}: {name}", value, least, most)
+        for name, least, most in (
+            ("mass_kg", 1e-6, 1e3), ("friction", 0.0, 10.0), ("kinetic_share", 0.0, 1.0),
+            ("compliance_mm_per_n", 0.0, 1e3), ("temperature_c", -273.15, 1000.0),
+        ):  # fmt: skip
+            check_number(f"{where}: {name}", getattr(self, name), least, most)
         if self.shape == "mesh" and (self.file is None or not Path(self.file).is_file()):
             got = "none" if self.file is None else f"{os.fspath(self.file)!r}, which is not there"
             raise SceneError(f"{where}: file: must be a mesh (STL, OBJ or MSH); got {got}")
-
-    @property
-    def radius_m(self) -> float:
-        """Of a ball around a primitive."""
-        size = self.size_m
-        if self.shape in ("box", "ellipsoid"):
-            return math.hypot(*size) if self.shape == "box" else max(size)
-        if self.shape == "capsule":
-            return size[0] + size[1]
-        return math.hypot(*size)
-
-
-def _check_row(where: str, value: Any, count: int, of: str = "") -> None:
-    """Require the right number of values."""
-    if np.shape(value) != (count,):
-        got = len(value) if np.ndim(value) == 1 else shown(value)
-        raise OptionError(f"{where}: must have {count} numbers{of}; got {got}")

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from skin.errors import MOST_SEED, OptionError, check_number, shown
-from skin.grasp.object import GraspObject
 from skin.physics.force_law import scaled, stacked
+from skin.sim.grasping.object import GraspObject
 from skin.sim.mechanics.springs import Springs
 from topology import Topology
 from topology.pose import from_rpy
@@ -64,10 +64,9 @@ class Episode:
                     f"episode: {name}: must be of the {topology.n} units of {topology.name!r}; "
                     f"got {count}"
                 )
-        if not (self.stiffness > 0.0).all():
-            raise OptionError(
-                f"episode: stiffness: must be above 0; got {np.min(self.stiffness):g}"
-            )
+        least = np.min(self.stiffness)
+        if not least > 0.0:
+            raise OptionError(f"episode: stiffness: must be above 0; got {least:g}")
 
     def objects(self, objects: Sequence[GraspObject | str]) -> list[GraspObject | str]:
         """The objects of this episode."""
@@ -89,9 +88,9 @@ class Episode:
 
     def poses(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
         """True poses of the units at home, shapes (3, n) and (3, 3, n)."""
-        turns = np.stack([from_rpy(*v) for v in np.broadcast_to(
-            self.tilt_rad, (3, topology.n)).T], axis=2)  # fmt: skip
-        rotation = np.einsum("ijn,jkn->ikn", turns, topology.rotation)
+        tilts = np.broadcast_to(self.tilt_rad, (3, topology.n)).T
+        turns = np.array([from_rpy(*tilt) for tilt in tilts])
+        rotation = np.einsum("nij,jkn->ikn", turns, topology.rotation)
         return topology.position + self.offset_m, rotation
 
 

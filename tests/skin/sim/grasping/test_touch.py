@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skin.grasp.object import GraspObject
-from skin.grasp.records import Touch
-from skin.grasp.touch import feel, feel_python
+from skin.sim.grasping.object import GraspObject
+from skin.sim.grasping.records import Touch
+from skin.sim.grasping.touch import feel, feel_python
 from tests.fixtures.grasp import G, go, pinched, place, put
 
 BOX = GraspObject(name="it", mass_kg=0.06)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from bus.compiled.jit import jitable
-from skin.grasp.vectors import add, dot
 from skin.physics.force_law import at, energy, force, inverse, slope, stiffening
 from skin.sim.mechanics.springs import yields
+from skin.sim.mechanics.vectors import add, dot
 
 __all__ = ["STEEPEST", "elastic", "lost", "onto_cone", "slid"]
 

@@ -17,10 +17,10 @@ moved by forces.
 from __future__ import annotations
 
 from bus.compiled.jit import compiled, jitable
-from skin.grasp.laws import STEEPEST, elastic, lost, onto_cone, slid
-from skin.grasp.mesh import mesh_crossing
-from skin.grasp.rays import MESH, crossing
-from skin.grasp.vectors import add, dot, turned, turned_back
+from skin.sim.grasping.laws import STEEPEST, elastic, lost, onto_cone, slid
+from skin.sim.grasping.mesh import mesh_crossing
+from skin.sim.mechanics.rays import MESH, crossing
+from skin.sim.mechanics.vectors import add, dot, turned, turned_back
 
 __all__ = ["DEEPEST_M", "LOSS_S", "feel"]
 
@@ -52,7 +52,9 @@ def _deepest(bodies, surfaces, weight, face, direction):
         point = turned_back(bodies.geom_rotation, g, off)
         along = turned_back(bodies.geom_rotation, g, direction)
         if surfaces.kind[g] == MESH:
-            out, x, y, z = mesh_crossing(surfaces.meshes, surfaces.mesh[g], point, along, DEEPEST_M)
+            out, x, y, z = mesh_crossing(
+                surfaces.corners, surfaces.faces[g], point, along, DEEPEST_M
+            )
         else:
             enters, out, x, y, z = crossing(surfaces.kind[g], surfaces.size[g], point, along)
             if enters > DEEPEST_M:

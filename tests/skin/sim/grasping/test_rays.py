@@ -9,8 +9,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skin.grasp import rays
-from skin.grasp.mesh import Meshes, mesh_crossing
+from skin.sim.grasping import rays
+from skin.sim.grasping.mesh import mesh_crossing, triangles
 
 SIZES = {
     rays.SPHERE: (0.02, 0.0, 0.0),
@@ -70,12 +70,6 @@ def test_the_normal_is_that_of_the_surface_around_the_exit(kind: int, seed: int)
             assert np.dot(along, normal) == pytest.approx(0.0, abs=3e-3)
 
 
-def test_a_half_space_is_left_upwards_only() -> None:
-    up, down = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
-    assert rays.crossing(rays.PLANE, np.zeros(3), (0.0, 0.0, -0.2), up)[1] == pytest.approx(0.2)
-    assert rays.crossing(rays.PLANE, np.zeros(3), (0.0, 0.0, -0.2), down)[1] == -np.inf
-
-
 def model_of(mesh: trimesh.Trimesh) -> mujoco.MjModel:
     """A model with one mesh."""
     vertices = " ".join(map(str, np.asarray(mesh.vertices).ravel()))
@@ -95,11 +89,11 @@ def ring() -> trimesh.Trimesh:
 @given(seed=SEEDS)
 def test_a_line_leaves_a_mesh_at_the_last_exit_before_the_deepest(seed: int) -> None:
     model = _ring_model()
-    meshes = Meshes.of(model)
+    corners, faces = triangles(model)
     point, way = line(seed)
-    local = trimesh.Trimesh(meshes.vertex, meshes.face, process=False)
+    local = trimesh.Trimesh(**trimesh.triangles.to_kwargs(corners))
     deepest = 0.01
-    out, *normal = mesh_crossing(meshes, 0, tuple(point), tuple(way), deepest)
+    out, *normal = mesh_crossing(corners, faces[0], tuple(point), tuple(way), deepest)
     places, _, faces = local.ray.intersects_location([point], [way], multiple_hits=True)
     at = (places - point) @ way
     exits = local.face_normals[faces] @ way > 0.0

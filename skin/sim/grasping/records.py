@@ -1,4 +1,4 @@
-"""Records for the kernels of `skin.grasp.touch`: units, geoms, bodies, touches."""
+"""Records for the kernels of `skin.sim.grasping.touch`: units, geoms, bodies, touches."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.grasp.mesh import Meshes
 from skin.sim.mechanics.springs import Springs
 
 __all__ = ["Bodies", "Mounted", "Surfaces", "Touch"]
@@ -41,7 +40,7 @@ class Surfaces(NamedTuple):
     Attributes
     ----------
     kind : ndarray, shape (g,), int32
-        As in `skin.grasp.rays`.
+        As in `skin.sim.mechanics.rays`.
     body : ndarray, shape (g,), int32
     size : ndarray, shape (g, 3)
         Metre.
@@ -51,8 +50,9 @@ class Surfaces(NamedTuple):
         Static and kinetic coefficients of friction.
     compliance : ndarray, shape (g,)
         mm/N, to the force of one unit.
-    mesh : ndarray, shape (g,), int32
-    meshes : Meshes
+    corners : ndarray, shape (f, 3, 3)
+    faces : ndarray, shape (g, 2)
+        Of meshes, as `mesh_crossing` takes them.
     """
 
     kind: np.ndarray
@@ -62,8 +62,8 @@ class Surfaces(NamedTuple):
     static: np.ndarray
     kinetic: np.ndarray
     compliance: np.ndarray
-    mesh: np.ndarray
-    meshes: Meshes
+    corners: np.ndarray
+    faces: np.ndarray
 
 
 class Bodies(NamedTuple):

@@ -1,1 +1,0 @@
-"""Electronics of a unit's board: capacitor and timer, counter, divider, Hall chip."""
