@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skin.contact.record import CONTACT
 from skin.io.bulk.write import drop, place
 from skin.io.messages.record import COUNTERS, described
 from skin.io.record.attached import decoded_attachments
-from skin.io.record.container import Container, require
-from skin.io.record.process import SlotsToMessages, attach
-from skin.io.record.slot import slot_dtype
+from skin.io.record.container import Container, require_libraries
+from skin.io.record.process import SlotsToMessages
+from skin.io.record.recorder import slot_dtype
 from skin.options import MOST_CONTACTS
 from topology.files import named, whole_path
 
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["MessagePartitions"]
 
-LIBRARY = "f3t-skin"
 OF_UNITS = ("status", "force", "force_sigma", "temperature", "test_ratio")
 
 
@@ -32,7 +30,7 @@ class MessagePartitions:
     `skin.io.bulk.write.Writer`."""
 
     def __init__(self, job: Job, part: Part) -> None:
-        require(str(job.folder))
+        require_libraries(str(job.folder))
         self.tables: tuple[str, ...] = ("states",)
         self._job, self._part = job, part
         self._described = described(job.topology)
@@ -81,10 +79,10 @@ class MessagePartitions:
         """A new file and its message writer. Its stamps are those of the log, so that it is
         identical whenever it is written."""
         path = place(self._job, self._part, "states", number)
-        file = Container(self._files.enter_context(whole_path(path)), LIBRARY)
+        file = Container(self._files.enter_context(whole_path(path)))
         self._files.callback(file.close)
         for name, data in self._attached.items():
-            attach(file, name, data, max(0, stamp_ns))
+            file.attach(name, data, max(0, stamp_ns))
         return file, SlotsToMessages(file, self._described, self._counters)
 
     def _fill(self, block: Block, t: int) -> None:
@@ -105,5 +103,5 @@ class MessagePartitions:
         if block.contacts is not None:
             first, end = block.contact_start[t : t + 2].tolist()
             slots["contact_count"] = count = end - first
-            raw = block.contacts[first:end].view(np.uint8).reshape(count, CONTACT.itemsize)
+            raw = block.contacts[first:end].view(np.int64).reshape(count, -1)
             slots["contacts"][0, :count] = raw

@@ -10,7 +10,7 @@ import numpy as np
 from bus.cycle import WRONG_FRAMES
 from bus.state import BusState
 from bus.status import INVALID, Status
-from skin.io.messages.cdr import Cdr
+from skin.io.messages.definitions import DIAGNOSTICS, encode, header, make
 from skin.io.messages.record import BUS_STATES, COUNTERS
 
 __all__ = ["Diagnostics"]
@@ -62,16 +62,15 @@ class Diagnostics:
         return self._message(stamp_ns, [(STALE, "units", f"no cycle for {seconds:.0f} s", {})])
 
     def _message(self, stamp_ns: int, entries: list[Entry]) -> bytes:
-        message = Cdr()
-        message.header(stamp_ns, "")
-        message.number("I", len(entries))
+        found = []
         for level, name, text, values in entries:
-            message.number("B", level)
-            message.text(f"{self._name}: {name}").text(text).text(self._skin["topology"])
-            message.number("I", len(values))
-            for key, value in values.items():
-                message.text(key).text(value)
-        return bytes(message.raw)
+            pairs = [make("diagnostic_msgs/msg/KeyValue", *pair) for pair in values.items()]
+            found.append(make(
+                "diagnostic_msgs/msg/DiagnosticStatus", level, f"{self._name}: {name}", text,
+                self._skin["topology"], pairs,
+            ))  # fmt: skip
+        head = header(stamp_ns, "")
+        return encode(DIAGNOSTICS, make("diagnostic_msgs/msg/DiagnosticArray", head, found))
 
     def _units(self, status: np.ndarray) -> Entry:
         flagged = np.flatnonzero((status & int(INVALID) != 0) & self._enabled)

@@ -1,22 +1,20 @@
 """Topics of ROS 2 over DDS, without ROS; the only file that imports cyclonedds.
 
 Names of types and topics are mangled as in ROS 2, so that its nodes match. Writers offer XCDR
-version 1, as ROS 2 does, and take encoded messages: cyclonedds itself needs milliseconds to encode
-the message of a large skin.
+version 1, as ROS 2 does, and take encoded messages, the bytes of a recording: cyclonedds itself
+needs milliseconds to encode the message of a large skin.
 """
 
 from __future__ import annotations
 
 import functools
 import os
-from importlib.util import find_spec
 from typing import Any
 
-from skin.errors import LibraryError, SkinError
-from skin.io.messages.definitions import FIELDS, fields_of
-from skin.io.publish.names import dds_topic, dds_type
+from skin.errors import SkinError
+from skin.io.messages.definitions import fields_of
 
-__all__ = ["LOCALHOST", "Participant", "Writer", "check_library"]
+__all__ = ["LOCALHOST", "Participant", "Writer"]
 
 DEPTH = 10
 """History depth for late readers, the default of ROS 2."""
@@ -29,20 +27,6 @@ LOCALHOST = (
     "</Peers></Discovery></Domain></CycloneDDS>"
 )
 """Configuration of cyclonedds that restricts it to this machine."""
-
-
-def check_library() -> None:
-    """Raise if cyclonedds is missing, without loading it.
-
-    Raises
-    ------
-    LibraryError
-        It is not installed.
-    """
-    if find_spec("cyclonedds") is None:
-        raise LibraryError(
-            "publish: must have cyclonedds; not installed: pip install 'f3t-skin[ros]'"
-        )
 
 
 class Participant:
@@ -85,7 +69,7 @@ class Participant:
         topic : str
             As ROS 2 names it, without the first slash.
         message : str
-            Of `skin.io.messages.definitions.FIELDS`.
+            Of `skin.io.messages.definitions.TOPICS`.
         latched : bool
             Late readers get the last message ("transient local").
         reliable : bool
@@ -115,7 +99,7 @@ class Writer:
             Policy.DataRepresentation(use_cdrv0_representation=True),
         )  # fmt: skip
         kind = _idl_type(message)
-        self._topic = Topic(participant, dds_topic(topic), kind, qos=qos)
+        self._topic = Topic(participant, f"rt/{topic}", kind, qos=qos)
         self._writer = DataWriter(participant, self._topic, qos=qos)
         self._sample = kind.__new__(kind)
 
@@ -144,9 +128,9 @@ def _idl_type(message: str) -> Any:
     }  # fmt: skip
     found = {}
     for field in fields_of(message):
-        one = _idl_type(field.kind) if field.kind in FIELDS else numbers[field.kind]
-        if field.is_array:
+        one = numbers[field.kind] if field.kind in numbers else _idl_type(field.kind)
+        if field.size is not None:
             one = types.array[one, field.size] if field.size else types.sequence[one]
         found[field.name] = one
-    name = dds_type(message)
-    return make_idl_struct(name.rpartition(".")[2], name, found)
+    package, middle, name = message.split("/")
+    return make_idl_struct(f"{name}_", f"{package}.{middle}.dds_.{name}_", found)

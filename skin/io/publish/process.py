@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from skin.io.messages.of_skin import SkinMessages
-from skin.io.messages.topics import (
-    CONTACT,
+from skin.io.messages.definitions import (
     DIAGNOSTICS,
+    FORCES,
     LAYOUT,
+    POINTS,
     POSES,
-    SKIN,
     STATE,
     TF,
     WRENCH,
     type_of,
 )
+from skin.io.messages.of_skin import SkinMessages
 from skin.io.publish.dds import Participant, Writer
-from skin.io.publish.names import topic
 from skin.worker import Service, WorkerEnd, run
 
 __all__ = ["Publishing", "Topics"]
@@ -43,47 +43,47 @@ class Topics:
     """
 
     def __init__(self, request: dict[str, Any]) -> None:
-        self._request, self._moving = request, request["moving"]
+        self._request, self._moves = request, request["moves"]
         self._messages = SkinMessages(
             request, "publishing", name=request["name"], frame=request["frame"],
             patch_frames=request["patch_frames"],
         )  # fmt: skip
         self._participant = Participant(request["domain"], request["local"])
-        best = self._request["reliable"]
-        self._writers = {of: self._writer(of, reliable=best) for of in (STATE, WRENCH)}
-        self._writers[DIAGNOSTICS] = self._writer(DIAGNOSTICS)
-        for of in (LAYOUT, POSES):
-            self._writers[of] = self._writer(of, latched=True)
-        self._writers[TF] = self._writer(TF, latched=not self._moving)
-        now_ns = time.time_ns()
-        self._write(LAYOUT, self._messages.layout.message(now_ns))
-        self._write(TF, self._messages.layout.transforms(now_ns))
+        self._writers: dict[str, Writer] = {}
+        for topic in (STATE, WRENCH, POINTS, FORCES, DIAGNOSTICS, POSES):
+            self._writer(topic)
+        self._write(self._messages.layout(time.time_ns()))
 
-    def _writer(self, of: str, latched: bool = False, reliable: bool = True) -> Writer:
-        name = "/tf_static" if of == TF and latched else of.removeprefix(f"{SKIN}/")
-        full = topic(self._request["prefix"], name)
-        return self._participant.writer(full, type_of(of), latched=latched, reliable=reliable)
+    def _writer(self, topic: str) -> Writer:
+        """The writer of a topic of `skin.io.messages.definitions`, under the name that it has."""
+        if topic not in self._writers:
+            name = topic[1:].replace("skin", self._request["prefix"], 1)
+            if topic == TF and not self._moves:
+                name = "tf_static"
+            self._writers[topic] = self._participant.writer(
+                name, type_of(topic),
+                latched=topic in (LAYOUT, POSES) or name == "tf_static",
+                reliable=self._request["reliable"] or topic in (LAYOUT, POSES, TF, DIAGNOSTICS),
+            )  # fmt: skip
+        return self._writers[topic]
 
-    def _write(self, of: str, data: bytes) -> None:
-        if of not in self._writers:
-            assert of.startswith(CONTACT)
-            self._writers[of] = self._writer(of, reliable=self._request["reliable"])
-        self._writers[of].write(data)
+    def _write(self, messages: Iterable[tuple[str, bytes]]) -> None:
+        for topic, data in messages:
+            self._writer(topic).write(data)
 
     def send(self, record: np.ndarray) -> None:
         """Publish a record."""
-        stamp_ns, layout = int(record["stamp_ns"]), self._messages.layout
-        if record["has_moved"]:
-            layout.move(record["pose"])
-            self._write(POSES, layout.poses(stamp_ns))
-        for of, data in self._messages.of_state(record):
-            self._write(of, data)
-        if record["has_moved"] or self._moving:
-            self._write(TF, layout.transforms(stamp_ns))
+        stamp_ns, messages = int(record["stamp_ns"]), self._messages
+        moves = [*messages.moves(record, stamp_ns)]
+        self._write(moves)
+        if moves and not self._moves:
+            self._write([(TF, messages.transforms(stamp_ns))])
+        self._write(one for one in messages.of_state(record) if one[0] != TF or self._moves)
 
     def report_silence(self, seconds: float) -> None:
         """Report that the skin has no cycles."""
-        self._write(DIAGNOSTICS, self._messages.diagnostics.silence(time.time_ns(), seconds))
+        told = self._messages.diagnostics.silence(time.time_ns(), seconds)
+        self._write([(DIAGNOSTICS, told)])
 
     def wait_for_readers(self) -> None:
         """Wait until readers have received all messages."""
