@@ -22,7 +22,7 @@ from skin.errors import SkinError
 from skin.io.bulk.decode_part import decode_part
 from skin.io.bulk.job import Job, parts_of
 from skin.io.export.columns import block_of
-from skin.io.messages.topics import STATE
+from skin.io.messages.definitions import STATE
 from skin.io.record.container import RecordedFile
 from skin.options import Options
 from skin.physics.stencil import Stencil

@@ -175,8 +175,8 @@ def _check_same(path: Path, recorded: Topology, given: Topology) -> None:
     found = differences(recorded, given)
     if found and differences(recorded, given.exact()):
         raise LogError(
-            f"{path}: topology: must be recorded with {given.name!r} as it is now; got other "
-            f"{', '.join(found)}"
+            f"{path}: topology: must be recorded with {given.name!r} as it is now; got differences "
+            f"in {', '.join(found)}"
         )
 
 

@@ -67,7 +67,7 @@ def test_a_file_holds_the_messages_of_a_recording(shown, log, recorded):
     assert (summary["state"], summary["cycles"], summary["faults"]) == ("decoded", CYCLES, [])
     mine, theirs = messages(files_of(whole)), messages([recorded])
     assert {one[0] for one in mine} >= {
-        "/skin/layout", "/tf", "/skin/points", "/skin/forces", "/skin/scene", "/diagnostics",
+        "/skin/layout", "/tf", "/skin/points", "/skin/forces", "/diagnostics",
         "/skin/contact/0",
     }  # fmt: skip
     assert mine == theirs
@@ -127,8 +127,8 @@ def test_it_says_what_it_was_made_of_and_is_no_recording(shown, log):
     with file.open("rb") as opened:
         attached = {one.name: one.data for one in mcap.make_reader(opened).iter_attachments()}
     assert json.loads(attached["decoded.json"]) == shown.provenance(parts_of([log])[0])
-    assert {"topology.npz", "palm.toml"} <= attached.keys()
-    message = "must be a recording, with frames to be replayed; got states .* 'run.log'"
+    assert "topology.npz" in attached
+    message = "must be a recording, with frames to be replayed; got states"
     with pytest.raises(LogError, match=message):
         skin.replay(file)
 
