@@ -34,21 +34,12 @@ class Diagnostics:
         Name of the output that drops cycles.
     name : str
         Of the skin.
-    counters : ndarray, shape (15,), int64, optional
-        Counts before the first record, which are subtracted.
     """
 
-    def __init__(
-        self,
-        skin: Mapping[str, Any],
-        into: str,
-        name: str = "skin",
-        counters: np.ndarray | None = None,
-    ) -> None:
+    def __init__(self, skin: Mapping[str, Any], into: str, name: str = "skin") -> None:
         self._skin, self._into, self._name = skin, into, name
         self._enabled = np.array(skin["enabled"], bool)
-        before = np.zeros(len(COUNTERS), np.int64) if counters is None else counters
-        self._before = dict(zip(COUNTERS, before.tolist(), strict=True))
+        self._before = dict.fromkeys(COUNTERS, 0)
         self._bus_lost = [0] * len(skin["buses"])
 
     def message(self, record: np.ndarray) -> bytes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -47,11 +47,7 @@ class SkinMessages:
     name : str
         Of the skin in diagnostics.
     frame : str
-        Name of the skin frame.
-    patch_frames : sequence of str, optional
-        Names of the frames of patches; names of the patches if not given.
-    counters : ndarray, shape (15,), int64, optional
-        Counts before the first record, which diagnostics subtract.
+        Name of the skin frame; those of patches are ``<frame>/<patch>``.
 
     Attributes
     ----------
@@ -65,17 +61,15 @@ class SkinMessages:
         *,
         name: str = "skin",
         frame: str = "skin",
-        patch_frames: Sequence[str] | None = None,
-        counters: np.ndarray | None = None,
     ) -> None:
-        self.diagnostics = Diagnostics(skin, into, name, counters)
+        self.diagnostics = Diagnostics(skin, into, name)
         self._skin, self._frame = skin, frame
         self._position = np.array(skin["position"], float).reshape(3, -1)
         self._rotation = np.array(skin["rotation"], float).reshape(9, -1)
         self._patch = patch = np.array(skin["patch"], np.int32)
         self._carriers = [
-            (child, _middle(self._position, np.flatnonzero(patch == i)))
-            for i, child in enumerate(skin["patches"] if patch_frames is None else patch_frames)
+            (f"{frame}/{name}", _middle(self._position, np.flatnonzero(patch == i)))
+            for i, name in enumerate(skin["patches"])
             if (patch == i).any()
         ]
         self._slots: dict[int, int] = {}

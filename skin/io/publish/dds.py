@@ -59,10 +59,8 @@ class Participant:
                 + (f" (CYCLONEDDS_URI is {uri!r})" if uri else "")
             ) from None
 
-    def writer(
-        self, topic: str, message: str, *, latched: bool = False, reliable: bool = True
-    ) -> Writer:
-        """A writer of a topic.
+    def writer(self, topic: str, message: str, *, latched: bool = False) -> Writer:
+        """A writer of a topic, reliable, so that subscribers of both kinds match.
 
         Parameters
         ----------
@@ -72,32 +70,24 @@ class Participant:
             Of `skin.io.messages.definitions.TOPICS`.
         latched : bool
             Late readers get the last message ("transient local").
-        reliable : bool
-            Lost messages are sent again; both kinds of readers match then.
         """
-        return Writer(self._participant, topic, message, latched, reliable)
+        return Writer(self._participant, topic, message, latched)
 
 
 class Writer:
     """A writer of one topic; made by `Participant.writer`."""
 
-    def __init__(
-        self, participant: Any, topic: str, message: str, latched: bool, reliable: bool
-    ) -> None:
+    def __init__(self, participant: Any, topic: str, message: str, latched: bool) -> None:
         from cyclonedds.core import Policy, Qos
         from cyclonedds.pub import DataWriter
         from cyclonedds.topic import Topic
 
-        durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
-        reliability = (
-            Policy.Reliability.Reliable(max_blocking_time=BLOCKS_NS)
-            if reliable
-            else Policy.Reliability.BestEffort
-        )
         qos = Qos(
-            durability, reliability, Policy.History.KeepLast(1 if latched else DEPTH),
+            Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
+            Policy.Reliability.Reliable(max_blocking_time=BLOCKS_NS),
+            Policy.History.KeepLast(1 if latched else DEPTH),
             Policy.DataRepresentation(use_cdrv0_representation=True),
-        )  # fmt: skip
+        )
         kind = _idl_type(message)
         self._topic = Topic(participant, f"rt/{topic}", kind, qos=qos)
         self._writer = DataWriter(participant, self._topic, qos=qos)

@@ -45,9 +45,8 @@ class Topics:
     def __init__(self, request: dict[str, Any]) -> None:
         self._request, self._moves = request, request["moves"]
         self._messages = SkinMessages(
-            request, "publishing", name=request["name"], frame=request["frame"],
-            patch_frames=request["patch_frames"],
-        )  # fmt: skip
+            request, "publishing", name=request["name"], frame=request["frame"]
+        )
         self._participant = Participant(request["domain"], request["local"])
         self._writers: dict[str, Writer] = {}
         for topic in (STATE, WRENCH, POINTS, FORCES, DIAGNOSTICS, POSES):
@@ -60,11 +59,8 @@ class Topics:
             name = topic[1:].replace("skin", self._request["prefix"], 1)
             if topic == TF and not self._moves:
                 name = "tf_static"
-            self._writers[topic] = self._participant.writer(
-                name, type_of(topic),
-                latched=topic in (LAYOUT, POSES) or name == "tf_static",
-                reliable=self._request["reliable"] or topic in (LAYOUT, POSES, TF, DIAGNOSTICS),
-            )  # fmt: skip
+            latched = topic in (LAYOUT, POSES) or name == "tf_static"
+            self._writers[topic] = self._participant.writer(name, type_of(topic), latched=latched)
         return self._writers[topic]
 
     def _write(self, messages: Iterable[tuple[str, bytes]]) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.errors import OptionError, check_flag, check_kind, check_number, shown
+from skin.errors import OptionError, check_flag, check_number, shown
 from skin.io.messages.definitions import require
 from skin.io.messages.record import RecordWriter, described, record_dtype
 from skin.sinks import WorkerSink
@@ -35,13 +34,11 @@ def ros(
     *,
     prefix: str = "skin",
     frame: str = "skin",
-    patch_frame: str = "{}",
     rate_hz: float | None = 100.0,
-    reliable: bool = True,
-    domain: int | None = None,
     network: bool = False,
 ) -> Publisher:
-    """Publish a skin to ROS 2, which need not be installed here, from now on.
+    """Publish a skin to ROS 2, which need not be installed here, from now on, in the domain of
+    ROS_DOMAIN_ID.
 
     Topics: ``skin/state`` (all units), ``skin/wrench``, ``skin/contact/<slot>`` while a contact
     lasts and one wrench of zeros after it, ``skin/points`` and ``skin/forces`` (point clouds, 20
@@ -57,15 +54,9 @@ def ros(
     prefix : str
         Prefix of the topics, in place of ``skin``.
     frame : str
-        Name of the skin frame in tf2.
-    patch_frame : str
-        Name of a patch's frame; ``{}`` is replaced by the patch's name.
+        Name of the skin frame in tf2; that of a patch is ``<frame>/<patch>``.
     rate_hz : float, optional
         Maximum rate of published states; every cycle if None.
-    reliable : bool
-        Whether lost states are sent again; both kinds of subscribers match then.
-    domain : int, optional
-        ROS_DOMAIN_ID of the environment if not given, else 0.
     network : bool
         Publish to the subnet, as the nodes of ROS 2 do; otherwise to this machine only, unless the
         environment sets more (docs/guides/connect.md).
@@ -93,31 +84,14 @@ def ros(
     topology = skin.topology
     if rate_hz is not None:
         check_number("rate_hz", rate_hz, 0.01, 1e5)
-    check_flag("reliable", reliable)
     check_flag("network", network)
-    patches = _patch_frames(patch_frame, topology.patch_names)
     bare = _prefix(prefix)
     request = {
         **described(topology), "name": bare.replace("/", "_"), "prefix": bare,
-        "frame": _frame("frame", frame),
-        "patch_frames": patches,
-        "moves": topology.robot is not None, "reliable": reliable, "domain": _domain(domain),
+        "frame": _frame(frame), "moves": topology.robot is not None, "domain": _domain(),
         "local": not (network or _reaches_out()),
     }  # fmt: skip
     return skin.attach(Publisher(skin, request, rate_hz))
-
-
-def _domain(domain: int | None) -> int:
-    """The given domain, or that of the environment."""
-    if domain is None:
-        text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-        if not (text.isascii() and text.isdigit() and len(text) <= 3):
-            raise OptionError(f"ROS_DOMAIN_ID: must be an integer from 0 to {MOST_DOMAIN}; got "
-                              f"{shown(text)}")  # fmt: skip
-        domain = int(text)
-        check_number("ROS_DOMAIN_ID", domain, 0, MOST_DOMAIN, whole=True)
-    check_number("domain", domain, 0, MOST_DOMAIN, whole=True)
-    return domain
 
 
 class Publisher(WorkerSink):
@@ -188,27 +162,23 @@ def _prefix(prefix: object) -> str:
     return bare
 
 
-def _frame(where: str, frame: object) -> str:
+def _frame(frame: object) -> str:
     """A name of a frame that tf2 takes."""
-    if (
-        not isinstance(frame, str) or frame[:1] == "/" or frame.split() != [frame]
-        or not frame.isprintable()
-    ):  # fmt: skip
+    if not isinstance(frame, str) or frame[:1] == "/" or frame.split() != [frame]:
         raise OptionError(
-            f"{where}: must be a name without blanks that does not begin with '/', as tf2 takes "
-            f"it; got {shown(frame)}"
+            "frame: must be a name without blanks that does not begin with '/', as tf2 takes it; "
+            f"got {shown(frame)}"
         )
     return frame
 
 
-def _patch_frames(frame: str, names: Sequence[str]) -> list[str]:
-    """Names of the frames of the patches."""
-    check_kind("patch_frame", frame, str)
-    if names and frame.count("{}") != 1:
-        raise OptionError(
-            f"patch_frame: must have {{}} once, for the name of a patch; got {frame!r}"
-        )
-    return [_frame("patch_frame", frame.replace("{}", name)) for name in names]
+def _domain() -> int:
+    """The domain of the environment."""
+    text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not (text.isascii() and text.isdigit() and len(text) <= 3 and int(text) <= MOST_DOMAIN):
+        raise OptionError(f"ROS_DOMAIN_ID: must be an integer from 0 to {MOST_DOMAIN}; got "
+                          f"{shown(text)}")  # fmt: skip
+    return int(text)
 
 
 def _reaches_out() -> bool:

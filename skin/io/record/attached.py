@@ -1,4 +1,4 @@
-"""Attachments that make a recording replayable: topology with calibration, options, stencil, zeros.
+"""Attachments that make a recording replayable: topology with calibration, options, stencil.
 
 The topology is attached as arrays with all that decodes, so that a replay needs no other file.
 """
@@ -23,71 +23,31 @@ from topology import Topology, TopologyError
 from topology.files import read_arrays
 from topology.packed import PARAMETER, TEXTS, from_arrays, to_arrays
 
-__all__ = ["DECODED", "Setup", "attachments", "decoded_attachments", "differences", "read_setup"]
+__all__ = ["Setup", "attachments", "differences", "read_setup"]
 
-RUN, ARRAYS, STENCIL, ZEROS = "run.json", "topology.npz", "stencil.npz", "zeros.npz"
-DECODED = "decoded.json"
-"""Attachment in place of the run, of states that `skin decode` has made without frames."""
+RUN, ARRAYS, STENCIL = "run.json", "topology.npz", "stencil.npz"
 
 
-def attachments(
-    topology: Topology, options: Options, deadline_s: float | None, zeros: bytes | None
-) -> dict[str, bytes]:
-    """Attachments of a run, by name.
-
-    Parameters
-    ----------
-    topology : Topology
-    options : Options
-    deadline_s : float or None
-        See `skin.pipeline.Pipeline`.
-    zeros : bytes or None
-        The file of zeros to be taken up, empty if it did not exist; None without one.
-    """
+def attachments(topology: Topology, options: Options, deadline_s: float | None) -> dict[str, bytes]:
+    """Attachments of a run, by name; see `skin.pipeline.Pipeline`."""
     given = options.report()
     given.pop("stencil", None)  # attached separately
-    run = {"topology": topology.name, "options": given, "deadline_s": deadline_s,
-           "zeros": zeros is not None}  # fmt: skip
+    run = {"topology": topology.name, "options": given, "deadline_s": deadline_s}
     found = {RUN: json.dumps(run, indent=1).encode(), ARRAYS: _archive(topology)}
     if options.stencil is not None:
         with tempfile.TemporaryDirectory() as folder:
             options.stencil.save(Path(folder) / STENCIL)
             found[STENCIL] = (Path(folder) / STENCIL).read_bytes()
-    if zeros:
-        found[ZEROS] = zeros
     return found
-
-
-def decoded_attachments(topology: Topology, provenance: Mapping[str, str]) -> dict[str, bytes]:
-    """Attachments of states that were decoded from a log, by name.
-
-    Parameters
-    ----------
-    topology : Topology
-    provenance : mapping of str to str
-        Their provenance, with ``log``, the name of the log.
-    """
-    file = json.dumps(dict(provenance), indent=1, sort_keys=True).encode()
-    return {DECODED: file, ARRAYS: _archive(topology)}
 
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
-    """Setup of a run.
-
-    Attributes
-    ----------
-    topology : Topology
-    options : Options
-    deadline_s : float or None
-    zeros : bytes or None
-        See `attachments`.
-    """
+    """Setup of a run; see `skin.pipeline.Pipeline`."""
 
     topology: Topology
     options: Options
     deadline_s: float | None
-    zeros: bytes | None
 
 
 def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
@@ -98,16 +58,13 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
     bus.LogError
         An attachment is missing or damaged.
     """
-    if DECODED in attached:
-        raise LogError(f"{file}: must be a recording, with frames to be replayed; got states that "
-                       "were decoded from a log: replay that")  # fmt: skip
     for name in (RUN, ARRAYS):
         if name not in attached:
             raise LogError(f"{file}: must be a recording of a skin, with {name!r} attached; "
                            f"got {', '.join(map(repr, attached)) or 'nothing'}")  # fmt: skip
     try:
         run = json.loads(attached[RUN])
-        given, takes_zeros, deadline_s = dict(run["options"]), run["zeros"], run["deadline_s"]
+        given, deadline_s = dict(run["options"]), run["deadline_s"]
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, 3600.0)
     except (ValueError, LookupError, TypeError, RecursionError) as error:
@@ -126,7 +83,7 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
             options = Options(**given)
         except (SkinError, TopologyError, TypeError, AttributeError) as error:
             raise LogError(f"{file}: {RUN}: must be options of a run; got: {error}") from None
-    return Setup(topology, options, deadline_s, attached.get(ZEROS, b"") if takes_zeros else None)
+    return Setup(topology, options, deadline_s)
 
 
 def differences(recorded: Topology, given: Topology) -> list[str]:

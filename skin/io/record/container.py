@@ -65,10 +65,6 @@ class _File:
         """Sync the file to the disk."""
         os.fsync(self._file)
 
-    def close(self) -> None:
-        """Close the file."""
-        os.close(self._file)
-
 
 class Container:
     """An MCAP file that is being written.
@@ -107,9 +103,9 @@ class Container:
         """Size of the file in bytes."""
         return self._file.size
 
-    def attach(self, name: str, data: bytes, stamp_ns: int | None = None) -> None:
-        """Attach a file, with its stamp; now if none is given."""
-        now_ns = time.time_ns() if stamp_ns is None else stamp_ns
+    def attach(self, name: str, data: bytes) -> None:
+        """Attach a file."""
+        now_ns = time.time_ns()
         kind = "application/json" if name.endswith(".json") else "application/octet-stream"
         self._writer.add_attachment(now_ns, now_ns, name, kind, data)
 
@@ -136,10 +132,6 @@ class Container:
         self._writer.finish()
         self._file.flush()
         self._file.sync()
-
-    def close(self) -> None:
-        """Close the file without ending it."""
-        self._file.close()
 
 
 class RecordedFile:

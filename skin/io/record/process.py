@@ -36,15 +36,10 @@ class SlotsToMessages:
     file : Container
     request : dict
         As of `skin.io.messages.record.described`.
-    counters : ndarray, shape (15,), int64, optional
-        Counts before the first slot, which diagnostics subtract.
     """
 
-    def __init__(
-        self, file: Container, request: dict[str, Any], counters: np.ndarray | None = None
-    ) -> None:
-        self._file = file
-        self._messages = SkinMessages(request, "recording", counters=counters)
+    def __init__(self, file: Container, request: dict[str, Any]) -> None:
+        self._file, self._messages = file, SkinMessages(request, "recording")
         self._stamp_ns = 0
         self.cycles = self.frames = 0
         self._begun = False

@@ -272,11 +272,7 @@ def check_new(file: str | os.PathLike[str]) -> None:
 
 def _request(file: Path, pipeline: Pipeline) -> dict[str, Any]:
     """The worker's request as JSON, with the attachments of the recording."""
-    zeros = None
-    if pipeline.zeros_file is not None:
-        taken_up = Path(pipeline.zeros_file)
-        zeros = taken_up.read_bytes() if taken_up.exists() else b""
-    files = attachments(pipeline.topology, pipeline.options, pipeline.deadline_s, zeros)
+    files = attachments(pipeline.topology, pipeline.options, pipeline.deadline_s)
     return {
         "file": str(file.absolute()),
         **described(pipeline.topology),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -270,12 +269,6 @@ class Replay(Attachable):
         self.pipeline: Pipeline = Pipeline(
             setup.topology, setup.options, deadline_s=setup.deadline_s
         )
-        if setup.zeros is not None:
-            with tempfile.TemporaryDirectory() as folder:
-                place = Path(folder) / "zeros.npz"
-                if setup.zeros:
-                    place.write_bytes(setup.zeros)
-                self.pipeline.take_zeros(place)
         self.work_ns = self.count = self.same = 0
         self._recorded, self._pace, self._compares = recorded, Pace(speed), compares
         self._record = np.zeros(1, record_dtype(self.topology, self.pipeline.contact_capacity))

@@ -314,7 +314,7 @@ def test_every_patch_is_where_its_middle_unit_is(store):
     hand = topology.load("hand")
     data = SkinMessages(described(hand), "publishing").transforms(0)
     frames = store.deserialize_cdr(data, "tf2_msgs/msg/TFMessage").transforms
-    assert [one.child_frame_id for one in frames] == list(hand.patch_names)
+    assert [one.child_frame_id for one in frames] == [f"skin/{name}" for name in hand.patch_names]
     for patch, one in enumerate(frames):
         units = np.flatnonzero(hand.patch == patch)
         place = [getattr(one.transform.translation, axis) for axis in "xyz"]
@@ -376,10 +376,7 @@ def test_without_contacts_the_cloud_of_forces_is_empty(palm, state, record, stor
 @pytest.mark.parametrize("frame", ["s", "base", "left_skin", "rechte_Hand_3"])
 def test_bytes_are_those_of_rosbags_whatever_the_frame_is_called(palm, state, record, store, frame):
     fill(record, replace(state, contacts=state.contacts * 2))
-    names = [f"{frame}_{name}" for name in palm.patch_names]
-    messages = SkinMessages(
-        described(palm), "publishing", name=frame, frame=frame, patch_frames=names
-    )
+    messages = SkinMessages(described(palm), "publishing", name=frame, frame=frame)
     record["moved"] = 1
     found = dict([*messages.layout(1), *messages.moves(record[0], 2),
                   *messages.of_state(record[0])])  # fmt: skip

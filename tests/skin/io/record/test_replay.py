@@ -138,25 +138,6 @@ def test_joints_that_move_are_replayed_with_the_poses(tmp_path):
     assert replay.faults == []
 
 
-def test_zeros_that_are_taken_from_run_to_run_are_replayed(tmp_path):
-    loaded, zeros = topology.load("strip"), tmp_path / "zeros.npz"
-    for number in range(2):
-        nodes = SimulatedUnits(loaded, open_scene("press", loaded, seed=1), seed=1)
-        file = tmp_path / f"run{number}.mcap"
-        with skin.open(
-            loaded, transports=in_process(nodes), record=file, zeros=zeros, pace=False
-        ) as strip:
-            live = [state.copy() for state in itertools.islice(strip, 420)]
-            taken = strip.zeros["taken_up"] if number else strip.zeros["tared"]
-        nodes.close()
-        assert taken
-        assert zeros.exists()
-        before = zeros.read_bytes()
-        replay = check(file, live)
-        assert replay.pipeline.zeros.taken + replay.pipeline.zeros.taken_up == taken
-        assert zeros.read_bytes() == before, "a replay has written the zeros"
-
-
 def test_a_loop_that_ends_within_a_batch_and_goes_on_is_replayed(tmp_path):
     file, live = tmp_path / "run.mcap", []
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:
