@@ -88,7 +88,7 @@ def ros(
     bare = _prefix(prefix)
     request = {
         **described(topology), "name": bare.replace("/", "_"), "prefix": bare,
-        "frame": _frame(frame), "moves": topology.robot is not None, "domain": _domain(),
+        "frame": _frame(frame), "has_joints": topology.robot is not None, "domain": _domain(),
         "local": not (network or _reaches_out()),
     }  # fmt: skip
     return skin.attach(Publisher(skin, request, rate_hz))

@@ -40,7 +40,7 @@ class SlotsToMessages:
 
     def __init__(self, file: Container, request: dict[str, Any]) -> None:
         self._file, self._messages = file, SkinMessages(request, "recording")
-        self._stamp_ns = 0
+        self._stamp_ns, self._lost = 0, (0, 0)
         self.cycles = self.frames = 0
         self._begun = False
 
@@ -49,6 +49,7 @@ class SlotsToMessages:
         frames = slot["frames"][: int(slot["frame_count"])]
         if slot["has_state"]:
             self._stamp_ns = max(0, int(slot["stamp_ns"]))
+            self._lost = int(slot["lost_cycles"]), int(slot["lost_frames"])
         elif not self._stamp_ns and len(frames):
             self._stamp_ns = max(0, int(frames[0].view(FRAME_DTYPE)["stamp_ns"][0]))
         if not self._begun:
@@ -66,9 +67,8 @@ class SlotsToMessages:
         """The events of a slot and their frames, as ``f3t_msgs/msg/CanFrames``."""
         events = slot["events"][: int(slot["event_count"])]
         return encode(FRAMES, make(
-            "f3t_msgs/msg/CanFrames", header(self._stamp_ns, "skin"), int(slot["lost_cycles"]),
-            int(slot["lost_frames"]), events[:, 0].astype(np.uint8), events[:, 1].copy(),
-            frames.reshape(-1),
+            "f3t_msgs/msg/CanFrames", header(self._stamp_ns, "skin"), *self._lost,
+            events[:, 0].astype(np.uint8), events[:, 1].copy(), frames.reshape(-1),
         ))  # fmt: skip
 
     def _add(self, messages: Any) -> None:

@@ -81,7 +81,7 @@ def run(tmp_path_factory):
             states.append(state)
             if len(states) in MOVED:
                 strip.move_patch(loaded.patch_names[0], QUARTER, [0.0, 0.0, 0.001 * len(states)])
-        published = node._worker.topics._participant.messages
+        published = node._worker.publishing.participant.messages
     nodes.close()
     patch.undo()
     recorded = defaultdict(list)
@@ -97,12 +97,12 @@ class InProcess:
     alive = True
 
     def __init__(self, _, ring, request, niceness):
-        self.topics, self.ring = process.Topics(request), ring
+        self.publishing = process.Publishing(request)
         publish = ring.publish
 
         def at_once():
             publish()
-            self.topics.send(ring.unread()[0])
+            self.publishing.take(ring.unread()[:1])
             ring.release(1)
 
         ring.publish = at_once

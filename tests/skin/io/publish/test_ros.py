@@ -135,10 +135,7 @@ def test_a_subscriber_hears_the_states(palm, states):
             give(node, state)
             listener.until(lambda count=count: len(listener.heard["rt/skin/state"]) == count)
         assert node.sent() == len(states)
-        listener.until(lambda: listener.heard["rt/skin/wrench"] and listener.heard["rt/tf_static"])
-        listener.until(
-            lambda: listener.heard["rt/diagnostics"] and listener.heard["rt/skin/points"]
-        )
+        listener.until(lambda: all(listener.heard[name] for name in TOPICS))
         heard = listener.heard
     for state, told in zip(states, heard["rt/skin/state"], strict=True):
         assert told["cycle"] == state.cycle
@@ -340,9 +337,7 @@ def test_the_domain_is_that_of_the_environment(palm, monkeypatch):
 
 def test_a_configuration_that_dds_refuses_is_told(palm, monkeypatch):
     monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS><Domain><Nonsense/></Domain></CycloneDDS>")
-    with pytest.raises(
-        SkinError, match=f"publish: domain {DOMAIN}: must be one that can be joined; got"
-    ):
+    with pytest.raises(SkinError, match=f"publish: domain {DOMAIN}: must be one that can"):
         ros(palm)
 
 

@@ -134,9 +134,8 @@ def test_layout_patches_and_health_are_there(run, decoded):
     np.testing.assert_array_equal(message.position, topology.position.ravel())
     np.testing.assert_array_equal(message.rotation, topology.rotation.ravel())
     frames = decoded["/tf"][0].ros_msg.transforms
-    assert [one.child_frame_id for one in frames] == [
-        f"skin/{name}" for name in topology.patch_names
-    ]
+    children = [f"skin/{name}" for name in topology.patch_names]
+    assert [one.child_frame_id for one in frames] == children
     assert {one.header.frame_id for one in frames} == {"skin"}
     health = {one.name: one for one in decoded["/diagnostics"][-1].ros_msg.status}
     assert health["skin: units"].message == f"0 of {topology.n} units not valid"
