@@ -210,26 +210,50 @@ class Pace:
         self._stamp_ns = stamp_ns
 
 
-class PacedLog(Attachable):
-    """States of a log in real time; see `DecodedLog`.
+class Paced(Attachable):
+    """States of a file, in real time or as fast as they come; iterate over it once.
 
     Attributes
     ----------
     topology : Topology
     pipeline : Pipeline
     work_ns : int
-        Processing time of the last state.
+        Processing time of the last state, of a recording with its comparison.
     """
 
-    def __init__(self, decoded: DecodedLog, speed: float | None) -> None:
-        self.topology, self.pipeline = decoded.topology, decoded.pipeline
+    def __init__(self, pipeline: Pipeline, speed: float | None) -> None:
+        self.topology, self.pipeline = pipeline.topology, pipeline
         self.work_ns = 0
-        self._decoded, self._pace = decoded, Pace(speed)
+        self._pace = Pace(speed)
 
     @property
     def counters(self) -> FrameCounters:
         """Counts of frames by outcome, running totals."""
-        return self._decoded.counters
+        return self.pipeline.counters
+
+    @property
+    def faults(self) -> list[str]:
+        """Faults of the file so far."""
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[State]:
+        started = time.perf_counter_ns()
+        for state in self._states():
+            self.work_ns = time.perf_counter_ns() - started
+            self._pace.wait(state.stamp_ns)
+            yield state
+            started = time.perf_counter_ns()
+
+    def _states(self) -> Iterator[State]:
+        raise NotImplementedError
+
+
+class PacedLog(Paced):
+    """States of a log; see `DecodedLog`."""
+
+    def __init__(self, decoded: DecodedLog, speed: float | None) -> None:
+        super().__init__(decoded.pipeline, speed)
+        self._decoded = decoded
 
     @property
     def faults(self) -> list[str]:
@@ -237,25 +261,15 @@ class PacedLog(Attachable):
         damage = self._decoded.damage
         return [*([] if damage is None else [damage]), *self._decoded.faults]
 
-    def __iter__(self) -> Iterator[State]:
-        started = time.perf_counter_ns()
-        for state in self._decoded:
-            self.work_ns = time.perf_counter_ns() - started
-            self._pace.wait(state.stamp_ns)
-            yield state
-            started = time.perf_counter_ns()
+    def _states(self) -> Iterator[State]:
+        yield from self._decoded
 
 
-class Replay(Attachable):
+class Replay(Paced):
     """States of a recording, reproduced; made by `replay`.
 
     Attributes
     ----------
-    topology : Topology
-        As in the run.
-    pipeline : Pipeline
-    work_ns : int
-        Processing time of the last state.
     count, same : int
         States so far, and how many of them equal those of the recording, to the bit.
     """
@@ -265,22 +279,16 @@ class Replay(Attachable):
     ) -> None:
         from skin.pipeline import Pipeline
 
-        self.topology = setup.topology
-        self.pipeline: Pipeline = Pipeline(
-            setup.topology, setup.options, deadline_s=setup.deadline_s
+        super().__init__(
+            Pipeline(setup.topology, setup.options, deadline_s=setup.deadline_s), speed
         )
-        self.work_ns = self.count = self.same = 0
-        self._recorded, self._pace, self._compares = recorded, Pace(speed), compares
+        self.count = self.same = 0
+        self._recorded, self._compares = recorded, compares
         self._record = np.zeros(1, record_dtype(self.topology, self.pipeline.contact_capacity))
         self._writer = RecordWriter(self._record, self.pipeline)
         self._parts: list[np.ndarray] = []
         self._lost = (0, 0)
         self._unmade = 0
-
-    @property
-    def counters(self) -> FrameCounters:
-        """Counts of frames by outcome, running totals."""
-        return self.pipeline.counters
 
     @property
     def faults(self) -> list[str]:
@@ -299,36 +307,26 @@ class Replay(Attachable):
                          "that differ")  # fmt: skip
         return found
 
-    def __iter__(self) -> Iterator[State]:
+    def _states(self) -> Iterator[State]:
         self.pipeline.warmup()
         try:
-            yield from self._states()
+            coming: Iterator[State] = iter(())
+            for topic, data in self._recorded.messages((FRAMES, POSES, STATE)):
+                if topic == POSES:
+                    self._move(self._message(topic, data))
+                elif topic == FRAMES:
+                    yield from coming  # cycles whose states are not in the file
+                    given = self._message(topic, data)
+                    self._lost = int(given.lost_cycles), int(given.lost_frames)
+                    coming = self._given(given)
+                elif (state := next(coming, None)) is None:
+                    self._unmade += 1
+                else:
+                    if self._compares:
+                        self._compare(data)
+                    yield state
         finally:
             self.pipeline.sinks.stop()
-
-    def _states(self) -> Iterator[State]:
-        coming: Iterator[State] = iter(())
-        started = time.perf_counter_ns()
-        for topic, data in self._recorded.messages((FRAMES, POSES, STATE)):
-            if topic == POSES:
-                self._move(self._message(topic, data))
-                continue
-            if topic == FRAMES:
-                yield from coming  # cycles whose states are not in the file
-                given = self._message(topic, data)
-                self._lost = int(given.lost_cycles), int(given.lost_frames)
-                coming = self._given(given)
-                continue
-            state = next(coming, None)
-            if state is None:
-                self._unmade += 1
-                continue
-            self.work_ns = time.perf_counter_ns() - started
-            if self._compares:
-                self._compare(data)
-            self._pace.wait(state.stamp_ns)
-            yield state
-            started = time.perf_counter_ns()
 
     def _message(self, topic: str, data: bytes) -> Any:
         try:

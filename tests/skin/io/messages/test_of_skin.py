@@ -380,7 +380,7 @@ def test_bytes_are_those_of_rosbags_whatever_the_frame_is_called(palm, state, re
     record["moved"] = 1
     found = dict([*messages.layout(1), *messages.moves(record[0], 2),
                   *messages.of_state(record[0])])  # fmt: skip
-    assert len(found) == 10
+    assert len(found) == 9
     for topic, data in found.items():
         message = store.deserialize_cdr(data, type_of(topic))
         assert bytes(store.serialize_cdr(message, type_of(topic))) == data
