@@ -388,15 +388,18 @@ class Pipeline:
             own[:] = given
         return self.state(cycle)
 
-    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Set the poses of the units for the cycles to come; see `skin.live.Skin.move`."""
+    def move(
+        self, position: np.ndarray, rotation: np.ndarray, q: np.ndarray | None = None
+    ) -> None:
+        """Set the poses of the units for the cycles to come, and the joints that they are of where
+        these are known; see `skin.live.Skin.move`."""
         if self.contacts is None:
             from skin.contact.model import check_poses
 
             check_poses(self.topology.n, position, rotation)
         else:
             self.contacts.move(position, rotation)
-        self.poses, self.q = (np.array(position), np.array(rotation)), None
+        self.poses, self.q = (np.array(position), np.array(rotation)), q
         if self.sinks.live:
             self.sinks.moved(*self.poses)
 
@@ -416,13 +419,13 @@ class Pipeline:
 
     def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
         """Set joints, and the poses of the units by them, for the cycles to come; see
-        `skin.live.Skin.move_joints`. With sinks, poses are set a second time as a replay sets them,
-        which has no joints, so that both are equal to the bit."""
+        `skin.live.Skin.move_joints`. With sinks, poses are set a second time, as a replay sets
+        them, so that both are equal to the bit."""
         joints = self.joints
         joints.move(q)
         self.poses = joints.unit_poses
         if self.sinks.wants("moved"):
-            self.move(*self.poses)
+            self.move(*self.poses, joints.q)
         self.q = joints.q
 
     def turn(self, attitude: np.ndarray) -> None:

@@ -59,7 +59,7 @@ def decode(
         int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")
     ] = 1,
     format: Annotated[
-        Literal["parquet", "npz", "mcap"], tyro.conf.arg(help="of the files in a folder")
+        Literal["parquet", "npz"], tyro.conf.arg(help="of the files in a folder")
     ] = "parquet",
     shard: Annotated[
         str | None,
@@ -79,7 +79,7 @@ def decode(
     """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …) and recordings of `skin record`.
 
     Into a folder go Parquet files in parts: cycles, contacts, and fault intervals of units
-    (docs/guides/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is
+    (docs/guides/bulk.md). Every number is
     that of the live skin, into a folder or a file: logs are decoded by the defaults of `skin.open`,
     but for --sweeps and --dtype, as the report and all files but .csv state. A log that was decoded
     before and has not changed is left out; after an interruption the same call goes on.

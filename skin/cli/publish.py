@@ -36,20 +36,9 @@ def publish(
         str, tyro.conf.arg(metavar="NAME", help="of the topics: NAME/state, NAME/wrench, …")
     ] = "skin",
     frame: Annotated[str, tyro.conf.arg(metavar="NAME", help="frame of the skin in tf")] = "skin",
-    patch_frame: Annotated[
-        str, tyro.conf.arg(metavar="NAME", help="frame of a patch; {} stands for its name")
-    ] = "{}",
     rate: Annotated[
         float, tyro.conf.arg(metavar="HZ", help="at most so many states a second; 0: every cycle")
     ] = 100.0,
-    best_effort: Annotated[
-        bool, options.quiet("do not send states again that were lost")
-    ] = False,
-    domain: Annotated[
-        int | None,
-        options.quiet("otherwise ROS_DOMAIN_ID of the environment, or 0", metavar="INT",
-                      constructor=int),
-    ] = None,
     network: Annotated[
         bool, options.quiet("let the subnet see the topics, not this machine alone")
     ] = False,
@@ -57,10 +46,10 @@ def publish(
 ) -> int:  # fmt: skip
     """Listen to the buses of a topology, send SYNC, and publish what the skin feels to ROS 2.
 
-    ROS 2 need not be installed here. Topics, as `ros2 topic list` shows them: skin/state,
-    skin/layout, skin/wrench, skin/contact/<slot>, /tf_static, /diagnostics
-    (docs/guides/connect.md). With `--simulate` simulated units play a scene. Exits with 1 if no
-    unit ever answered.
+    ROS 2 need not be installed here; the domain is ROS_DOMAIN_ID, or 0. Topics, as
+    `ros2 topic list` shows them: skin/state, skin/layout, skin/wrench, skin/contact/<slot>,
+    skin/points, skin/forces, /tf_static, /diagnostics (docs/guides/connect.md). With `--simulate`
+    simulated units play a scene. Exits with 1 if no unit ever answered.
     """
     import skin
     from skin.io.publish import ros
@@ -75,10 +64,7 @@ def publish(
         opened = ended.enter_context(
             skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed, auto_tare=auto_tare)
         )
-        node = ros(
-            opened, prefix=prefix, frame=frame, patch_frame=patch_frame, rate_hz=rate or None,
-            reliable=not best_effort, domain=domain, network=network,
-        )  # fmt: skip
+        node = ros(opened, prefix=prefix, frame=frame, rate_hz=rate or None, network=network)
         ended.enter_context(node)
         note_scene(opened.nodes and opened.nodes.scene)
         report = _loop(opened, node, seconds)

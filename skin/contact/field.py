@@ -39,8 +39,6 @@ class Quantity(NamedTuple):
         Labels of the numbers, for tables.
     message : str
         Type of the field in messages of ROS 2.
-    since : int
-        Version of the messages that introduced it.
     decimals : int
         In text tables.
     """
@@ -53,7 +51,6 @@ class Quantity(NamedTuple):
     values: Callable[[Any], Any]
     words: tuple[str, ...] = ()
     message: str = ""
-    since: int = 0
     decimals: int = 6
 
     @property
@@ -116,22 +113,22 @@ class Number(Hidden, Generic[T]):
         float64 for float, int32 for integers if not given.
     leaves : bool
         Whether it is an output of tables, arrays and messages.
-    message, since, decimals, yields
+    message, decimals, yields
         See `Quantity` and `Hidden`. By default it is float32 in messages, or the integer type.
     """
 
     def __init__(
         self, kind: type[T], doc: str, unit: str = "", *, dtype: Any = None, leaves: bool = True,
-        message: str = "", since: int = 4, decimals: int = 6, yields: Iterable[Quantity] = (),
+        message: str = "", decimals: int = 6, yields: Iterable[Quantity] = (),
     ) -> None:  # fmt: skip
         default = np.float64 if kind is float else np.int32
         super().__init__(default if dtype is None else dtype, yields=yields)
         self.__doc__, self._kind = doc, kind
-        self._leaves = leaves, unit, message, since, decimals
+        self._leaves = leaves, unit, message, decimals
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Its own output quantity and those that it yields."""
-        leaves, unit, message, since, decimals = self._leaves
+        leaves, unit, message, decimals = self._leaves
         if not leaves:
             return self.yields
         words: tuple[str, ...] = ()
@@ -139,7 +136,7 @@ class Number(Hidden, Generic[T]):
             words = tuple(one.name.lower() for one in self._kind)
         name, kind = self.name, message or _message(self.dtype)
         own = Quantity(name, str(self.__doc__), unit, (), self.dtype.name,
-                       lambda found: found[name], words, kind, since, decimals)  # fmt: skip
+                       lambda found: found[name], words, kind, decimals)  # fmt: skip
         return (own, *self.yields)
 
     @overload
@@ -162,26 +159,26 @@ class Vector(Hidden):
         Of measure, of all columns or of each.
     columns : sequence of str
         Of tables; without them it is no output.
-    message, since
+    message
         See `Quantity`. By default it is an array of float64 in messages.
     """
 
     def __init__(
         self, doc: str, shape: tuple[int, ...], unit: str | tuple[str, ...] = "", *,
-        columns: Iterable[str] = (), message: str = "", since: int = 4,
+        columns: Iterable[str] = (), message: str = "",
     ) -> None:  # fmt: skip
         super().__init__(np.float64, shape)
         self.__doc__ = doc
-        self._leaves = unit, tuple(columns), message, since
+        self._leaves = unit, tuple(columns), message
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Its output quantity, if it has columns."""
-        unit, columns, message, since = self._leaves
+        unit, columns, message = self._leaves
         if not columns:
             return ()
         name, kind = self.name, message or f"float64[{len(columns)}]"
         return (Quantity(name, str(self.__doc__), unit, columns, self.dtype.name,
-                         lambda found: found[name], (), kind, since),)  # fmt: skip
+                         lambda found: found[name], (), kind),)  # fmt: skip
 
     @overload
     def __get__(self, one: None, owner: type) -> Vector: ...
@@ -193,7 +190,7 @@ class Vector(Hidden):
 
 def derived(
     name: str, doc: str, dtype: str, values: Callable[[np.ndarray], np.ndarray], *,
-    message: str = "", since: int = 4,
+    message: str = "",
 ) -> Quantity:  # fmt: skip
     """A number without a unit, computed from fields.
 
@@ -203,10 +200,10 @@ def derived(
         See `Quantity`.
     values : function
         Records, shape (k,), to array, shape (k,).
-    message, since
+    message
         See `Quantity`. By default its type in messages is that of `dtype`.
     """
-    return Quantity(name, doc, "", (), dtype, values, (), message or dtype, since)
+    return Quantity(name, doc, "", (), dtype, values, (), message or dtype)
 
 
 def declared(owner: type) -> tuple[np.dtype, tuple[Quantity, ...]]:

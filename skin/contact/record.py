@@ -122,8 +122,7 @@ class Fields:
     Metre, newton, newton metre, pascal, second; skin frame unless stated. A field that is added
     here is an attribute of `skin.contact.contact.Contact`, and a column, an array and a field of
     messages in every output: ``python -m tests.house draw`` renews their list in
-    docs/reference/columns.md. A ``since`` that is one above the current version increments
-    `STATE_VERSION`.
+    docs/reference/columns.md.
     """
 
     __slots__ = ()
@@ -163,7 +162,7 @@ class Fields:
             derived("friction_known", "Whether friction is one that slip has shown, or was given. "
                     "Where not, friction and margin are lower bounds, grip_force an upper one.",
                     "bool", lambda found: np.isfinite(found["friction"])
-                    & (found["flags"] & int(Flag.NO_FRICTION) == 0), since=5),
+                    & (found["flags"] & int(Flag.NO_FRICTION) == 0)),
         ),
     )  # fmt: skip
     peak_unit = Number(int, "Its most loaded unit.", leaves=False)

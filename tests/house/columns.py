@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from skin.contact.field import Quantity
 from skin.contact.record import QUANTITIES
 from skin.io.export.columns import CLOSED, CYCLES, HEAD, READINGS, array_name, suffix
-from skin.io.messages.definitions import FIELDS
+from skin.io.messages.definitions import MESSAGES
 from tests.house.sources import ROOT
 
 PAGE = ROOT / "docs" / "reference" / "columns.md"
@@ -42,7 +42,7 @@ def page() -> str:
         ("Of each contact in a cycle", QUANTITIES, True),
     ]
     texts = ["\n".join(_part(*part)) for part in parts]
-    own = [f"# {name}\n{text}" for name, text in FIELDS.items() if name.startswith("f3t_msgs/")]
+    own = [f"# {name}\n{text}" for name, text in MESSAGES.items()]
     texts.append("## Messages\n\n```\n" + "\n\n".join(own) + "\n```")
     return HEAD_TEXT + "\n\n".join(texts) + "\n"
 

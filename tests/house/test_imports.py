@@ -21,6 +21,7 @@ ONE_FILE_EACH = (
     "cantools",
     "distributed",
     "mcap",
+    "rosbags",
     "cyclonedds",
     "PIL",
     "mujoco",

@@ -27,7 +27,7 @@ def fill(record, state):
     record["contact_count"] = len(contacts)
     kept = record["contacts"][0]
     for at, contact in enumerate(contacts):
-        kept[at] = np.frombuffer(contact.record.tobytes(), np.uint8)
+        kept[at] = np.frombuffer(contact.record.tobytes(), np.int64)
 
 
 def snapshots(count, n):

@@ -14,7 +14,7 @@ from bus.processors import processors
 from skin.blocks.block import Block
 from skin.blocks.blocks import blocks_of
 from skin.blocks.prefetch import prefetch
-from skin.errors import OptionError, SkinError
+from skin.errors import SkinError
 from skin.io.bulk.manifest import committed, save_manifest
 from skin.io.bulk.write import ArrayPartitions, ParquetPartitions, Writer, clean
 from skin.offline import decode_log
@@ -85,9 +85,6 @@ def decode_part(job: Job, part: Part, *, threads: bool | None = None) -> dict[st
 def _source(job: Job, part: Part, threads: bool) -> tuple[Any, Iterator[Block]]:
     """The source, which has counters and faults, and its blocks."""
     if part.is_recording:
-        if job.format == "mcap":
-            raise OptionError(f"{part.log}: format: must be 'parquet' or 'npz' for a recording, "
-                              "which is MCAP already; got 'mcap'")  # fmt: skip
         from skin.io.record.replay import redecode
 
         played = redecode(part.log, job.topology, **job.options)
@@ -120,10 +117,6 @@ def _write(job: Job, part: Part, source: Any, blocks: Iterator[Block], sums: _Su
 
 def _writer_of(job: Job, part: Part) -> Writer:
     """The writer for a job's format."""
-    if job.format == "mcap":
-        from skin.io.bulk.message_partitions import MessagePartitions
-
-        return MessagePartitions(job, part)
     return (ParquetPartitions if job.format == "parquet" else ArrayPartitions)(job, part)
 
 

@@ -22,7 +22,7 @@ from topology.packed import PARAMETER, TEXTS, to_arrays
 
 __all__ = ["FORMATS", "Job", "Part", "parts_of"]
 
-FORMATS = ("parquet", "npz", "mcap")
+FORMATS = ("parquet", "npz")
 WANT = ("temperature", "force", "sigma", "wrench", "centroid", "contacts", "slip")
 """Quantities that are decoded by default."""
 END_BYTES = 1 << 20
@@ -73,7 +73,7 @@ class Job:
         Folder of the results.
     options : dict, optional
         See `skin.options.Options`; a recording's own options hold where none are given.
-    format : "parquet", "npz" or "mcap"
+    format : "parquet" or "npz"
     force : bool
         Whether unchanged logs are decoded again.
     channels : dict, optional

@@ -4,6 +4,6 @@
 
     record of a cycle ─► SkinMessages ─► topic, CDR ─► Container (MCAP) or Writer (DDS)
 
-`definitions` has their fields, `record` the input of a cycle, `encode` states and wrenches, `scene`
-poses and markers, `diagnostics` faults.
+`record` is what a cycle leaves for another process, `definitions` the types and their encoding,
+`of_skin` the messages of a skin, `clouds` what viewers draw, `diagnostics` faults.
 """

@@ -1,25 +1,62 @@
-"""ROS 2 messages: their definitions and fields.
+"""Topics, types and CDR of the messages; the only file that imports rosbags.
 
-Those of ROS are as in ROS 2 Humble and later (common_interfaces). Those of ``f3t_msgs`` are our
-own: received frames, the state of a whole skin in one message, the layout of the skin, and its
-moving poses.
+Types of ROS are those of rosbags, the same in ROS 2 Humble and later. Those of ``f3t_msgs`` are our
+own, and stand here.
 """
 
 from __future__ import annotations
 
 import functools
-import re
-from typing import NamedTuple
+from importlib.util import find_spec
+from typing import Any, NamedTuple
 
 from skin.contact.field import Quantity
 from skin.contact.record import QUANTITIES
+from skin.errors import LibraryError
 
-__all__ = ["FIELDS", "NUMBERS", "STATE_VERSION", "Field", "definitions", "fields_of", "schema"]
+__all__ = [
+    "CONTACT",
+    "DIAGNOSTICS",
+    "FORCES",
+    "FRAMES",
+    "LAYOUT",
+    "MESSAGES",
+    "POINTS",
+    "POSES",
+    "STATE",
+    "TF",
+    "TOPICS",
+    "WRENCH",
+    "Field",
+    "decode",
+    "definition",
+    "encode",
+    "fields_of",
+    "header",
+    "make",
+    "require",
+    "type_of",
+]
 
-STATE_VERSION = max(4, *(one.since for one in QUANTITIES))
-"""Of ``f3t_msgs/msg/SkinState`` and its parts. Version 1 had no `version`, `test_ratio` and
-`whole`; up to 2 `force_sigma` was a number where the unit is invalid; up to 3 a contact had fewer
-fields, in another order."""
+FRAMES, STATE, LAYOUT, POSES = "/skin/frames", "/skin/state", "/skin/layout", "/skin/poses"
+WRENCH, CONTACT = "/skin/wrench", "/skin/contact"
+POINTS, FORCES = "/skin/points", "/skin/forces"
+TF, DIAGNOSTICS = "/tf", "/diagnostics"
+TOPICS = {
+    FRAMES: "f3t_msgs/msg/CanFrames",
+    STATE: "f3t_msgs/msg/SkinState",
+    LAYOUT: "f3t_msgs/msg/SkinLayout",
+    POSES: "f3t_msgs/msg/SkinPoses",
+    WRENCH: "geometry_msgs/msg/WrenchStamped",
+    POINTS: "sensor_msgs/msg/PointCloud2",
+    FORCES: "sensor_msgs/msg/PointCloud2",
+    TF: "tf2_msgs/msg/TFMessage",
+    DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+    CONTACT: "geometry_msgs/msg/WrenchStamped",
+}
+"""Type of each topic; ``/skin/contact`` is followed by ``/<slot>``, a number that a contact keeps
+while it lasts."""
+LATEST_S = (1 << 31) - 1
 
 
 def _line_of(one: Quantity) -> str:
@@ -30,132 +67,27 @@ def _line_of(one: Quantity) -> str:
     return f"{one.message} {one.name}  # {'; '.join(filter(None, notes))}"
 
 
-NUMBERS = {
-    "bool": "?", "byte": "u1", "uint8": "u1", "uint16": "<u2", "int32": "<i4", "uint32": "<u4",
-    "int64": "<i8", "uint64": "<u8", "float32": "<f4", "float64": "<f8",
-}  # fmt: skip
-"""Number types of the definitions, as numpy types."""
-FIELDS = {
-    "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec",
-    "builtin_interfaces/msg/Duration": "int32 sec\nuint32 nanosec",
-    "std_msgs/msg/Header": "builtin_interfaces/Time stamp\nstring frame_id",
-    "std_msgs/msg/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
-    "geometry_msgs/msg/Vector3": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/msg/Point": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/msg/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
-    "geometry_msgs/msg/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
-    "geometry_msgs/msg/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
-    "geometry_msgs/msg/WrenchStamped": "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
-    "geometry_msgs/msg/Transform": (
-        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation"
-    ),
-    "geometry_msgs/msg/TransformStamped": (
-        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
-    ),
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
-    "diagnostic_msgs/msg/KeyValue": "string key\nstring value",
-    "diagnostic_msgs/msg/DiagnosticStatus": """\
-byte OK=0
-byte WARN=1
-byte ERROR=2
-byte STALE=3
-byte level
-string name
-string message
-string hardware_id
-diagnostic_msgs/KeyValue[] values""",
-    "diagnostic_msgs/msg/DiagnosticArray": (
-        "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status"
-    ),
-    "sensor_msgs/msg/CompressedImage": "std_msgs/Header header\nstring format\nuint8[] data",
-    "sensor_msgs/msg/PointField": """\
-uint8 INT8=1
-uint8 UINT8=2
-uint8 INT16=3
-uint8 UINT16=4
-uint8 INT32=5
-uint8 UINT32=6
-uint8 FLOAT32=7
-uint8 FLOAT64=8
-string name
-uint32 offset
-uint8 datatype
-uint32 count""",
-    "sensor_msgs/msg/PointCloud2": """\
-std_msgs/Header header
-uint32 height
-uint32 width
-sensor_msgs/PointField[] fields
-bool is_bigendian
-uint32 point_step
-uint32 row_step
-uint8[] data
-bool is_dense""",
-    "visualization_msgs/msg/UVCoordinate": "float32 u\nfloat32 v",
-    "visualization_msgs/msg/MeshFile": "string filename\nuint8[] data",
-    "visualization_msgs/msg/Marker": """\
-int32 ARROW=0
-int32 CUBE=1
-int32 SPHERE=2
-int32 CYLINDER=3
-int32 LINE_STRIP=4
-int32 LINE_LIST=5
-int32 CUBE_LIST=6
-int32 SPHERE_LIST=7
-int32 POINTS=8
-int32 TEXT_VIEW_FACING=9
-int32 MESH_RESOURCE=10
-int32 TRIANGLE_LIST=11
-int32 ADD=0
-int32 MODIFY=0
-int32 DELETE=2
-int32 DELETEALL=3
-std_msgs/Header header
-string ns
-int32 id
-int32 type
-int32 action
-geometry_msgs/Pose pose
-geometry_msgs/Vector3 scale
-std_msgs/ColorRGBA color
-builtin_interfaces/Duration lifetime
-bool frame_locked
-geometry_msgs/Point[] points
-std_msgs/ColorRGBA[] colors
-string texture_resource
-sensor_msgs/CompressedImage texture
-visualization_msgs/UVCoordinate[] uv_coordinates
-string text
-string mesh_resource
-visualization_msgs/MeshFile mesh_file
-bool mesh_use_embedded_materials""",
-    "visualization_msgs/msg/MarkerArray": "visualization_msgs/Marker[] markers",
-    "f3t_msgs/msg/CanFrame": """\
-int64 stamp_ns     # of the transport, since 1970
-uint32 id          # as SocketCAN has it: bit 31 29-bit identifier, 30 remote, 29 error frame
-uint8 length       # bytes of data that count
-uint8 flags        # bit 0 bit-rate switch, 1 error state, 2 CAN FD
-uint8 origin       # bit 0: this host sent it
-uint8 bus          # index of the buses of the topology
-uint8[64] data     # what stands beyond the length means nothing""",
+MESSAGES = {
     "f3t_msgs/msg/CanFrames": """\
-# What the skin was given at once, in its order; a cycle was closed where frames are none
-uint8 FED=0        # frames were taken, from all buses
-uint8 EXPIRED=1    # the deadline closed a cycle, elapsed_ns after it had begun
-uint8 SILENT=2     # no SYNC came for elapsed_ns, and a cycle without data was shown
+# What the skin was given until it showed a cycle: events, in order, each with a value
+uint8 FED=0        # so many frames, from all buses, at once
+uint8 EXPIRED=1    # the deadline closed a cycle of this age in ns
+uint8 SILENT=2     # no SYNC came for so many ns, and a cycle without data was shown
 uint8 FLUSHED=3    # what was open was closed
+uint8 PART=4       # so many frames; the batch goes on with the next event
 std_msgs/Header header
-uint8 event
-bool more          # the next message has further frames of the same batch
-int64 elapsed_ns
 uint64 lost_cycles # that were left out of this recording until then, as it was behind
 uint64 lost_frames
-f3t_msgs/CanFrame[] frames""",
+uint8[] events
+int64[] values
+uint8[] frames     # 80 bytes each, little endian: int64 stamp_ns of the transport, since 1970;
+                   # uint32 id as SocketCAN has it (bit 31 29-bit identifier, 30 remote, 29 error
+                   # frame); uint8 length, bytes of data that count; uint8 flags (bit 0 bit-rate
+                   # switch, 1 error state, 2 CAN FD); uint8 origin (bit 0: this host sent it);
+                   # uint8 bus, index of the buses of the topology; uint8[64] data""",
     "f3t_msgs/msg/Contact": "\n".join(map(_line_of, QUANTITIES)),
-    "f3t_msgs/msg/SkinState": f"""\
-uint8 VERSION={STATE_VERSION}           # of this definition and that of Contact
+    "f3t_msgs/msg/SkinState": """\
 std_msgs/Header header    # stamp of the SYNC
-uint8 version             # VERSION of who wrote it
 uint64 cycle
 float32[] force           # 3 n: Fx of all units, Fy, Fz; N, unit frames; NaN where invalid
 float32[] force_sigma     # 3 n; NaN where invalid
@@ -177,15 +109,97 @@ float64[] rotation        # 9 n, row by row, columns are the axes of the units""
 # Poses of the units from the next cycle on
 std_msgs/Header header
 float64[] position        # 3 n, as of the layout
-float64[] rotation        # 9 n""",
+float64[] rotation        # 9 n
+float64[] q               # joints of the robot that these are of, rad or m; NaN where not known""",
 }
-"""Fields of each message, one a line; those of other messages by package and name."""
+"""Our own messages: the fields, one a line."""
 
-_USED = re.compile(r"^(\w+)/(\w+)(?:\[\d*\])? ", re.MULTILINE)
-_LINE = re.compile(r"(?P<kind>[\w/]+)(?P<array>\[(?P<size>\d*)\])? (?P<name>\w+)\s*(?:#.*)?")
-"""A line that is a field: not a constant, which has a value, nor a comment."""
-_RULE = "=" * 80
-_PART = f"\n{_RULE}\nMSG: "
+
+def require(where: str, extra: str, *libraries: str) -> None:
+    """Raise if one of the libraries of an extra is missing, without loading any.
+
+    Raises
+    ------
+    LibraryError
+        It is not installed.
+    """
+    for name in libraries:
+        if find_spec(name) is None:
+            raise LibraryError(
+                f"{where}: must have {name}; not installed: pip install 'f3t-skin[{extra}]'"
+            )
+
+
+@functools.cache
+def _store() -> Any:
+    """All types: those of ROS, and our own."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store, own = get_typestore(Stores.LATEST), {}
+    for name, text in MESSAGES.items():
+        own.update(get_types_from_msg(text, name))
+    store.register(own)
+    return store
+
+
+def type_of(topic: str) -> str:
+    """The type of a topic.
+
+    Examples
+    --------
+    >>> type_of("/skin/contact/2")
+    'geometry_msgs/msg/WrenchStamped'
+    """
+    return TOPICS[CONTACT if topic.startswith(f"{CONTACT}/") else topic]
+
+
+def make(name: str, *values: Any) -> Any:
+    """A message of a type, of its fields in order; lists of numbers are arrays.
+
+    Examples
+    --------
+    >>> make("geometry_msgs/msg/Point", 1.0, 2.0, 3.0).y
+    2.0
+    """
+    return _store().types[name](*values)
+
+
+def header(stamp_ns: int, frame: str) -> Any:
+    """A std_msgs/Header; times before 1970 and after 2038 are the nearest that it has.
+
+    Examples
+    --------
+    >>> header(1_500_000_000, "skin").stamp.nanosec
+    500000000
+    """
+    whole, rest = divmod(max(0, stamp_ns), 1_000_000_000)
+    time = make("builtin_interfaces/msg/Time", min(whole, LATEST_S), rest)
+    return make("std_msgs/msg/Header", time, frame)
+
+
+def encode(topic: str, message: Any) -> bytes:
+    """A message of a topic as CDR."""
+    return bytes(_store().serialize_cdr(message, type_of(topic), little_endian=True))
+
+
+def decode(topic: str, data: bytes) -> Any:
+    """A message of a topic from CDR.
+
+    Raises
+    ------
+    ValueError
+        The bytes are not such a message.
+    """
+    try:
+        return _store().deserialize_cdr(data, type_of(topic))
+    except Exception as error:  # rosbags raises several classes
+        raise ValueError(f"{topic}: must be {type_of(topic)}; got {error}") from None
+
+
+@functools.cache
+def definition(name: str) -> str:
+    """The definition of a message as files contain it: its fields, then those of its parts."""
+    return _store().generate_msgdef(name, ros_version=2)[0]
 
 
 class Field(NamedTuple):
@@ -196,76 +210,27 @@ class Field(NamedTuple):
     name : str
     kind : str
         "float64", "string", …, or the full name of a message.
-    is_array : bool
-    size : int
-        Of an array; 0 if any.
+    size : int or None
+        Of an array, 0 for any; None for one value.
     """
 
     name: str
     kind: str
-    is_array: bool
-    size: int
+    size: int | None
 
 
-@functools.cache
-def fields_of(message: str) -> tuple[Field, ...]:
+def fields_of(message: str) -> list[Field]:
     """The fields of a message, in their order.
 
     Examples
     --------
     >>> fields_of("geometry_msgs/msg/Wrench")[0]
-    Field(name='force', kind='geometry_msgs/msg/Vector3', is_array=False, size=0)
+    Field(name='force', kind='geometry_msgs/msg/Vector3', size=None)
     """
-    return _fields(FIELDS[message])
-
-
-def _fields(text: str) -> tuple[Field, ...]:
-    """The fields of a definition."""
     found = []
-    for parts in filter(None, map(_LINE.fullmatch, text.splitlines())):
-        kind = parts["kind"].replace("/", "/msg/", 1)
-        found.append(Field(parts["name"], kind, parts["array"] is not None,
-                           int(parts["size"] or 0)))  # fmt: skip
-    return tuple(found)
-
-
-def schema(name: str) -> str:
-    """The definition of a message as files contain it: its fields, then those of its parts.
-
-    Examples
-    --------
-    >>> print(schema("std_msgs/msg/Header"))
-    builtin_interfaces/Time stamp
-    string frame_id
-    ================================================================================
-    MSG: builtin_interfaces/Time
-    int32 sec
-    uint32 nanosec
-    """
-    parts, seen, waiting = [FIELDS[name]], {name}, [name]
-    while waiting:
-        for package, kind in _USED.findall(FIELDS[waiting.pop(0)]):
-            inner = f"{package}/msg/{kind}"
-            if inner not in seen:
-                seen.add(inner)
-                waiting.append(inner)
-                parts.append(f"{package}/{kind}\n{FIELDS[inner]}")
-    return _PART.join(parts)
-
-
-def definitions(name: str, text: str) -> dict[str, tuple[Field, ...]]:
-    """The fields of a message and of its parts, from the definition in a file: those of the version
-    that wrote it.
-
-    Examples
-    --------
-    >>> definitions("std_msgs/msg/Header", schema("std_msgs/msg/Header"))["std_msgs/msg/Header"]
-    (Field(name='stamp', kind='builtin_interfaces/msg/Time', is_array=False, size=0), \
-Field(name='frame_id', kind='string', is_array=False, size=0))
-    """
-    own, *others = text.split(_PART)
-    found = {name: _fields(own)}
-    for other in others:
-        inner, _, lines = other.partition("\n")
-        found[inner.strip().replace("/", "/msg/", 1)] = _fields(lines)
+    for name, node in _store().fielddefs[message][1]:
+        kind, of = node
+        size = of[1] if kind.name in ("ARRAY", "SEQUENCE") else None
+        inner, of = node if size is None else of[0]
+        found.append(Field(name, of if inner.name == "NAME" else of[0], size))
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from bus.cycle import WRONG_FRAMES
 from bus.state import BusState
 from bus.status import INVALID, Status
-from skin.io.messages.cdr import Cdr
+from skin.io.messages.definitions import DIAGNOSTICS, encode, header, make
 from skin.io.messages.record import BUS_STATES, COUNTERS
 
 __all__ = ["Diagnostics"]
@@ -34,21 +34,12 @@ class Diagnostics:
         Name of the output that drops cycles.
     name : str
         Of the skin.
-    counters : ndarray, shape (15,), int64, optional
-        Counts before the first record, which are subtracted.
     """
 
-    def __init__(
-        self,
-        skin: Mapping[str, Any],
-        into: str,
-        name: str = "skin",
-        counters: np.ndarray | None = None,
-    ) -> None:
+    def __init__(self, skin: Mapping[str, Any], into: str, name: str = "skin") -> None:
         self._skin, self._into, self._name = skin, into, name
         self._enabled = np.array(skin["enabled"], bool)
-        before = np.zeros(len(COUNTERS), np.int64) if counters is None else counters
-        self._before = dict(zip(COUNTERS, before.tolist(), strict=True))
+        self._before = dict.fromkeys(COUNTERS, 0)
         self._bus_lost = [0] * len(skin["buses"])
 
     def message(self, record: np.ndarray) -> bytes:
@@ -62,16 +53,15 @@ class Diagnostics:
         return self._message(stamp_ns, [(STALE, "units", f"no cycle for {seconds:.0f} s", {})])
 
     def _message(self, stamp_ns: int, entries: list[Entry]) -> bytes:
-        message = Cdr()
-        message.header(stamp_ns, "")
-        message.number("I", len(entries))
+        found = []
         for level, name, text, values in entries:
-            message.number("B", level)
-            message.text(f"{self._name}: {name}").text(text).text(self._skin["topology"])
-            message.number("I", len(values))
-            for key, value in values.items():
-                message.text(key).text(value)
-        return bytes(message.raw)
+            pairs = [make("diagnostic_msgs/msg/KeyValue", *pair) for pair in values.items()]
+            found.append(make(
+                "diagnostic_msgs/msg/DiagnosticStatus", level, f"{self._name}: {name}", text,
+                self._skin["topology"], pairs,
+            ))  # fmt: skip
+        head = header(stamp_ns, "")
+        return encode(DIAGNOSTICS, make("diagnostic_msgs/msg/DiagnosticArray", head, found))
 
     def _units(self, status: np.ndarray) -> Entry:
         flagged = np.flatnonzero((status & int(INVALID) != 0) & self._enabled)

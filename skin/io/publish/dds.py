@@ -1,22 +1,20 @@
 """Topics of ROS 2 over DDS, without ROS; the only file that imports cyclonedds.
 
 Names of types and topics are mangled as in ROS 2, so that its nodes match. Writers offer XCDR
-version 1, as ROS 2 does, and take encoded messages: cyclonedds itself needs milliseconds to encode
-the message of a large skin.
+version 1, as ROS 2 does, and take encoded messages, the bytes of a recording: cyclonedds itself
+needs milliseconds to encode the message of a large skin.
 """
 
 from __future__ import annotations
 
 import functools
 import os
-from importlib.util import find_spec
 from typing import Any
 
-from skin.errors import LibraryError, SkinError
-from skin.io.messages.definitions import FIELDS, fields_of
-from skin.io.publish.names import dds_topic, dds_type
+from skin.errors import SkinError
+from skin.io.messages.definitions import fields_of
 
-__all__ = ["LOCALHOST", "Participant", "Writer", "check_library"]
+__all__ = ["LOCALHOST", "Participant", "Writer"]
 
 DEPTH = 10
 """History depth for late readers, the default of ROS 2."""
@@ -29,20 +27,6 @@ LOCALHOST = (
     "</Peers></Discovery></Domain></CycloneDDS>"
 )
 """Configuration of cyclonedds that restricts it to this machine."""
-
-
-def check_library() -> None:
-    """Raise if cyclonedds is missing, without loading it.
-
-    Raises
-    ------
-    LibraryError
-        It is not installed.
-    """
-    if find_spec("cyclonedds") is None:
-        raise LibraryError(
-            "publish: must have cyclonedds; not installed: pip install 'f3t-skin[ros]'"
-        )
 
 
 class Participant:
@@ -75,47 +59,37 @@ class Participant:
                 + (f" (CYCLONEDDS_URI is {uri!r})" if uri else "")
             ) from None
 
-    def writer(
-        self, topic: str, message: str, *, latched: bool = False, reliable: bool = True
-    ) -> Writer:
-        """A writer of a topic.
+    def writer(self, topic: str, message: str, *, latched: bool = False) -> Writer:
+        """A writer of a topic, reliable, so that subscribers of both kinds match.
 
         Parameters
         ----------
         topic : str
             As ROS 2 names it, without the first slash.
         message : str
-            Of `skin.io.messages.definitions.FIELDS`.
+            Of `skin.io.messages.definitions.TOPICS`.
         latched : bool
             Late readers get the last message ("transient local").
-        reliable : bool
-            Lost messages are sent again; both kinds of readers match then.
         """
-        return Writer(self._participant, topic, message, latched, reliable)
+        return Writer(self._participant, topic, message, latched)
 
 
 class Writer:
     """A writer of one topic; made by `Participant.writer`."""
 
-    def __init__(
-        self, participant: Any, topic: str, message: str, latched: bool, reliable: bool
-    ) -> None:
+    def __init__(self, participant: Any, topic: str, message: str, latched: bool) -> None:
         from cyclonedds.core import Policy, Qos
         from cyclonedds.pub import DataWriter
         from cyclonedds.topic import Topic
 
-        durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
-        reliability = (
-            Policy.Reliability.Reliable(max_blocking_time=BLOCKS_NS)
-            if reliable
-            else Policy.Reliability.BestEffort
-        )
         qos = Qos(
-            durability, reliability, Policy.History.KeepLast(1 if latched else DEPTH),
+            Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
+            Policy.Reliability.Reliable(max_blocking_time=BLOCKS_NS),
+            Policy.History.KeepLast(1 if latched else DEPTH),
             Policy.DataRepresentation(use_cdrv0_representation=True),
-        )  # fmt: skip
+        )
         kind = _idl_type(message)
-        self._topic = Topic(participant, dds_topic(topic), kind, qos=qos)
+        self._topic = Topic(participant, f"rt/{topic}", kind, qos=qos)
         self._writer = DataWriter(participant, self._topic, qos=qos)
         self._sample = kind.__new__(kind)
 
@@ -144,9 +118,9 @@ def _idl_type(message: str) -> Any:
     }  # fmt: skip
     found = {}
     for field in fields_of(message):
-        one = _idl_type(field.kind) if field.kind in FIELDS else numbers[field.kind]
-        if field.is_array:
+        one = numbers[field.kind] if field.kind in numbers else _idl_type(field.kind)
+        if field.size is not None:
             one = types.array[one, field.size] if field.size else types.sequence[one]
         found[field.name] = one
-    name = dds_type(message)
-    return make_idl_struct(name.rpartition(".")[2], name, found)
+    package, middle, name = message.split("/")
+    return make_idl_struct(f"{name}_", f"{package}.{middle}.dds_.{name}_", found)

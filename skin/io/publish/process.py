@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from skin.io.messages.of_skin import SkinMessages
-from skin.io.messages.topics import (
-    CONTACT,
+from skin.io.messages.definitions import (
     DIAGNOSTICS,
+    FORCES,
     LAYOUT,
+    POINTS,
     POSES,
-    SKIN,
     STATE,
     TF,
     WRENCH,
     type_of,
 )
+from skin.io.messages.of_skin import SkinMessages
 from skin.io.publish.dds import Participant, Writer
-from skin.io.publish.names import topic
-from skin.worker import Service, WorkerEnd, run
+from skin.worker import Service, run
 
-__all__ = ["Publishing", "Topics"]
+__all__ = ["Publishing"]
 
 WAKES_S = 0.002
 """Poll interval of the ring [assumed: a fifth of the period at 100 Hz]."""
@@ -33,78 +33,54 @@ SETTLES_S = 0.5
 """Timeout of readers for the last messages [assumed]."""
 
 
-class Topics:
-    """The topics of a skin.
+class Publishing(Service):
+    """Publishes records until the loop ends.
 
     Parameters
     ----------
     request : dict
-        The request of `skin.io.publish.ros`.
+        Of `skin.io.publish.ros`.
     """
-
-    def __init__(self, request: dict[str, Any]) -> None:
-        self._request, self._moving = request, request["moving"]
-        self._messages = SkinMessages(
-            request, "publishing", name=request["name"], frame=request["frame"],
-            patch_frames=request["patch_frames"],
-        )  # fmt: skip
-        self._participant = Participant(request["domain"], request["local"])
-        best = self._request["reliable"]
-        self._writers = {of: self._writer(of, reliable=best) for of in (STATE, WRENCH)}
-        self._writers[DIAGNOSTICS] = self._writer(DIAGNOSTICS)
-        for of in (LAYOUT, POSES):
-            self._writers[of] = self._writer(of, latched=True)
-        self._writers[TF] = self._writer(TF, latched=not self._moving)
-        now_ns = time.time_ns()
-        self._write(LAYOUT, self._messages.layout.message(now_ns))
-        self._write(TF, self._messages.layout.transforms(now_ns))
-
-    def _writer(self, of: str, latched: bool = False, reliable: bool = True) -> Writer:
-        name = "/tf_static" if of == TF and latched else of.removeprefix(f"{SKIN}/")
-        full = topic(self._request["prefix"], name)
-        return self._participant.writer(full, type_of(of), latched=latched, reliable=reliable)
-
-    def _write(self, of: str, data: bytes) -> None:
-        if of not in self._writers:
-            assert of.startswith(CONTACT)
-            self._writers[of] = self._writer(of, reliable=self._request["reliable"])
-        self._writers[of].write(data)
-
-    def send(self, record: np.ndarray) -> None:
-        """Publish a record."""
-        stamp_ns, layout = int(record["stamp_ns"]), self._messages.layout
-        if record["has_moved"]:
-            layout.move(record["pose"])
-            self._write(POSES, layout.poses(stamp_ns))
-        for of, data in self._messages.of_state(record):
-            self._write(of, data)
-        if record["has_moved"] or self._moving:
-            self._write(TF, layout.transforms(stamp_ns))
-
-    def report_silence(self, seconds: float) -> None:
-        """Report that the skin has no cycles."""
-        self._write(DIAGNOSTICS, self._messages.diagnostics.silence(time.time_ns(), seconds))
-
-    def wait_for_readers(self) -> None:
-        """Wait until readers have received all messages."""
-        for writer in self._writers.values():
-            writer.wait_for_readers(SETTLES_S)
-
-
-class Publishing(Service):
-    """Publishes records until the loop ends."""
 
     rest_s = WAKES_S
 
-    def __init__(self, end: WorkerEnd) -> None:
-        self._topics = Topics(end.request)
+    def __init__(self, request: dict[str, Any]) -> None:
+        self._prefix, self._has_joints = request["prefix"], request["has_joints"]
+        self._messages = SkinMessages(
+            request, "publishing", name=request["name"], frame=request["frame"]
+        )
+        self.participant = Participant(request["domain"], request["local"])
+        self._writers: dict[str, Writer] = {}
+        for topic in (STATE, WRENCH, POINTS, FORCES, DIAGNOSTICS, POSES):
+            self._writer(topic)
+        self._write(self._messages.layout(time.time_ns()))
         self._heard = self._said = time.monotonic()
         self._count = 0
         self.commands = {"sent": self._sent}
 
+    def _writer(self, topic: str) -> Writer:
+        """The writer of a topic of `skin.io.messages.definitions`, made when it is first used."""
+        if topic not in self._writers:
+            name = topic[1:].replace("skin", self._prefix, 1)
+            if topic == TF and not self._has_joints:
+                name = "tf_static"
+            latched = topic in (LAYOUT, POSES) or name == "tf_static"
+            self._writers[topic] = self.participant.writer(name, type_of(topic), latched=latched)
+        return self._writers[topic]
+
+    def _write(self, messages: Iterable[tuple[str, bytes]]) -> None:
+        for topic, data in messages:
+            self._writer(topic).write(data)
+
     def take(self, records: np.ndarray) -> None:
         """Publish a record."""
-        self._topics.send(records[0])
+        record, messages = records[0], self._messages
+        stamp_ns = int(record["stamp_ns"])
+        moves = [*messages.moves(record, stamp_ns)]
+        self._write(moves)
+        if moves and not self._has_joints:
+            self._write([(TF, messages.transforms(stamp_ns))])
+        self._write(one for one in messages.of_state(record) if one[0] != TF or self._has_joints)
         self._count += 1
         self._heard = self._said = time.monotonic()
 
@@ -112,16 +88,18 @@ class Publishing(Service):
         """Report a silent skin."""
         now = time.monotonic()
         if now - self._said > SILENT_S:
-            self._topics.report_silence(now - self._heard)
+            silence = self._messages.diagnostics.silence(time.time_ns(), now - self._heard)
+            self._write([(DIAGNOSTICS, silence)])
             self._said = now
 
     def stop(self) -> None:
         """Wait until readers have received all messages."""
-        self._topics.wait_for_readers()
+        for writer in self._writers.values():
+            writer.wait_for_readers(SETTLES_S)
 
     def _sent(self) -> dict[str, Any]:
         return {"sent": self._count}
 
 
 if __name__ == "__main__":
-    run(Publishing)
+    run(lambda end: Publishing(end.request))

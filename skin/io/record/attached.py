@@ -1,7 +1,6 @@
-"""Attachments that make a recording replayable: topology, options, stencil, zeros.
+"""Attachments that make a recording replayable: topology with calibration, options, stencil.
 
-The topology is attached as arrays, so that a replay needs no other file; its source files are
-attached as well, for people.
+The topology is attached as arrays with all that decodes, so that a replay needs no other file.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import io
 import json
 import math
 import tempfile
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,80 +20,34 @@ from bus.errors import LogError
 from skin.errors import SkinError, check_number
 from skin.options import Options
 from topology import Topology, TopologyError
-from topology.files import read_arrays, read_regular
-from topology.packed import from_arrays, to_arrays
+from topology.files import read_arrays
+from topology.packed import PARAMETER, TEXTS, from_arrays, to_arrays
 
-__all__ = ["DECODED", "Setup", "attachments", "decoded_attachments", "read_setup"]
+__all__ = ["Setup", "attachments", "differences", "read_setup"]
 
-FORMAT = 1
-RUN, ARRAYS, STENCIL, ZEROS = "run.json", "topology.npz", "stencil.npz", "zeros.npz"
-DECODED = "decoded.json"
-"""Attachment in place of the run, of states that `skin decode` has made without frames."""
-LARGEST_SOURCE = 2_000_000
+RUN, ARRAYS, STENCIL = "run.json", "topology.npz", "stencil.npz"
 
 
-def attachments(
-    topology: Topology, options: Options, deadline_s: float | None, zeros: bytes | None
-) -> dict[str, bytes]:
-    """Attachments of a run, by name.
-
-    Parameters
-    ----------
-    topology : Topology
-    options : Options
-    deadline_s : float or None
-        See `skin.pipeline.Pipeline`.
-    zeros : bytes or None
-        The file of zeros to be taken up, empty if it did not exist; None without one.
-    """
+def attachments(topology: Topology, options: Options, deadline_s: float | None) -> dict[str, bytes]:
+    """Attachments of a run, by name; see `skin.pipeline.Pipeline`."""
     given = options.report()
     given.pop("stencil", None)  # attached separately
-    run = {"format": FORMAT, "topology": topology.name, "options": given,
-           "deadline_s": deadline_s, "zeros": zeros is not None}  # fmt: skip
-    found = {
-        RUN: json.dumps(run, indent=1).encode(),
-        ARRAYS: _archive(to_arrays(dataclasses.replace(topology, path=None))),
-    }
+    run = {"topology": topology.name, "options": given, "deadline_s": deadline_s}
+    found = {RUN: json.dumps(run, indent=1).encode(), ARRAYS: _archive(topology)}
     if options.stencil is not None:
         with tempfile.TemporaryDirectory() as folder:
             options.stencil.save(Path(folder) / STENCIL)
             found[STENCIL] = (Path(folder) / STENCIL).read_bytes()
-    if zeros:
-        found[ZEROS] = zeros
-    return found | _sources(topology)
-
-
-def decoded_attachments(topology: Topology, provenance: Mapping[str, str]) -> dict[str, bytes]:
-    """Attachments of states that were decoded from a log, by name.
-
-    Parameters
-    ----------
-    topology : Topology
-    provenance : mapping of str to str
-        Their provenance, with ``log``, the name of the log.
-    """
-    arrays = _archive(to_arrays(dataclasses.replace(topology, path=None)))
-    file = json.dumps(dict(provenance), indent=1, sort_keys=True).encode()
-    return {DECODED: file, ARRAYS: arrays} | _sources(topology)
+    return found
 
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
-    """Setup of a run.
-
-    Attributes
-    ----------
-    topology : Topology
-    options : Options
-    deadline_s : float or None
-    zeros : bytes or None
-        See `attachments`.
-    """
+    """Setup of a run; see `skin.pipeline.Pipeline`."""
 
     topology: Topology
     options: Options
     deadline_s: float | None
-    zeros: bytes | None
 
 
 def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
@@ -106,34 +58,21 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
     bus.LogError
         An attachment is missing or damaged.
     """
-    if DECODED in attached:
-        raise LogError(f"{file}: must be a recording, with frames to be replayed; got states that "
-                       f"were decoded from {_origin(attached[DECODED])}: replay that")  # fmt: skip
     for name in (RUN, ARRAYS):
         if name not in attached:
             raise LogError(f"{file}: must be a recording of a skin, with {name!r} attached; "
                            f"got {', '.join(map(repr, attached)) or 'nothing'}")  # fmt: skip
     try:
         run = json.loads(attached[RUN])
-        form, given, takes_zeros = run["format"], dict(run["options"]), run["zeros"]
-        deadline_s = run["deadline_s"]
+        given, deadline_s = dict(run["options"]), run["deadline_s"]
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, 3600.0)
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise LogError(f"{file}: {RUN}: must be what a recording writes; got {error}") from None
-    if form != FORMAT:
-        raise LogError(f"{file}: {RUN}: format: must be {FORMAT}; got {form!r}")
     with tempfile.TemporaryDirectory() as folder:
-        arrays = _arrays(file, attached[ARRAYS], Path(folder))
+        topology = _topology(file, attached[ARRAYS], Path(folder) / ARRAYS)
         try:
-            topology = from_arrays(arrays)
-        except ValueError as error:
-            raise LogError(f"{file}: {ARRAYS}: {error}") from None
-        try:
-            if "tare" in given:  # name in earlier recordings
-                given["auto_tare"] = given.pop("tare")
-            given.setdefault("capacity", 16)  # of earlier recordings
-            if "slip" in given and given["slip"] is not None:
+            if given.get("slip") is not None:
                 given["slip"] = _slip(given["slip"])
             if STENCIL in attached:
                 from skin.physics.stencil import Stencil
@@ -144,15 +83,21 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
             options = Options(**given)
         except (SkinError, TopologyError, TypeError, AttributeError) as error:
             raise LogError(f"{file}: {RUN}: must be options of a run; got: {error}") from None
-    return Setup(topology, options, deadline_s, attached.get(ZEROS, b"") if takes_zeros else None)
+    return Setup(topology, options, deadline_s)
 
 
-def _origin(decoded: bytes) -> str:
-    """The log from which states were decoded."""
-    try:
-        return repr(json.loads(decoded)["log"])
-    except (ValueError, LookupError, TypeError, RecursionError):
-        return "a log"
+def differences(recorded: Topology, given: Topology) -> list[str]:
+    """Names of what differs between two topologies; empty if they decode the same."""
+    names = ("name", "unit_names", "patch_names", "layouts")
+    found = [name for name in names if getattr(recorded, name) != getattr(given, name)]
+    if [bus.name for bus in recorded.buses] != [bus.name for bus in given.buses]:
+        found.append("buses")
+    one, other = to_arrays(recorded), to_arrays(given)
+    found += [
+        name.removeprefix(PARAMETER) for name in one
+        if name != TEXTS and not np.array_equal(one[name], other[name])
+    ]  # fmt: skip
+    return found
 
 
 def _slip(values: dict[str, Any]) -> Any:
@@ -162,34 +107,16 @@ def _slip(values: dict[str, Any]) -> Any:
     return SlipSettings(**known)
 
 
-def _archive(arrays: dict[str, np.ndarray]) -> bytes:
+def _archive(topology: Topology) -> bytes:
     file = io.BytesIO()
-    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    arrays: dict[str, Any] = to_arrays(dataclasses.replace(topology, path=None))
+    np.savez_compressed(file, **arrays)
     return file.getvalue()
 
 
-def _arrays(file: Path, data: bytes, folder: Path) -> dict[str, np.ndarray]:
-    place = folder / ARRAYS
+def _topology(file: Path, data: bytes, place: Path) -> Topology:
     place.write_bytes(data)
     try:
-        return read_arrays(place)
+        return from_arrays(read_arrays(place))
     except (OSError, ValueError) as error:
         raise LogError(f"{file}: {ARRAYS}: must be arrays of a topology; got: {error}") from None
-
-
-def _sources(topology: Topology) -> dict[str, bytes]:
-    """The source files of the topology that can be read: its own, and those of its calibrations."""
-    if topology.path is None:
-        return {}
-    found: dict[str, bytes] = {}
-    try:
-        text = read_regular(topology.path, LARGEST_SOURCE)
-        found[topology.path.name] = text
-        for patch in tomllib.loads(text.decode()).get("patches", ()):
-            named = patch.get("calibration")
-            if isinstance(named, str):
-                place = topology.path.parent / named
-                found[place.name] = read_regular(place, LARGEST_SOURCE)
-    except (OSError, ValueError):  # the replay uses the arrays
-        return found
-    return found

@@ -10,38 +10,25 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Collection, Iterator
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from bus.errors import LogError
-from skin.errors import LibraryError
-from skin.io.messages.definitions import Field, definitions, schema
-from skin.io.messages.topics import FIXED, type_of
+from skin.io.messages.definitions import CONTACT, TOPICS, definition, require, type_of
 from topology.files import open_regular
 
-__all__ = ["Container", "Message", "RecordedFile", "require"]
+__all__ = ["Container", "RecordedFile", "require_libraries"]
 
-PROFILE = "ros2"
+FIXED = dict(enumerate((topic for topic in TOPICS if topic != CONTACT), start=1))
+"""Topics by the number of their channel, so that a reader knows them even where the part of the
+file that declares them is damaged."""
 LARGEST_CHUNK = 1 << 28
 """Maximum bytes of an unpacked chunk that is read [assumed: seconds of the largest skins]."""
-CHUNK = 1 << 20
-"""Maximum bytes of a written chunk: the loss on a full disk."""
-SET_BACK_NS = 10_000_000_000
-"""Stamps that step back by less are logged at the time of the newest, so that a file without an
-index can be read in order; a larger step is a clock that was set."""
 
 
-def require(where: str) -> None:
-    """Raise if the library is missing.
-
-    Raises
-    ------
-    LibraryError
-        It is not installed.
-    """
-    if find_spec("mcap") is None:
-        raise LibraryError(f"{where}: must have mcap; not installed: pip install 'f3t-skin[log]'")
+def require_libraries(where: str) -> None:
+    """Raise LibraryError if a library of recordings is missing."""
+    require(where, "log", "mcap", "rosbags")
 
 
 class _File:
@@ -64,25 +51,19 @@ class _File:
 
     def flush(self) -> None:
         """Write the buffered bytes."""
-        view, done = memoryview(self._waiting), 0
+        left = memoryview(bytes(self._waiting))
         try:
-            while done < len(view):
-                done += os.write(self._file, view[done:])
+            while left:
+                left = left[os.write(self._file, left) :]
         except OSError:
             os.ftruncate(self._file, self.size)
             raise
-        finally:
-            view.release()
-        self.size += done
+        self.size += len(self._waiting)
         self._waiting.clear()
 
     def sync(self) -> None:
         """Sync the file to the disk."""
         os.fsync(self._file)
-
-    def close(self) -> None:
-        """Close the file."""
-        os.close(self._file)
 
 
 class Container:
@@ -92,8 +73,6 @@ class Container:
     ----------
     path : Path
         A new file.
-    library : str
-        Name of the writing program.
 
     Attributes
     ----------
@@ -106,15 +85,15 @@ class Container:
         By any method: the file cannot be written. It is complete up to the last `flush`.
     """
 
-    def __init__(self, path: Path, library: str) -> None:
+    def __init__(self, path: Path) -> None:
         from mcap.writer import Writer
 
         self._file = _File(path)
-        self._writer: Any = Writer(self._file, chunk_size=CHUNK)  # type: ignore[arg-type]
-        self._writer.start(PROFILE, library)
+        self._writer: Any = Writer(self._file)  # type: ignore[arg-type]
+        self._writer.start("ros2", "f3t-skin")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self.count = self._newest_ns = 0
+        self.count = 0
         for topic in FIXED.values():
             self._channel(topic)
         self.flush()
@@ -124,31 +103,25 @@ class Container:
         """Size of the file in bytes."""
         return self._file.size
 
-    def attach(self, name: str, data: bytes, media_type: str, stamp_ns: int | None = None) -> None:
-        """Attach a file, with its stamp; now if none is given."""
-        now_ns = time.time_ns() if stamp_ns is None else stamp_ns
-        self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+    def attach(self, name: str, data: bytes) -> None:
+        """Attach a file."""
+        now_ns = time.time_ns()
+        kind = "application/json" if name.endswith(".json") else "application/octet-stream"
+        self._writer.add_attachment(now_ns, now_ns, name, kind, data)
 
     def add(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Append a message: topic, stamp, and CDR."""
-        channel = self._channel(topic)
-        back_ns = self._newest_ns - stamp_ns
-        self._newest_ns = log_ns = self._newest_ns if 0 < back_ns < SET_BACK_NS else stamp_ns
-        self._writer.add_message(channel, log_ns, data, stamp_ns)
+        self._writer.add_message(self._channel(topic), stamp_ns, data, stamp_ns)
         self.count += 1
 
     def _channel(self, topic: str) -> int:
         if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(
-                topic, "cdr", self._schema(type_of(topic))
-            )
+            name = type_of(topic)
+            if name not in self._schemas:
+                text = definition(name).encode()
+                self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[name])
         return self._channels[topic]
-
-    def _schema(self, name: str) -> int:
-        if name not in self._schemas:
-            text = schema(name).encode()
-            self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
-        return self._schemas[name]
 
     def flush(self) -> None:
         """Complete the file up to here, so that a crash of this process loses nothing before."""
@@ -159,18 +132,6 @@ class Container:
         self._writer.finish()
         self._file.flush()
         self._file.sync()
-
-    def close(self) -> None:
-        """Close the file without ending it."""
-        self._file.close()
-
-
-class Message(NamedTuple):
-    """A message that was read."""
-
-    topic: str
-    stamp_ns: int
-    data: bytes
 
 
 class RecordedFile:
@@ -186,24 +147,20 @@ class RecordedFile:
         Attachments before the first message.
     damage : list of str
         Parts that could not be read so far, and why.
-    definitions : dict of str to dict
-        Of the messages of each topic read so far, as of
-        `skin.io.messages.definitions.definitions`.
 
     Raises
     ------
     LibraryError
-        The library of the file format is not installed.
+        A library of recordings is not installed.
     bus.LogError
         There is no such file, or it is not an MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
-        require(str(path))
+        require_libraries(str(path))
         self.path = path
         self.damage: list[str] = []
         self.attached: dict[str, bytes] = {}
-        self.definitions: dict[str, dict[str, tuple[Field, ...]]] = {}
         for record in self._records():
             kind = type(record).__name__
             if kind == "Attachment":
@@ -211,37 +168,51 @@ class RecordedFile:
             elif kind in ("Chunk", "Message"):
                 break
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """Messages of these topics, from the first one on."""
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
+        """Topic and bytes of the messages of these topics, from the first one on.
+
+        Raises
+        ------
+        bus.LogError
+            Their definition is another one than that of this version.
+        """
+        self.damage = []
+        channels = dict(FIXED)
+        for part in self._parts():
+            kind = type(part).__name__
+            if kind == "Schema":
+                self._check_definition(part, topics)
+            elif kind == "Channel":
+                channels[part.id] = part.topic
+            elif kind == "Message" and (topic := channels.get(part.channel_id, "")) in topics:
+                yield topic, part.data
+
+    def _check_definition(self, schema: Any, topics: Collection[str]) -> None:
+        name = schema.name
+        if name in map(type_of, topics) and schema.data != definition(name).encode():
+            raise LogError(
+                f"{self.path}: {name}: must be defined as in this version of f3t-skin; got another "
+                "definition: replay it with the version that recorded it"
+            )
+
+    def _parts(self) -> Iterator[Any]:
+        """Records of the file, those of intact chunks one by one."""
         from mcap.stream_reader import breakup_chunk
 
-        self.damage = []
-        channels, schemas = dict(FIXED), {}
         for record in self._records():
-            parts: list[Any] = [record]
-            if type(record).__name__ == "Chunk":
-                try:
-                    if record.uncompressed_size > LARGEST_CHUNK:
-                        raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
-                    parts = breakup_chunk(record, validate_crc=True)
-                except Exception as error:  # a damaged file may raise anything
-                    seconds = 1e-9 * (record.message_end_time - record.message_start_time)
-                    self._damaged(f"must be whole; got a chunk of {seconds:.3g} s that is "
-                                  f"damaged ({_reason(error)}), left out")  # fmt: skip
-                    continue
-            for part in parts:
-                kind = type(part).__name__
-                if kind == "Schema":
-                    schemas[part.id] = part
-                elif kind == "Channel":
-                    channels[part.id] = part.topic
-                    if (one := schemas.get(part.schema_id)) is not None:
-                        text = one.data.decode(errors="replace")
-                        self.definitions[part.topic] = definitions(one.name, text)
-                elif kind == "Message":
-                    topic = channels.get(part.channel_id, "")
-                    if topic in topics:
-                        yield Message(topic, part.log_time, part.data)
+            if type(record).__name__ != "Chunk":
+                yield record
+                continue
+            try:
+                if record.uncompressed_size > LARGEST_CHUNK:
+                    raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
+                parts = breakup_chunk(record, validate_crc=True)
+            except Exception as error:  # a damaged file may raise anything
+                seconds = 1e-9 * (record.message_end_time - record.message_start_time)
+                self._damaged(f"must be whole; got a chunk of {seconds:.3g} s that is damaged "
+                              f"({_reason(error)}), left out")  # fmt: skip
+                continue
+            yield from parts
 
     def _records(self) -> Iterator[Any]:
         """Records of the file, chunks packed, to its end or to where it is damaged."""
@@ -277,6 +248,5 @@ class RecordedFile:
 
 def _reason(error: Exception) -> str:
     text = str(error).partition("\n")[0]
-    return text or {"EndOfFile": "the end of the file"}.get(
-        type(error).__name__, type(error).__name__
-    )
+    kind = type(error).__name__
+    return text or ("the end of the file" if kind == "EndOfFile" else kind)

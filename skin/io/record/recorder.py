@@ -1,46 +1,77 @@
-"""Recorder: the loop's side of a recording. It copies into the ring buffer and never waits."""
+"""Recorder: the loop's side of a recording. It writes into the ring buffer and never waits."""
 
 from __future__ import annotations
 
 import base64
 import errno
 import os
+import struct
 import time
 from collections.abc import Sequence
-from functools import partial
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bus.compiled.bound import Bound, direct
 from bus.frame import FRAME_DTYPE
 from bus.transport import Transport
-from skin.contact.record import CONTACT
 from skin.errors import SkinError
-from skin.io.messages.record import described, note
-from skin.io.messages.writer import RecordWriter
+from skin.io.messages.record import RecordWriter, described, record_dtype
 from skin.io.record.attached import attachments
-from skin.io.record.container import require
-from skin.io.record.slot import EVENTS, Event, slot_dtype
-from skin.io.record.staging import FULL, NO_ROOM, STAGED, Ring, Staged, hand_over, stage, take
+from skin.io.record.container import require_libraries
 from skin.sinks import Ending, WorkerSink
 from skin.state import State
 from skin.worker import RingBuffer
+from topology import Topology
 from topology.files import check_path
 
 if TYPE_CHECKING:
     from skin.pipeline import Pipeline
 
-__all__ = ["Recorder"]
+__all__ = ["EVENTS", "Event", "Recorder", "slot_dtype"]
 
 RING_S = 2.0
 """Time span of the ring [assumed: a process is not held up for longer]."""
 RING_BYTES = 128 << 20
 """Largest ring; for the largest skins it holds less than `RING_S`."""
 LEAST_SLOTS = 64
-FED, FED_PART, MOVED = map(int, (Event.FED, Event.FED_PART, Event.MOVED))
+EVENTS = 24
+"""Events per slot; further ones go into the next slot."""
+SPARE_FRAMES = 8
 MODULE = "skin.io.record.process"
+
+
+class Event(IntEnum):
+    """Inputs of a pipeline, as in ``f3t_msgs/msg/CanFrames``."""
+
+    FED = 0
+    """Frames; the value is their number."""
+    EXPIRED = int(Ending.EXPIRED)
+    """The value is the age of the cycle in ns, also of the next two."""
+    SILENT = int(Ending.SILENT)
+    FLUSHED = int(Ending.FLUSHED)
+    PART = 4
+    """As FED, and the batch continues with the next event."""
+
+
+FED, PART = int(Event.FED), int(Event.PART)
+PACK = [struct.Struct(f"<{3 + 2 * count}q").pack_into for count in range(EVENTS + 1)]
+"""Write the counts of a slot and so many events."""
+
+
+def slot_dtype(topology: Topology, contacts: int) -> np.dtype[Any]:
+    """The dtype of a slot of the ring buffer: the inputs of a cycle, its state and new poses.
+
+    Events are in order, each with its value, their frames one after the other. What is beyond the
+    counts, and the state and poses where there are none, is left from earlier cycles.
+    """
+    expected = len(topology.frames) + len(topology.buses)
+    frames = expected + expected // 2 + SPARE_FRAMES
+    return record_dtype(topology, contacts, (
+        ("has_state", "i8", ()), ("event_count", "i8", ()), ("frame_count", "i8", ()),
+        ("events", "i8", (EVENTS, 2)), ("frames", "u1", (frames, FRAME_DTYPE.itemsize)),
+    ))  # fmt: skip
 
 
 class Recorder(WorkerSink):
@@ -59,10 +90,15 @@ class Recorder(WorkerSink):
     transports : sequence of Transport
         Buses whose states are written as well.
 
+    Attributes
+    ----------
+    lost_cycles, lost_frames : int
+        What was not recorded.
+
     Raises
     ------
     LibraryError
-        The library of the file format is not installed.
+        A library of recordings is not installed.
     SkinError
         The file exists, or cannot be written; or the pipeline has had frames before.
     """
@@ -73,7 +109,7 @@ class Recorder(WorkerSink):
         pipeline: Pipeline,
         transports: Sequence[Transport] = (),
     ) -> None:
-        require("record")
+        require_libraries("record")
         check_new(file)
         topology, self.file = pipeline.topology, Path(file)
         super().__init__(str(self.file), pipeline)
@@ -83,42 +119,18 @@ class Recorder(WorkerSink):
             )
         dtype = slot_dtype(topology, pipeline.contact_capacity)
         most = min(RING_S * topology.cycle_rate_hz, RING_BYTES / dtype.itemsize)
-        self._ring = ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
-        staged = np.zeros(1, dtype)
-        self._writer = RecordWriter(staged, pipeline.contacts, pipeline.assembler.totals)
-        of = self._writer.fields
-        self._frames = of["frames"][0].view(FRAME_DTYPE).reshape(-1)
-        self._event_count, self._frame_count = of["event_count"], of["frame_count"]
-        self._events, self._values = of["events"][0], of["event_values"][0]
-        into = self._frames, self._events, self._values, self._event_count, self._frame_count
-        self._stage, self._stage_part = (
-            partial(direct(stage), *into, fed) for fed in (FED, FED_PART)
-        )
-        self._pose, self._slot = of["pose"][0], staged
-        self._lost = of["lost_cycles"], of["lost_frames"]
-        self._has_moved, self._is_open = np.zeros(1, bool), np.ones(1, bool)
-        places = {name: place for name, (_, place, *_) in (dtype.fields or {}).items()}
-        ends = (
-            Staged(
-                staged.view(np.uint8), self._event_count, self._frame_count, of["has_state"],
-                of["contact_count"], *self._lost, self._has_moved,
-                (places["frames"], places["contacts"], places["pose"]), CONTACT.itemsize,
-            ),
-            Ring(
-                ring.records.view(np.uint8).reshape(ring.slots, dtype.itemsize), *ring.counters,
-                self._is_open,
-            ),
-        )  # fmt: skip
-        self._publish = Bound(hand_over, *ends)
-        self._writer.fill_by(take, *ends)
-        self._write = self._writer.write
-        of["bus_states"][:] = -1
+        self._ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
+        self._writer = RecordWriter(self._ring.records, pipeline, transports)
+        places: Any = dtype.fields
+        self._counts_at, self._frames_at = places["has_state"][1], places["frames"][1]
+        self._room = dtype["frames"].shape[0]
+        self._events: list[int] = []  # since the last slot, each with its value, and their frames
+        self._frames: list[bytes] = []
+        self._count = 0
+        self.lost_cycles = self.lost_frames = 0
         self._closed = False
         self._report: dict[str, Any] = {}
-        self._transports = transports
-        if pipeline.poses[0] is not topology.position:
-            self.moved(*pipeline.poses)
-        self.start(MODULE, ring, _request(self.file, pipeline), "open", niceness=0)
+        self.start(MODULE, self._ring, _request(self.file, pipeline), "open", niceness=0)
 
     # -- called by the loop ------------------------------------------------------------------------
 
@@ -126,24 +138,23 @@ class Recorder(WorkerSink):
         """Record frames, shape (m,), FRAME_DTYPE, also those that the pipeline will refuse."""
         if (frames.dtype is not FRAME_DTYPE and frames.dtype != FRAME_DTYPE) or frames.ndim != 1:
             return
-        done = self._stage(frames)
-        if done == FULL:
-            self._publish()
-        elif done == NO_ROOM:
-            self._take_in_parts(frames)
+        count = frames.size
+        if count + self._count > self._room:
+            count = self._put_parts(frames)
+            frames = frames[frames.size - count :]
+        self._frames.append(frames.tobytes())
+        self._count += count
+        self._add(FED, count)
 
-    def _take_in_parts(self, frames: np.ndarray) -> None:
-        """Record more frames than a slot holds."""
-        left = frames.size
-        while left:
-            taken = min(left, self._frames.size - int(self._frame_count[0]))
-            done = STAGED
-            if taken:
-                part = frames[frames.size - left :][:taken]
-                left -= taken
-                done = (self._stage_part if left else self._stage)(part)
-            if left or done == FULL:
-                self._publish()
+    def _put_parts(self, frames: np.ndarray) -> int:
+        """Record all but the last of more frames than a slot has room for; how many are left."""
+        self._hand_over()
+        while frames.size > self._room:
+            part, frames = frames[: self._room], frames[self._room :]
+            self._frames, self._count = [part.tobytes()], part.size
+            self._add(PART, part.size)
+            self._hand_over()
+        return frames.size
 
     def closing(self, event: Ending, elapsed_ns: int) -> None:
         """See `Sink.closing`."""
@@ -151,36 +162,43 @@ class Recorder(WorkerSink):
 
     def moved(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """See `Sink.moved`."""
-        pose = self._pose
-        pose[:3], pose[3:] = position, np.reshape(rotation, (9, -1))
-        self._has_moved[0] = True
-        self._add(MOVED, 0)
-        if self._event_count[0]:
-            self._publish()  # a slot holds one pose
+        self._hand_over()  # with the poses, which hold for what comes after
 
     def state(self, state: State) -> None:
         """See `Sink.state`."""
         if time.monotonic() >= self.look_at:
             self.look()
-            note(self._slot, state, self._transports)
-        self._write(state)
+            self._writer.look()
+        self._hand_over(state)
 
     def _add(self, event: int, value: int) -> None:
-        count = int(self._event_count[0])
-        self._events[count], self._values[count] = event, value
-        self._event_count[0] = count + 1
-        if count + 1 == EVENTS:
-            self._publish()
+        self._events += (event, value)
+        if len(self._events) == 2 * EVENTS:
+            self._hand_over()
 
-    @property
-    def lost_cycles(self) -> int:
-        """Cycles that were not recorded."""
-        return int(self._lost[0][0])
+    def _hand_over(self, state: State | None = None) -> None:
+        """Pass events and frames since the last slot, poses and state to the process; where the
+        ring is full, count them as lost."""
+        at = None if self._closed else self._ring.claim_slot()
+        events, count = self._events, self._count
+        if at is None:
+            self.lost_cycles += state is not None
+            self.lost_frames += count
+        else:
+            writer = self._writer
+            memory, first = writer.bytes, writer.size * at
+            if state is not None:
+                writer.state(at, state, self.lost_cycles, self.lost_frames)
+            if count:
+                data = b"".join(self._frames)
+                memory[first + self._frames_at : first + self._frames_at + len(data)] = data
+            writer.poses(at)
+            PACK[len(events) // 2](memory, first + self._counts_at, state is not None,
+                                   len(events) // 2, count, *events)  # fmt: skip
+            self._ring.publish()
+        self._events, self._frames, self._count = [], [], 0
 
-    @property
-    def lost_frames(self) -> int:
-        """Frames that were not recorded."""
-        return int(self._lost[1][0])
+    # -- losses, and the end -----------------------------------------------------------------------
 
     @property
     def lost(self) -> int:
@@ -204,40 +222,31 @@ class Recorder(WorkerSink):
         )
 
     def fail(self) -> None:
-        """The recording has ended; the loop continues."""
-        self._end()
+        """The recording has ended; the loop continues, and further cycles count as lost."""
+        self._closed = True
         super().fail()
-
-    def _end(self) -> None:
-        """Stop recording: further cycles are dropped and counted."""
-        self._closed, self._is_open[0] = True, False
-
-    # -- the end -----------------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
         """Summary of the recording: ``file``; ``cycles``, ``frames``, ``messages`` and ``bytes`` in
         it; ``cpu_s`` of the worker; dropped ``lost_cycles`` and ``lost_frames``; ``failure``."""
-        if not self._closed:
-            try:
-                self._report = self._worker.ask("report")
-            except SkinError:
-                self.fail()
+        self._ask("report")
         return {"file": str(self.file), **self._report, "lost_cycles": self.lost_cycles,
                 "lost_frames": self.lost_frames, "failure": self.failure}  # fmt: skip
 
     def stop(self) -> None:
         """Write the backlog and end the file; may be called twice."""
-        if self._closed:
-            self._worker.close()
-            return
-        if self._event_count[0]:
-            self._publish()
-        try:
-            self._report = self._worker.ask("finish")
-            self._end()
-        except SkinError:
-            self.fail()
+        if self._events:
+            self._hand_over()
+        self._ask("finish")
+        self._closed = True
         self._worker.close()
+
+    def _ask(self, command: str) -> None:
+        if not self._closed:
+            try:
+                self._report = self._worker.ask(command)
+            except SkinError:
+                self.fail()
 
 
 def check_new(file: str | os.PathLike[str]) -> None:
@@ -263,11 +272,7 @@ def check_new(file: str | os.PathLike[str]) -> None:
 
 def _request(file: Path, pipeline: Pipeline) -> dict[str, Any]:
     """The worker's request as JSON, with the attachments of the recording."""
-    zeros = None
-    if pipeline.zeros_file is not None:
-        taken_up = Path(pipeline.zeros_file)
-        zeros = taken_up.read_bytes() if taken_up.exists() else b""
-    files = attachments(pipeline.topology, pipeline.options, pipeline.deadline_s, zeros)
+    files = attachments(pipeline.topology, pipeline.options, pipeline.deadline_s)
     return {
         "file": str(file.absolute()),
         **described(pipeline.topology),

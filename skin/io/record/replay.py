@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,15 +24,13 @@ from bus.logs.formats import READERS
 from bus.logs.reader import existing
 from skin.compiling import announcer
 from skin.errors import OptionError, check_number
-from skin.io.messages.cdr import HEAD
-from skin.io.messages.encode import FRAMES_AT, FRAMES_HEAD, StateEncoder
-from skin.io.messages.topics import FRAMES, POSES, STATE
-from skin.io.messages.writer import RecordWriter
+from skin.io.messages.definitions import FRAMES, POSES, STATE, decode, encode, header
+from skin.io.messages.of_skin import state_message
+from skin.io.messages.record import RecordWriter, record_dtype
 from skin.io.record import is_recording
-from skin.io.record.attached import Setup, read_setup
+from skin.io.record.attached import Setup, differences, read_setup
 from skin.io.record.container import RecordedFile
-from skin.io.record.differences import differences
-from skin.io.record.slot import Event, slot_dtype
+from skin.io.record.recorder import Event
 from skin.offline import DecodedLog, decode_log
 from skin.sinks import Attachable
 from topology import Topology
@@ -178,7 +175,7 @@ def _check_same(path: Path, recorded: Topology, given: Topology) -> None:
     if found and differences(recorded, given.exact()):
         raise LogError(
             f"{path}: topology: must be recorded with {given.name!r} as it is now; got differences "
-            f"in {'; '.join(found[:6])}{'; …' if len(found) > 6 else ''}"
+            f"in {', '.join(found)}"
         )
 
 
@@ -213,26 +210,50 @@ class Pace:
         self._stamp_ns = stamp_ns
 
 
-class PacedLog(Attachable):
-    """States of a log in real time; see `DecodedLog`.
+class Paced(Attachable):
+    """States of a file, in real time or as fast as they come; iterate over it once.
 
     Attributes
     ----------
     topology : Topology
     pipeline : Pipeline
     work_ns : int
-        Processing time of the last state.
+        Processing time of the last state, of a recording with its comparison.
     """
 
-    def __init__(self, decoded: DecodedLog, speed: float | None) -> None:
-        self.topology, self.pipeline = decoded.topology, decoded.pipeline
+    def __init__(self, pipeline: Pipeline, speed: float | None) -> None:
+        self.topology, self.pipeline = pipeline.topology, pipeline
         self.work_ns = 0
-        self._decoded, self._pace = decoded, Pace(speed)
+        self._pace = Pace(speed)
 
     @property
     def counters(self) -> FrameCounters:
         """Counts of frames by outcome, running totals."""
-        return self._decoded.counters
+        return self.pipeline.counters
+
+    @property
+    def faults(self) -> list[str]:
+        """Faults of the file so far."""
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[State]:
+        started = time.perf_counter_ns()
+        for state in self._states():
+            self.work_ns = time.perf_counter_ns() - started
+            self._pace.wait(state.stamp_ns)
+            yield state
+            started = time.perf_counter_ns()
+
+    def _states(self) -> Iterator[State]:
+        raise NotImplementedError
+
+
+class PacedLog(Paced):
+    """States of a log; see `DecodedLog`."""
+
+    def __init__(self, decoded: DecodedLog, speed: float | None) -> None:
+        super().__init__(decoded.pipeline, speed)
+        self._decoded = decoded
 
     @property
     def faults(self) -> list[str]:
@@ -240,25 +261,15 @@ class PacedLog(Attachable):
         damage = self._decoded.damage
         return [*([] if damage is None else [damage]), *self._decoded.faults]
 
-    def __iter__(self) -> Iterator[State]:
-        started = time.perf_counter_ns()
-        for state in self._decoded:
-            self.work_ns = time.perf_counter_ns() - started
-            self._pace.wait(state.stamp_ns)
-            yield state
-            started = time.perf_counter_ns()
+    def _states(self) -> Iterator[State]:
+        yield from self._decoded
 
 
-class Replay(Attachable):
+class Replay(Paced):
     """States of a recording, reproduced; made by `replay`.
 
     Attributes
     ----------
-    topology : Topology
-        As in the run.
-    pipeline : Pipeline
-    work_ns : int
-        Processing time of the last state.
     count, same : int
         States so far, and how many of them equal those of the recording, to the bit.
     """
@@ -268,32 +279,16 @@ class Replay(Attachable):
     ) -> None:
         from skin.pipeline import Pipeline
 
-        self.topology = setup.topology
-        self.pipeline: Pipeline = Pipeline(
-            setup.topology, setup.options, deadline_s=setup.deadline_s
+        super().__init__(
+            Pipeline(setup.topology, setup.options, deadline_s=setup.deadline_s), speed
         )
-        if setup.zeros is not None:
-            with tempfile.TemporaryDirectory() as folder:
-                place = Path(folder) / "zeros.npz"
-                if setup.zeros:
-                    place.write_bytes(setup.zeros)
-                self.pipeline.take_zeros(place)
-        self.work_ns = self.count = self.same = 0
-        self._recorded, self._pace, self._compares = recorded, Pace(speed), compares
-        self._slot = np.zeros(1, slot_dtype(self.topology, self.pipeline.contact_capacity))
-        self._writer = RecordWriter(
-            self._slot, self.pipeline.contacts, self.pipeline.assembler.totals
-        )
-        self._encoder: StateEncoder | None = None
-        self._unknown: str | None = None
+        self.count = self.same = 0
+        self._recorded, self._compares = recorded, compares
+        self._record = np.zeros(1, record_dtype(self.topology, self.pipeline.contact_capacity))
+        self._writer = RecordWriter(self._record, self.pipeline)
         self._parts: list[np.ndarray] = []
         self._lost = (0, 0)
         self._unmade = 0
-
-    @property
-    def counters(self) -> FrameCounters:
-        """Counts of frames by outcome, running totals."""
-        return self.pipeline.counters
 
     @property
     def faults(self) -> list[str]:
@@ -307,61 +302,55 @@ class Replay(Attachable):
         if self._unmade:
             found.append(f"{path}: must hold the frames of every state; got {self._unmade} states "
                          "without")  # fmt: skip
-        if self._unknown is not None:
-            found.append(f"{path}: {STATE}: must have fields that this version knows; got "
-                         f"{self._unknown}: states were not compared")  # fmt: skip
         if self._compares and (other := self.count - self.same):
             found.append(f"{path}: must give the states of the run; got {other} of {self.count} "
                          "that differ")  # fmt: skip
         return found
 
-    def __iter__(self) -> Iterator[State]:
+    def _states(self) -> Iterator[State]:
         self.pipeline.warmup()
         try:
-            yield from self._states()
+            coming: Iterator[State] = iter(())
+            for topic, data in self._recorded.messages((FRAMES, POSES, STATE)):
+                if topic == POSES:
+                    self._move(self._message(topic, data))
+                elif topic == FRAMES:
+                    yield from coming  # cycles whose states are not in the file
+                    given = self._message(topic, data)
+                    self._lost = int(given.lost_cycles), int(given.lost_frames)
+                    coming = self._given(given)
+                elif (state := next(coming, None)) is None:
+                    self._unmade += 1
+                else:
+                    if self._compares:
+                        self._compare(data)
+                    yield state
         finally:
             self.pipeline.sinks.stop()
 
-    def _states(self) -> Iterator[State]:
-        coming: Iterator[State] = iter(())
-        started = time.perf_counter_ns()
-        for topic, _, data in self._recorded.messages((FRAMES, POSES, STATE)):
-            if topic == POSES:
-                self.pipeline.move(*self._poses(data))
-                continue
-            recorded = data if topic == STATE else None
-            if recorded is None:
-                yield from coming  # cycles whose states are not in the file
-                coming = self._given(data)
-                continue
-            state = next(coming, None)
-            if state is None:
-                self._unmade += 1
-                continue
-            self.work_ns = time.perf_counter_ns() - started
-            if self._compares:
-                self._compare(recorded)
-            self._pace.wait(state.stamp_ns)
-            yield state
-            started = time.perf_counter_ns()
+    def _message(self, topic: str, data: bytes) -> Any:
+        try:
+            return decode(topic, data)
+        except ValueError as error:
+            raise LogError(f"{self._recorded.path}: {error}") from None
 
-    def _given(self, data: bytes) -> Iterator[State]:
-        """Feed the pipeline one recorded event; yields the states."""
-        head, frames = self._frames(data)
-        self._lost = int(head["lost_cycles"]), int(head["lost_frames"])
-        event = int(head["event"])
-        if event == Event.FED:
-            self._parts.append(frames)
-            if head["more"]:
-                return iter(())
-            frames = np.concatenate(self._parts) if len(self._parts) > 1 else frames
-            self._parts = []
-            return self.pipeline.feed(frames)
-        if event == Event.FLUSHED:
-            state = self.pipeline.flush()
-        else:
-            state = self._timed(event, int(head["elapsed_ns"]))
-        return iter(() if state is None else (state,))
+    def _given(self, message: Any) -> Iterator[State]:
+        """Feed the pipeline recorded inputs; yields the states."""
+        events = message.events.tolist(), message.values.tolist()
+        done = 0
+        for event, value in zip(*events, strict=True):
+            if event in (Event.FED, Event.PART):
+                size = value * FRAME_DTYPE.itemsize
+                self._parts.append(message.frames[done : done + size].copy().view(FRAME_DTYPE))
+                done += size
+                if event == Event.FED:
+                    parts, self._parts = self._parts, []
+                    yield from self.pipeline.feed(np.concatenate(parts))
+                continue
+            flushes = event == Event.FLUSHED
+            state = self.pipeline.flush() if flushes else self._timed(event, value)
+            if state is not None:
+                yield state
 
     def _timed(self, event: int, elapsed_ns: int) -> State | None:
         """Apply an event of the clock, when a cycle or the silence was so old. Without SYNC, and
@@ -373,45 +362,16 @@ class Replay(Attachable):
             since_ns = self.pipeline.assembler.since_ns or 0
         return end(since_ns + elapsed_ns) if elapsed_ns else None
 
-    def _frames(self, data: bytes) -> tuple[np.ndarray, np.ndarray]:
-        """Head and frames of a message."""
-        size = FRAMES_HEAD.itemsize
-        if data[: len(HEAD)] != HEAD or len(data) < size:
-            raise self._refusal(FRAMES)
-        head = np.frombuffer(data[:size], FRAMES_HEAD)[0]
-        count = int(head["count"])
-        if head["event"] > Event.FLUSHED:
-            raise self._refusal(FRAMES)
-        if len(data) != (FRAMES_AT + count * FRAME_DTYPE.itemsize if count else size):
-            raise self._refusal(FRAMES)
-        frames = np.frombuffer(data, FRAME_DTYPE, count, FRAMES_AT if count else 0)
-        return head, frames.copy()  # aligned, as kernels want it
-
-    def _poses(self, data: bytes) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and rotations of a message."""
-        n = self.topology.n
-        if data[: len(HEAD)] != HEAD or len(data) < 96 * n + 36:
-            raise self._refusal(POSES)
-        rotation = np.frombuffer(data, "<f8", 9 * n, len(data) - 72 * n)
-        position = np.frombuffer(data, "<f8", 3 * n, len(data) - 96 * n - 8)
-        return position.reshape(3, n).copy(), rotation.reshape(3, 3, n).copy()
-
-    def _refusal(self, topic: str) -> LogError:
-        return LogError(
-            f"{self._recorded.path}: {topic}: must be as a recorder writes it; got others"
-        )
+    def _move(self, message: Any) -> None:
+        """Set recorded poses, and the joints that they are of."""
+        position, rotation = message.position.reshape(3, -1), message.rotation.reshape(3, 3, -1)
+        known = message.q.size and np.isfinite(message.q).all()
+        self.pipeline.move(position.copy(), rotation.copy(), message.q.copy() if known else None)
 
     def _compare(self, recorded: bytes) -> None:
-        """Compare a state to that of the recording, in the fields of its version and their meaning
-        then."""
-        if self._encoder is None:
-            known = self._recorded.definitions.get(STATE)
-            try:
-                self._encoder = StateEncoder(self.topology.n, known=known)
-                self._encoder.write_as(recorded)
-            except (LookupError, ValueError) as error:
-                self._compares, self._unknown = False, str(error)
-                return
-        self._writer.write(self.pipeline.now)
+        """Compare a state to that of the recording."""
+        now = self.pipeline.now
+        self._writer.state(0, now)
+        head = header(max(0, now.stamp_ns), "skin")
         self.count += 1
-        self.same += self._encoder(self._slot[0]) == recorded
+        self.same += encode(STATE, state_message(head, self._record[0])) == recorded

@@ -104,7 +104,7 @@ def test_the_command_decodes_into_a_folder_and_tells_what_it_did(logs, tmp_path,
         (["palm", "a.log", "b.log", "-o", "x.csv"], "must be a folder for several logs; got x.csv"),
         (["palm", "none.log", "-o", "out"], "none.log: must be an existing file; got none"),
         (["palm", "a.log", "--want", "force"], "--want: must be given with a folder as --output"),
-        (["palm", "a.log", "-o", "a.npz", "--format", "mcap"], "--format: must be given with a fo"),
+        (["palm", "a.log", "-o", "a.npz", "--format", "npz"], "--format: must be given with a fo"),
         (["palm", "a.log", "-o", "out", "--shard", "4/3"], "--shard: must be I/N with I from 1"),
     ],
 )

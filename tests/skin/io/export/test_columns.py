@@ -20,7 +20,7 @@ from skin.cli import main
 from skin.contact.record import QUANTITIES, Event
 from skin.io.export import columns
 from skin.io.export.columns import CYCLES, suffix
-from skin.io.messages.definitions import STATE_VERSION, fields_of
+from skin.io.messages.definitions import fields_of
 from tests.fixtures.live import frames_of
 from tests.house import columns as reference
 
@@ -236,25 +236,6 @@ def test_a_message_has_all_that_leaves_of_a_contact():
     fields = {field.name for field in fields_of("f3t_msgs/msg/Contact")}
     missing = {one.name for one in QUANTITIES} - fields
     assert not missing, f"f3t_msgs/msg/Contact lacks {', '.join(missing)}"
-
-
-OF_VERSION = {
-    4: "id parent born resumed merged split units whole load wrench wrench_sigma centroid normal "
-    "area shear torsion travel temperature hot_temperature slip slip_began stick_ratio "
-    "slip_probability friction friction_sigma margin grip_force grip_force_sigma",
-    5: "id parent born resumed merged split units whole friction_known load wrench wrench_sigma "
-    "centroid normal area shear torsion travel temperature hot_temperature slip slip_began "
-    "stick_ratio slip_probability friction friction_sigma margin grip_force grip_force_sigma",
-}
-"""Fields of a contact in messages: they must not change under a version that there is."""
-
-
-@pytest.mark.parametrize("version", OF_VERSION)
-def test_a_field_that_is_new_has_a_version_of_its_own(version):
-    known = OF_VERSION[version].split()
-    found = [one.name for one in QUANTITIES if one.since <= version]
-    new = ", ".join({*found} ^ {*known})
-    assert found == known, f"{new}: must have since={STATE_VERSION + 1}, a version of its own"
 
 
 def test_the_page_of_columns_is_that_of_the_table():

@@ -18,7 +18,7 @@ from bus.faults import script as kinds
 from bus.state import BusState
 from skin import sinks
 from skin.contact.record import CONTACT
-from skin.io.messages.definitions import FIELDS, STATE_VERSION
+from skin.io.messages.definitions import MESSAGES, type_of
 from skin.io.messages.of_skin import SkinMessages
 from skin.io.messages.record import (
     BUS_STATES,
@@ -27,7 +27,6 @@ from skin.io.messages.record import (
     described,
     record_dtype,
 )
-from skin.io.messages.topics import type_of
 from skin.io.publish import process, publisher
 from skin.sim.attached import in_process
 from skin.sim.node import SimulatedUnits
@@ -43,7 +42,7 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """A turn about z."""
 OFF, KILLED = 2, "strip/r0c1"
 SAME = ("/skin/state", "/skin/wrench", "/skin/contact/0", "/skin/poses",
-        "/diagnostics")  # fmt: skip
+        "/skin/points", "/skin/forces", "/diagnostics")  # fmt: skip
 
 
 class Heard:
@@ -71,7 +70,7 @@ def run(tmp_path_factory):
     ends = [FaultyTransport(end, script, topology=loaded) for end in in_process(nodes)]
     patch = pytest.MonkeyPatch()
     patch.setattr(process, "Participant", Heard)
-    patch.setattr(publisher.dds, "check_library", lambda: None)
+    patch.setattr(publisher, "require", lambda *_: None)
     states = []
     with skin.open(
         loaded, transports=ends, record=file, deadline_s=0.001, pace=False
@@ -82,7 +81,7 @@ def run(tmp_path_factory):
             states.append(state)
             if len(states) in MOVED:
                 strip.move_patch(loaded.patch_names[0], QUARTER, [0.0, 0.0, 0.001 * len(states)])
-        published = node._worker.topics._participant.messages
+        published = node._worker.publishing.participant.messages
     nodes.close()
     patch.undo()
     recorded = defaultdict(list)
@@ -98,12 +97,12 @@ class InProcess:
     alive = True
 
     def __init__(self, _, ring, request, niceness):
-        self.topics, self.ring = process.Topics(request), ring
+        self.publishing = process.Publishing(request)
         publish = ring.publish
 
         def at_once():
             publish()
-            self.topics.send(ring.unread()[0])
+            self.publishing.take(ring.unread()[:1])
             ring.release(1)
 
         ring.publish = at_once
@@ -118,9 +117,8 @@ class InProcess:
 @pytest.fixture(scope="module")
 def store():
     known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    for name, text in FIELDS.items():
-        if name.startswith("f3t_msgs"):
-            known.register(typesys.get_types_from_msg(text, name))
+    for name, text in MESSAGES.items():
+        known.register(typesys.get_types_from_msg(text, name))
     return known
 
 
@@ -186,7 +184,7 @@ def test_invalid_units_read_nan_also_in_their_sigma(run, store):
             expected = np.where(units.valid, getattr(units, name), np.nan)
             np.testing.assert_array_equal(np.reshape(getattr(told, name), expected.shape), expected)
         np.testing.assert_array_equal(told.status, units.status)
-        assert (told.version, told.cycle, told.whole) == (STATE_VERSION, state.cycle, state.whole)
+        assert (told.cycle, told.whole) == (state.cycle, state.whole)
         assert [one.id for one in told.contacts] == [one.id for one in state.contacts]
         assert np.isnan(np.reshape(told.force_sigma, (3, n))[:, OFF]).all()
         numbers += np.isfinite(units.force_sigma[:, silent]).all() and not units.valid[silent]
@@ -235,7 +233,7 @@ def test_a_contact_keeps_its_slot_ends_at_zero_and_leaves_its_place_free(palm, s
         found["id"] = identities
         found["wrench"][:, 0] = identities
         made["contact_count"] = len(identities)
-        rows = found.view(np.uint8).reshape(len(identities), CONTACT.itemsize)
+        rows = found.view(np.int64).reshape(len(identities), CONTACT.itemsize // 8)
         made["contacts"][0, : len(identities)] = rows
         kind = "geometry_msgs/msg/WrenchStamped"
         return {
@@ -265,7 +263,7 @@ def test_what_was_not_wanted_reads_nan(state, record, store):
     np.testing.assert_array_equal(told.force, state.units.force.reshape(-1))
     assert (told.contact == -1).all()
     assert len(told.contacts) == 0
-    assert [topic for topic, _ in others] == ["/diagnostics"]  # no wrench
+    assert "/skin/wrench" not in dict(others)
 
 
 def test_contacts_beyond_the_capacity_are_a_warning(record, palm, store):
@@ -314,9 +312,9 @@ def test_a_skin_without_any_valid_unit_is_an_error(palm, record, store):
 
 def test_every_patch_is_where_its_middle_unit_is(store):
     hand = topology.load("hand")
-    layout = SkinMessages(described(hand), "publishing").layout
-    frames = store.deserialize_cdr(layout.transforms(0), "tf2_msgs/msg/TFMessage").transforms
-    assert [one.child_frame_id for one in frames] == list(hand.patch_names)
+    data = SkinMessages(described(hand), "publishing").transforms(0)
+    frames = store.deserialize_cdr(data, "tf2_msgs/msg/TFMessage").transforms
+    assert [one.child_frame_id for one in frames] == [f"skin/{name}" for name in hand.patch_names]
     for patch, one in enumerate(frames):
         units = np.flatnonzero(hand.patch == patch)
         place = [getattr(one.transform.translation, axis) for axis in "xyz"]
@@ -330,8 +328,9 @@ def test_every_patch_is_where_its_middle_unit_is(store):
         assert away[at[0]] == pytest.approx(away.min())
 
 
-def cloud(data, store):
-    """Records of a cloud, with the fields that it declares."""
+def cloud(skin, record, topic, store):
+    """Message of a cloud, and its records with the fields that it declares."""
+    data = dict(SkinMessages(described(skin), "recording").of_state(record[0]))[topic]
     message = store.deserialize_cdr(data, "sensor_msgs/msg/PointCloud2")
     kinds = [(one.name, {6: "<u4", 7: "<f4"}[one.datatype]) for one in message.fields]
     points = np.frombuffer(message.data.tobytes(), np.dtype(kinds))
@@ -341,15 +340,14 @@ def cloud(data, store):
 
 
 def test_a_unit_that_is_not_valid_has_no_load_and_a_colour_that_no_load_has(palm, record, store):
-    layout = SkinMessages(described(palm), "recording").layout
     record["status"] = 0
     record["force"] = np.linspace(-1.0, 9.0, palm.n)
-    message, points = cloud(layout.points(record[0]), store)
+    message, points = cloud(palm, record, "/skin/points", store)
     assert message.is_dense
     of_loads = set(points["rgb"].tolist())
     record["status"][0, 7] = int(Status.STALE)
     record["force"][0, 1, 9] = np.nan
-    message, points = cloud(layout.points(record[0]), store)
+    message, points = cloud(palm, record, "/skin/points", store)
     assert not message.is_dense
     assert np.flatnonzero(np.isnan(points["load"])).tolist() == [7, 9]
     (colour,) = set(points["rgb"][[7, 9]].tolist())
@@ -357,50 +355,34 @@ def test_a_unit_that_is_not_valid_has_no_load_and_a_colour_that_no_load_has(palm
 
 
 def test_a_contact_without_a_known_centroid_is_shown_at_its_units(palm, state, record, store):
-    layout = SkinMessages(described(palm), "recording").layout
     fill(record, state)
     units = np.array([3, 12, 40])
     record["contact"], record["contact"][0, units] = -1, 0
     found = contacts_of(record[0])[:1].copy()
     found["centroid"] = np.nan
     record["contact_count"] = 1
-    record["contacts"][0, 0] = found.view("u1")
+    record["contacts"][0, 0] = found.view("i8")
     begin = palm.position[:, units].mean(axis=1)
-    _, points = cloud(layout.forces(record[0]), store)
+    _, points = cloud(palm, record, "/skin/forces", store)
     np.testing.assert_allclose([points[axis][0] for axis in "xyz"], begin, atol=1e-7)
-    _, arrow, _ = store.deserialize_cdr(
-        layout.scene(record[0]), "visualization_msgs/msg/MarkerArray"
-    ).markers
-    np.testing.assert_allclose([arrow.points[0].x, arrow.points[0].y, arrow.points[0].z], begin)
 
 
 def test_without_contacts_the_cloud_of_forces_is_empty(palm, state, record, store):
-    layout = SkinMessages(described(palm), "recording").layout
     fill(record, replace(state, contacts=[]))
-    message, points = cloud(layout.forces(record[0]), store)
+    message, points = cloud(palm, record, "/skin/forces", store)
     assert (message.width, len(points), message.is_dense) == (0, 0, True)
 
 
 @pytest.mark.parametrize("frame", ["s", "base", "left_skin", "rechte_Hand_3"])
 def test_bytes_are_those_of_rosbags_whatever_the_frame_is_called(palm, state, record, store, frame):
     fill(record, replace(state, contacts=state.contacts * 2))
-    names = [f"{frame}_{name}" for name in palm.patch_names]
-    messages = SkinMessages(
-        described(palm), "publishing", name=frame, frame=frame, patch_frames=names
-    )
-    layout = messages.layout
-    found = dict(messages.of_state(record[0])) | {
-        "/skin/layout": layout.message(1), "/skin/poses": layout.poses(2),
-        "/skin/scene": layout.scene(record[0]), "/tf": layout.transforms(3),
-        "/skin/points": layout.points(record[0]), "/skin/forces": layout.forces(record[0]),
-    }  # fmt: skip
-    assert len(found) == 10
+    messages = SkinMessages(described(palm), "publishing", name=frame, frame=frame)
+    record["moved"] = 1
+    found = dict([*messages.layout(1), *messages.moves(record[0], 2),
+                  *messages.of_state(record[0])])  # fmt: skip
+    assert len(found) == 9
     for topic, data in found.items():
         message = store.deserialize_cdr(data, type_of(topic))
         assert bytes(store.serialize_cdr(message, type_of(topic))) == data
-        header = {
-            "/tf": lambda m: m.transforms[0].header,
-            "/skin/scene": lambda m: m.markers[0].header,
-        }
-        told = header.get(topic, lambda m: m.header)(message)
+        told = message.transforms[0].header if topic == "/tf" else message.header
         assert told.frame_id == ("" if topic == "/diagnostics" else frame)

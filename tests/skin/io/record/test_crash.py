@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import skin
-from skin.io.messages.topics import STATE
+from skin.io.messages.definitions import STATE, decode
 from skin.io.record.container import RecordedFile
 from tests.fixtures.patience import LONG_S
 
@@ -82,7 +82,7 @@ def _gone(pid):
 def cycles_in(file):
     """Cycles of the states that can be read, and what is damaged."""
     recorded = RecordedFile(file)
-    found = [int.from_bytes(one.data[28:36], "little") for one in recorded.messages((STATE,))]
+    found = [decode(*one).cycle for one in recorded.messages((STATE,))]
     return found, recorded.damage
 
 

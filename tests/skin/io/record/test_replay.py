@@ -28,6 +28,7 @@ from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.state import if_wanted
 from tests.fixtures.live import PERIOD_NS, frames_of
+from tests.fixtures.robots import write_gripper
 
 pytest.importorskip("mcap", reason="mcap is not installed")
 
@@ -121,6 +122,20 @@ def test_poses_that_move_are_replayed(tmp_path):
     centres = [state.contacts[0].centroid for state in live if state.contacts]
     assert np.nanmax(centres, axis=0)[0] > np.abs(strip.topology.position[0]).max() + 0.05
     check(file, live)
+
+
+def test_joints_that_move_are_replayed_with_the_poses(tmp_path):
+    file, live = tmp_path / "run.mcap", []
+    with skin.open(write_gripper(tmp_path), simulate=True, pace=False, record=file) as gripper:
+        for state in itertools.islice(gripper, 30):
+            live.append(state.copy())
+            gripper.move_joints({"close": 0.001 * len(live)})
+    replay, told = skin.replay(file), []
+    for state, true in zip(replay, live, strict=True):
+        same(true, state)
+        told.append(replay.pipeline.q.tolist())
+    assert told == [[pytest.approx(0.001 * k)] for k in range(30)]
+    assert replay.faults == []
 
 
 def test_a_loop_that_ends_within_a_batch_and_goes_on_is_replayed(tmp_path):

@@ -59,4 +59,4 @@ def test_contacts_are_rows_of_points_along_their_force(run):
 def test_frames_of_patches_are_transforms(run):
     at, _, entities = run
     children = {name for names in entities["/tf"]["Transform3D:child_frame"] for name in names}
-    assert children == set(at.patch_names)
+    assert children == {f"skin/{name}" for name in at.patch_names}

@@ -1,4 +1,4 @@
-"""A grasp that is recorded is replayed to the bit, though a replay knows no joints."""
+"""A grasp that is recorded is replayed to the bit, with its joints."""
 
 from __future__ import annotations
 
