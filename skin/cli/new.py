@@ -30,8 +30,8 @@ HEAD = """\
 #   skin run {file} --simulate      simulated units in place of the bus
 #   skin tare {file}                the zeros of the untouched skin, into the files below
 #
-# The ready-made topology "palm" has every table of the format as a comment; `skin check --schema`
-# prints its JSON Schema, by which an editor completes keys and marks mistakes.
+# The ready-made topology "palm" has every table of the format as a comment; `skin check
+# --schema topology` prints its JSON Schema, by which an editor completes keys and marks mistakes.
 
 format = 1
 name = {quoted}

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json as json_text
-import time
-from contextlib import ExitStack
-from typing import TYPE_CHECKING, Annotated, Any
+import sys
+from contextlib import ExitStack, suppress
+from typing import Annotated
 
 import tyro
 
 from skin.cli import options
-from skin.cli.run import AutoTare, Simulate, check_simulated, note, note_scene
 from skin.cli.table import facts
 from skin.cli.tally import Tally
-
-if TYPE_CHECKING:
-    from skin.io.publish import Publisher
 
 __all__ = ["publish"]
 
@@ -25,95 +21,53 @@ def publish(
     /,
     *,
     seconds: options.Until = None,
-    interface: options.Interface = None,
-    channel: options.Channel = None,
+    bus: options.Bus = None,
     sync: options.Sync = "host",
-    simulate: Simulate = False,
-    scene: options.Scene = None,
-    seed: options.Seed = None,
-    auto_tare: AutoTare = True,
+    simulate: options.Simulate = None,
     prefix: Annotated[
         str, tyro.conf.arg(metavar="NAME", help="of the topics: NAME/state, NAME/wrench, …")
     ] = "skin",
     frame: Annotated[str, tyro.conf.arg(metavar="NAME", help="frame of the skin in tf")] = "skin",
-    patch_frame: Annotated[
-        str, tyro.conf.arg(metavar="NAME", help="frame of a patch; {} stands for its name")
-    ] = "{}",
     rate: Annotated[
         float, tyro.conf.arg(metavar="HZ", help="at most so many states a second; 0: every cycle")
     ] = 100.0,
-    best_effort: Annotated[
-        bool, options.quiet("do not send states again that were lost")
-    ] = False,
-    domain: Annotated[
-        int | None,
-        options.quiet("otherwise ROS_DOMAIN_ID of the environment, or 0", metavar="INT",
-                      constructor=int),
-    ] = None,
     network: Annotated[
         bool, options.quiet("let the subnet see the topics, not this machine alone")
     ] = False,
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Listen to the buses of a topology, send SYNC, and publish what the skin feels to ROS 2.
 
-    ROS 2 need not be installed here. Topics, as `ros2 topic list` shows them: skin/state,
-    skin/layout, skin/wrench, skin/contact/<slot>, /tf_static, /diagnostics
-    (docs/guides/connect.md). With `--simulate` simulated units play a scene. Exits with 1 if no
-    unit ever answered.
+    ROS 2 need not be installed here; the domain is ROS_DOMAIN_ID of the environment, or 0. Topics,
+    as `ros2 topic list` shows them: skin/state, skin/layout, skin/wrench, skin/contact/<slot>,
+    /tf_static, /diagnostics (docs/guides/connect.md). With `--simulate` simulated units play a
+    scene. Exits with 1 if no unit ever answered.
     """
     import skin
     from skin.io.publish import ros
-    from topology import load
 
     options.check_seconds(seconds)
-    check_simulated(simulate, scene, seed, sync, interface, channel)
-    loaded = load(file).on(interface=interface, channel=channel)
-    if not simulate:
-        note(file, loaded, auto_tare)
+    scene = options.played_scene(simulate, sync, bus)
+    loaded = options.load(file, bus)
+    if not scene:
+        for hint in options.hints(file, loaded, will_tare=True):
+            print(f"note: {hint}", file=sys.stderr)
+    tally = Tally(loaded)
     with ExitStack() as ended:
-        opened = ended.enter_context(
-            skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed, auto_tare=auto_tare)
+        opened = ended.enter_context(skin.open(loaded, sync=sync, simulate=scene))
+        node = ended.enter_context(
+            ros(opened, prefix=prefix, frame=frame, rate_hz=rate or None, network=network)
         )
-        node = ros(
-            opened, prefix=prefix, frame=frame, patch_frame=patch_frame, rate_hz=rate or None,
-            reliable=not best_effort, domain=domain, network=network,
-        )  # fmt: skip
-        ended.enter_context(node)
-        note_scene(opened.nodes and opened.nodes.scene)
-        report = _loop(opened, node, seconds)
-    print(json_text.dumps(report) if json else _table(report))
-    return 0 if report["units_heard"] and report["publishing"] else 1
-
-
-def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]:
-    """Publish until the time is up, Ctrl-C, or the process that publishes ends."""
-    tally, end, published = Tally(opened.topology), None, 0
-    try:
-        for state in opened:
-            tally.add(state, opened.timing.work_ns)
-            if tally.cycles % 256 == 1 and not node.alive:
-                break
-            if end is None and seconds is not None:
-                end = time.monotonic() + seconds  # from the first cycle on
-            if end is not None and time.monotonic() >= end:
-                break
-    except KeyboardInterrupt:
-        pass
-    alive = node.alive
-    if alive:
-        published = node.sent()
-    elif node.failure is None:
-        node.fail()
-    return tally.report() | {
+        options.note_scene(opened.nodes and opened.nodes.scene)
+        with suppress(KeyboardInterrupt):  # also where the process that publishes has ended
+            tally.follow(opened, seconds, goes_on=lambda: node.alive)
+        alive = node.alive
+        published = node.sent() if alive else 0
+        if not alive and node.failure is None:
+            node.fail()
+    report = tally.report() | {
         "published": published, "left_out": node.lost, "publishing": alive,
     }  # fmt: skip
-
-
-def _table(report: dict[str, Any]) -> str:
-    rows = {
-        "units heard": "{units_heard} of {units_enabled}",
-        "cycles": "{cycles}, {overruns} left out",
-        "states published": "{published}, {left_out} left out",
-    }
-    return facts(rows, report)
+    rows = tally.facts() | {"states published": f"{published}, {node.lost} left out"}
+    print(json_text.dumps(report) if json else facts(rows))
+    return 0 if report["units_heard"] and alive else 1

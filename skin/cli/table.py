@@ -1,11 +1,14 @@
-"""Text for people: aligned columns, named facts, counts by kind."""
+"""Text for people: aligned columns, named facts, counts by kind, a line of progress."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
-__all__ = ["columns", "counted", "facts"]
+__all__ = ["columns", "counted", "facts", "progress"]
+
+BAR = 30
+"""Characters of a bar."""
 
 
 def columns(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
@@ -15,9 +18,9 @@ def columns(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
 
 
-def facts(rows: Mapping[str, str], values: Mapping[str, Any], width: int = 18) -> str:
-    """One line for each name and its text, in which values stand for what is in braces."""
-    return "\n".join(f"{name:<{width}} {text.format(**values)}" for name, text in rows.items())
+def facts(rows: Mapping[str, str], width: int = 18) -> str:
+    """One line for each name and its text."""
+    return "\n".join(f"{name:<{width}} {text}" for name, text in rows.items())
 
 
 def counted(counts: Mapping[str, int]) -> str:
@@ -29,3 +32,11 @@ def counted(counts: Mapping[str, int]) -> str:
     'data 12, lost 1'
     """
     return ", ".join(f"{kind} {count}" for kind, count in counts.items() if count) or "none"
+
+
+def progress(done: int, of: int, what: str) -> None:
+    """A bar on a terminal that is written over by the next one; nothing elsewhere."""
+    if sys.stderr.isatty():
+        full = BAR * done // max(of, 1)
+        bar = f"[{'#' * full}{'.' * (BAR - full)}] {done}/{of} {what:<40.40}"
+        print(f"\r{bar}", end="\n" if done >= of else "", file=sys.stderr, flush=True)

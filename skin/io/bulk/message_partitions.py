@@ -1,4 +1,4 @@
-"""Partitions as MCAP files for Foxglove, with the same messages of states as `skin record`."""
+"""Partitions as MCAP files for Foxglove, with the messages of states of a recording."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def test_a_scene_that_this_skin_cannot_have_is_refused_by_the_command(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(FOLDER)
-    assert main(["sim", "palm", "--scene", "inside.toml"]) == 2
+    assert main(["sim", "palm", "inside.toml"]) == 2
     assert capsys.readouterr().err.startswith("inside.toml:10: bodies[0] 'ball' keys[1] xyz_m: ")
 
 
