@@ -74,7 +74,7 @@ def calibrate(
         if not outcome.results and outcome.learned is None:
             raise SkinError("\n".join([f"{bench}: must fix a parameter of a unit; got none",
                                        *outcome.notes]))  # fmt: skip
-        files = {patch: path.resolve() for patch, path in outcome.write(output).items()}
+        files = outcome.write(output)
         stencil = outcome.write_stencil(output)
     if report is not None and outcome.results:
         from skin.view.calibration import write_report
@@ -82,9 +82,7 @@ def calibrate(
         write_report(report, outcome)
         print(f"report: written to {report}")
     print(_table(outcome))
-    for patch, path in files.items():
-        print(f"{patch}: written to {path}")
-    lines = options.named_in_file(outcome.topology, files, write)
+    written = options.named_in_file(outcome.topology, files, write)
     for note in outcome.notes:
         print(f"not learned: {note}", file=sys.stderr)
     if stencil is not None and (learned := outcome.learned) is not None:
@@ -95,13 +93,12 @@ def calibrate(
         print("nothing was written (--force writes all the same)", file=sys.stderr)
     if json:
         found = {"topology": outcome.topology.name, "units": len(outcome.results),
-                "faults": list(outcome.faults), "notes": list(outcome.notes), "lines": lines,
-                "files": {patch: str(path) for patch, path in files.items()},
+                "faults": list(outcome.faults), "notes": list(outcome.notes),
                 "stencil": None if stencil is None else str(stencil.resolve()),
                 "results": {r.unit: {"goodness": r.goodness, "kept": r.kept, "left": r.left,
                                      "range": r.range} for r in outcome.results},
                 "report": None if report is None else str(report.resolve())}  # fmt: skip
-        print(json_text.dumps(found))
+        print(json_text.dumps(found | written))
     return int(refused)
 
 

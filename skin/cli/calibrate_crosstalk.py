@@ -94,21 +94,16 @@ def calibrate_crosstalk(
     files = found.leaving_out(tared.rest_ut).write(output, simulated=simulate)
     learned.save(stencil, simulated=simulate)
     names = [loaded.unit_names[i] for i in missing]
-    print(f"{stencil}: stray fields within {estimate.sigma_ut().mean():.1f} µT, of "
-          f"{loaded.n - len(names)} units from their own touch")  # fmt: skip
-    for patch, path in files.items():
-        print(f"{patch}: zeros written to {path}")
-    lines = options.named_in_file(loaded, files, write)
+    sigma_ut = float(estimate.sigma_ut().mean())
+    print(f"{stencil}: stray fields within {sigma_ut:.1f} µT, of {loaded.n - len(names)} units "
+          "from their own touch")  # fmt: skip
+    written = options.named_in_file(loaded, files, write)
     if names:
         print(f"not pressed: {', '.join(names)}")
     if json:
-        report = {
-            "topology": loaded.name, "units": loaded.n, "missing": names, "refused": [],
-            "sigma_ut": float(estimate.sigma_ut().mean()), "stencil": str(stencil.resolve()),
-            "files": {patch: str(path.resolve()) for patch, path in files.items()},
-            "lines": lines,
-        }  # fmt: skip
-        print(json_text.dumps(report))
+        report = {"topology": loaded.name, "units": loaded.n, "missing": names, "refused": [],
+                  "sigma_ut": sigma_ut, "stencil": str(stencil.resolve())}  # fmt: skip
+        print(json_text.dumps(report | written))
     return 0
 
 

@@ -78,8 +78,7 @@ def check(
     ok = found.ok and not problems
     if json:
         more = {
-            "never_tared": options.never_tared(loaded),
-            "uncalibrated": options.uncalibrated(loaded),
+            **options.without(loaded),
             "too_dense": too_dense,
             "robot": robot,
             "dbc": files,
@@ -135,15 +134,18 @@ def _too_dense(topology: Topology) -> list[str]:
 
 
 def _seat(topology: Topology, robot: RobotModel) -> dict[str, Any]:
-    """The robot of a skin: links, joints, and how patches sit on it; the problems are not printed."""
+    """The robot of a skin, and how patches sit on it; its problems are not printed."""
     import msgspec
 
     from skin.errors import LibraryError
     from skin.robot.mount import check_model, check_patches
 
     limits = zip(robot.joint_names, robot.lower.tolist(), robot.upper.tolist(), strict=True)
-    joints = [{"name": name, "lower": None if math.isnan(low) else low,
-               "upper": None if math.isnan(high) else high} for name, low, high in limits]  # fmt: skip
+    joints = [
+        {"name": name, "lower": None if math.isnan(low) else low,
+         "upper": None if math.isnan(high) else high}
+        for name, low, high in limits
+    ]  # fmt: skip
     print(f"\nrobot {robot.name}: {len(robot.names)} links, {len(joints)} joints")
     rows = [(one["name"], *("" if one[end] is None else f"{one[end]:.4g}"
              for end in ("lower", "upper"))) for one in joints]  # fmt: skip

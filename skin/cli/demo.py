@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from difflib import get_close_matches
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
-from skin.cli.table import facts
+from skin.cli.table import end
 from skin.cli.tally import Tally
 
 if TYPE_CHECKING:
@@ -92,19 +91,9 @@ def demo(
         "frames": opened.counters.data, "lost_frames": opened.counters.lost, "picture": drawn,
         "calibration": "exact" if is_exact else "of the model",
     }  # fmt: skip
-    text = tally.facts() | {
-        "frames, lost": f"{opened.counters.data}, {opened.counters.lost}",
-        "calibration": f"{report['calibration']}: the constants of simulated units are known",
-        "temperature error": f"{figures['temperature_rmse_c']:.3f} °C rms",
-        "force error, loaded units": f"{figures['force_rmse_n']:.4f} N rms, "
-        f"{figures['force_max_error_n']:.3f} N worst",
-        "total force error": f"{figures['wrench_force_rmse_n']:.4f} N rms",
-        "centre of pressure error": f"{figures['centroid_rmse_mm']:.3f} mm rms, "
-        f"{figures['centroid_max_error_mm']:.3f} mm worst",
-        "picture": drawn or "none",
-        "live view": f"skin view {file} --simulate",
-    }
-    print(json_text.dumps(report) if json else facts(text, 26))
+    end(report, json)
+    if not json:
+        print(f"live view: skin view {file} --simulate")
     return 0
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from bus.logs import Recording
+    from skin.live import Skin
     from topology import Topology
     from topology.files import Kind
 
@@ -41,15 +43,14 @@ __all__ = [
     "load",
     "mapped",
     "named_in_file",
-    "never_tared",
     "note_scene",
+    "open_skin",
     "percent",
-    "played_scene",
     "quiet",
     "refuse_both",
     "refuse_simulated",
     "share_of",
-    "uncalibrated",
+    "without",
 ]
 
 SHOWN = 8
@@ -113,7 +114,6 @@ Simulate = Annotated[
         metavar="[SCENE]",
     ),
 ]
-"""See `played_scene`."""
 
 Sweeps = Annotated[
     Literal[0, 1, 2] | None,
@@ -144,26 +144,40 @@ Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], quiet(
 
 def load(file: str, bus: str | None = None, **how: Any) -> Topology:
     """A topology on the buses that are given as `Bus`, or else its own."""
-    from topology.load import load as load_file
+    from topology import load as load_file
 
     interface, _, channel = (bus or "").partition(":")
     return load_file(file, **how).on(interface=interface or None, channel=channel or None)
 
 
-def played_scene(
-    simulate: tuple[str, ...] | None, sync: str = "host", bus: str | None = None
-) -> str | bool:
-    """The argument ``simulate`` of `skin.open`; refuses what means nothing with it."""
+@contextmanager
+def open_skin(
+    file: str,
+    *,
+    bus: str | None,
+    sync: Literal["host", "bus"],
+    simulate: tuple[str, ...] | None,
+    **how: Any,
+) -> Iterator[Skin]:
+    """The skin that a command runs, with what is worth knowing said before its first cycle."""
+    import skin
     from skin.errors import OptionError
 
-    if simulate is None:
-        return False
-    if len(simulate) > 1:
-        raise OptionError(f"--simulate: must be one scene; got {' '.join(simulate)}")
-    if sync != "host":
-        raise OptionError(f"--sync: must be 'host' with --simulate; got {sync!r}")
-    refuse_both("--simulate", "--bus", bus)
-    return simulate[0] if simulate else True
+    scene: str | bool = False
+    if simulate is not None:
+        if len(simulate) > 1:
+            raise OptionError(f"--simulate: must be one scene; got {' '.join(simulate)}")
+        if sync != "host":
+            raise OptionError(f"--sync: must be 'host' with --simulate; got {sync!r}")
+        refuse_both("--simulate", "--bus", bus)
+        scene = simulate[0] if simulate else True
+    loaded = load(file, bus)
+    if not scene:
+        for hint in hints(file, loaded, will_tare=how.get("auto_tare", True)):
+            print(f"note: {hint}", file=sys.stderr)
+    with skin.open(loaded, sync=sync, simulate=scene, **how) as opened:
+        note_scene(opened.nodes and opened.nodes.scene)
+        yield opened
 
 
 def note_scene(scene: object) -> None:
@@ -237,28 +251,34 @@ def frame_log(path: Path | None, file: str) -> Recording | None:
     return None if path is None else Recording(path, load(file))
 
 
-def named_in_file(topology: Topology, files: Mapping[str, Path], write: bool) -> dict[str, str]:
-    """Name calibration files that were written in the topology file, or print the lines to add.
+def named_in_file(topology: Topology, files: Mapping[str, Path], write: bool) -> dict[str, Any]:
+    """Say which calibration files were written, by patch, and name them in the topology file, or
+    print the lines to add.
 
     Returns
     -------
-    dict of str to str
-        Lines that the topology file lacks, by patch.
+    dict
+        ``files`` as full paths, and ``lines`` that the topology file lacks; both by patch.
     """
     from topology.load import is_builtin
     from topology.naming import calibration_lines, name_calibrations
 
+    full = {patch: path.resolve() for patch, path in files.items()}
+    for patch, place in full.items():
+        print(f"{patch}: written to {place}")
+    found = {"files": {patch: str(place) for patch, place in full.items()}, "lines": {}}
     path = topology.path
     if path is None or is_builtin(path):
-        return {}
-    lines = calibration_lines(path, files)
+        return found
+    lines = calibration_lines(path, full)
     added = name_calibrations(path, lines) if write else {}
     for patch, line in lines.items():
         if patch in added:
             print(f"{path}:{added[patch]}: added to patch {patch!r}: {line}")
         else:
             print(f"{path}: not used until its patch {patch!r} has the line: {line}")
-    return {patch: line for patch, line in lines.items() if patch not in added}
+            found["lines"][patch] = line
+    return found
 
 
 def refuse_simulated(topology: Topology, output: Path | None) -> None:
@@ -274,31 +294,33 @@ def refuse_simulated(topology: Topology, output: Path | None) -> None:
 
 def lacking(topology: Topology, known: np.ndarray) -> list[str]:
     """Units of which something is not known; none on buses within the process."""
+    if topology.in_process:
+        return []
     missing: np.ndarray = topology.feels & ~known
     return [
         name for name, is_missing in zip(topology.unit_names, missing, strict=True) if is_missing
     ]
 
 
-def never_tared(topology: Topology) -> list[str]:
-    """Units whose zeros were not taken in their places."""
-    return lacking(topology, topology.tared)
-
-
-def uncalibrated(topology: Topology) -> list[str]:
-    """Units whose laws are those of their model."""
-    return lacking(topology, topology.calibrated)
+def without(topology: Topology) -> dict[str, list[str]]:
+    """Units whose zeros were not taken in their places, and those whose laws are of their model."""
+    return {
+        "never_tared": lacking(topology, topology.tared),
+        "uncalibrated": lacking(topology, topology.calibrated),
+    }
 
 
 def hints(file: str, topology: Topology, *, will_tare: bool = False) -> list[str]:
     """A line about units that were never tared, and one about those without a calibration."""
     now = ", or touch nothing for a second" if will_tare else ""
+    untared, unknown = without(topology).values()
+    found = [
+        (untared, f"never been tared: skin tare {file}{now}"),
+        (unknown, "no calibration: sigma holds the spread from unit to unit"),
+    ]
     return [
         f"unit {names[0]} has {text}" if len(names) == 1 else f"{len(names)} units have {text}"
-        for names, text in (
-            (never_tared(topology), f"never been tared: skin tare {file}{now}"),
-            (uncalibrated(topology), "no calibration: sigma holds the spread from unit to unit"),
-        )
+        for names, text in found
         if names
     ]
 

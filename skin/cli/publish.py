@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json as json_text
-import sys
 from contextlib import ExitStack, suppress
 from typing import Annotated
 
 import tyro
 
 from skin.cli import options
-from skin.cli.table import facts
+from skin.cli.table import end
 from skin.cli.tally import Tally
 
 __all__ = ["publish"]
@@ -43,22 +41,15 @@ def publish(
     /tf_static, /diagnostics (docs/guides/connect.md). With `--simulate` simulated units play a
     scene. Exits with 1 if no unit ever answered.
     """
-    import skin
     from skin.io.publish import ros
 
     options.check_seconds(seconds)
-    scene = options.played_scene(simulate, sync, bus)
-    loaded = options.load(file, bus)
-    if not scene:
-        for hint in options.hints(file, loaded, will_tare=True):
-            print(f"note: {hint}", file=sys.stderr)
-    tally = Tally(loaded)
     with ExitStack() as ended:
-        opened = ended.enter_context(skin.open(loaded, sync=sync, simulate=scene))
+        opened = ended.enter_context(options.open_skin(file, bus=bus, sync=sync, simulate=simulate))
+        tally = Tally(opened.topology)
         node = ended.enter_context(
             ros(opened, prefix=prefix, frame=frame, rate_hz=rate or None, network=network)
         )
-        options.note_scene(opened.nodes and opened.nodes.scene)
         with suppress(KeyboardInterrupt):  # also where the process that publishes has ended
             tally.follow(opened, seconds, goes_on=lambda: node.alive)
         alive = node.alive
@@ -68,6 +59,5 @@ def publish(
     report = tally.report() | {
         "published": published, "left_out": node.lost, "publishing": alive,
     }  # fmt: skip
-    rows = tally.facts() | {"states published": f"{published}, {node.lost} left out"}
-    print(json_text.dumps(report) if json else facts(rows))
+    end(report, json)
     return 0 if report["units_heard"] and alive else 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from contextlib import suppress
 from dataclasses import asdict
@@ -11,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from skin.cli import options
-from skin.cli.table import counted, facts
+from skin.cli.table import end
 from skin.cli.tally import Tally
 
 __all__ = ["replay"]
@@ -39,8 +38,8 @@ def replay(
     """Play what `skin run --record` has recorded, or any log that `skin decode` reads.
 
     Shows the table of `skin run`. The states of a recording are those of the live run, to the bit,
-    and this is checked: exits with 1 if any differ, if something was left out, or if the file is
-    damaged; what is whole is played.
+    and how many are is told as `same`: exits with 1 if any differ, if something was left out, or if
+    the file is damaged; what is whole is played.
     """
     import skin
     from skin.errors import OptionError
@@ -55,13 +54,12 @@ def replay(
     table, tally = LiveTable(played.topology), Tally(played.topology)
     with suppress(KeyboardInterrupt):
         tally.follow(played, show=table.show)
-    same, counters = getattr(played, "same", None), asdict(played.counters)
-    report = tally.report() | {"counters": counters, "same": same, "faults": played.faults}
-    rows = tally.facts() | {
-        "the same as live": "not known of a log" if same is None else f"{same} of {tally.cycles}",
-        "frames": counted(counters),
+    report = tally.report() | {
+        "counters": asdict(played.counters),
+        "same": getattr(played, "same", None),
+        "faults": played.faults,
     }
-    print(json_text.dumps(report) if json else facts(rows))
+    end(report, json)
     for note in getattr(played, "notes", []):
         print(f"note: {note}", file=sys.stderr)
     for fault in played.faults:

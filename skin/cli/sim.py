@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from collections import Counter
 from contextlib import ExitStack, suppress
@@ -15,7 +14,7 @@ import tyro
 
 from skin.cli import options
 from skin.cli.run import Record
-from skin.cli.table import counted, facts
+from skin.cli.table import end
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
@@ -106,13 +105,6 @@ def sim(
         else:
             served, injected = _serve(opened, nodes, seconds, script, log)
     report: dict[str, Any] = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
-    rows = {
-        "units": str(loaded.n),
-        "cycles, left out": f"{served.cycles}, {served.skipped}",
-        "frames sent": str(served.frames),
-        "frames not taken": str(served.send_failures),
-        "time": f"{served.seconds:.1f} s",
-    }
     if scene is not None:
         lasted = served.cycles / loaded.cycle_rate_hz
         report |= {
@@ -120,15 +112,9 @@ def sim(
             "truth": truth if served.cycles else None,
             "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
         }
-        rows |= {
-            "scene": played.script.name,
-            "truth": report["truth"] or "not written",
-            "times real time": f"{report['real_time_factor']:.1f}",
-        }
     if script is not None:
         report["faults"] = dict(sum(map(Counter, injected), Counter()))
-        rows["faults put in"] = counted(report["faults"])
-    print(json_text.dumps(report) if json else facts(rows))
+    end(report, json)
     return 0 if served.cycles else 1
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.cli.options import percent, share_of
+from skin.cli.options import share_of
 
 if TYPE_CHECKING:
     from skin.state import State
@@ -21,8 +21,6 @@ KEPT = 100_000
 """Cycle times of which percentiles are taken."""
 LOOK = 64
 """Cycles from one question whether to go on to the next: it may need a system call."""
-NAMED = 8
-"""Silent units that a line names."""
 
 
 class Tally:
@@ -103,22 +101,4 @@ class Tally:
             "contacts_slipped": len(self.slipped),
             "cycle_us_p50": float(p50),
             "cycle_us_p99": float(p99),
-        }
-
-    def facts(self) -> dict[str, str]:
-        """The same for people: names and texts."""
-        found = self.report()
-        silent = found["silent_units"]
-        named = ", ".join(silent[:NAMED]) or "none"
-        more = f" and {len(silent) - NAMED} more" if len(silent) > NAMED else ""
-        return {
-            "units heard": f"{found['units_heard']} of {found['units_enabled']}",
-            "silent": named + more,
-            "cycles, complete": f"{found['cycles']}, {found['complete_cycles']}",
-            "left out": f"{found['overruns']} periods without a cycle",
-            "valid readings": percent(found["valid_share"]),
-            "peak force": f"{found['peak_force_n']:.2f} N",
-            "contacts, slipped": f"{found['contacts']}, {found['contacts_slipped']}",
-            "frames to contacts": f"{found['cycle_us_p50']:.1f} µs p50, "
-            f"{found['cycle_us_p99']:.1f} µs p99",
         }

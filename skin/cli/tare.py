@@ -9,12 +9,12 @@ from itertools import islice
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
+from skin.cli.table import columns
 
 if TYPE_CHECKING:
     import numpy as np
 
     from skin.live import Skin
-    from skin.sim.truth import Truth
     from skin.state import State
     from topology import Topology
 
@@ -53,6 +53,7 @@ def tare(
     from skin.compiling import announcer
     from skin.errors import ScanError
     from skin.physics.stencil import neighbours_at_rest
+    from skin.sim.scenes.script import SceneFile
 
     options.check_seconds(seconds)
     announcer()
@@ -62,7 +63,7 @@ def tare(
     if simulate:
         options.refuse_simulated(loaded, output)
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
-    scene = _Untouched(loaded.n) if simulate else None
+    scene = SceneFile(format=1, name="untouched", seconds=2.0 * seconds) if simulate else None
     with skin.open(
         loaded, want="temperature", auto_tare=False, sync=sync, simulate=scene, pace=not simulate
     ) as opened:
@@ -77,19 +78,12 @@ def tare(
     except ScanError as error:
         return refused(str(error), loaded, json)
     changes = found.changes()
-    files = {
-        patch: path.resolve() for patch, path in found.write(output, simulated=simulate).items()
-    }
     print(_table(changes))
-    for patch, path in files.items():
-        print(f"{patch}: written to {path}")
-    lines = options.named_in_file(loaded, files, write)
+    written = options.named_in_file(loaded, found.write(output, simulated=simulate), write)
     if json:
         report = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
-                "cycles": len(counts), "refused": [], "changes": changes,
-                "files": {patch: str(path) for patch, path in files.items()},
-                "lines": lines}  # fmt: skip
-        print(json_text.dumps(report))
+                  "cycles": len(counts), "refused": [], "changes": changes}  # fmt: skip
+        print(json_text.dumps(report | written))
     return 0
 
 
@@ -114,36 +108,13 @@ def listen(opened: Skin, states: Iterator[State], seconds: float) -> tuple[np.nd
     return np.concatenate(counts), np.concatenate(status)
 
 
-class _Untouched:
-    """A scene in which nothing happens."""
-
-    def __init__(self, n: int) -> None:
-        from skin.sim.truth import Truth
-
-        self._truth = Truth.at_rest(n, 24.0)
-
-    def at(self, time_s: float) -> Truth:
-        self._truth.time_s = time_s
-        return self._truth
-
-
 def _table(changes: dict[str, dict[str, Any]]) -> str:
-    wide = max(map(len, changes))
-    lines = [f"{'unit':<{wide}}  {'frequency, Hz':>24}  {'Bx, µT':>22}  {'By, µT':>22}  Bz, µT"]
-    for unit, new in list(changes.items())[:SHOWN]:
-        frequency = (
-            f"{new['frequency_before_hz']:.1f} -> {new['frequency_hz']:.1f}"
-            f" ± {new['frequency_sigma_hz']:.1f}"
-        )
-        fields = [
-            f"{new[f'offset_{axis}_before_ut']:.0f} -> {new[f'offset_{axis}_ut']:.0f}"
-            f" ± {new['offset_sigma_ut']:.0f}"
-            for axis in "xy"
-        ]
-        lines.append(
-            f"{unit:<{wide}}  {frequency:>24}  {fields[0]:>22}  {fields[1]:>22}  "
-            f"{new['axial_ut']:.0f}"
-        )
+    rows = [
+        (unit, _change(new, "frequency", "hz"), _change(new, "offset_x", "ut"),
+         _change(new, "offset_y", "ut"), f"{new['axial_ut']:.0f}")
+        for unit, new in list(changes.items())[:SHOWN]
+    ]  # fmt: skip
+    lines = columns(("unit", "frequency, Hz", "Bx, µT", "By, µT", "Bz, µT"), rows)
     if len(changes) > SHOWN:
         moved = max(abs(new["frequency_hz"] - new["frequency_before_hz"])
                     for new in changes.values())  # fmt: skip
@@ -151,3 +122,8 @@ def _table(changes: dict[str, dict[str, Any]]) -> str:
             f"and {len(changes) - SHOWN} more; frequencies moved by {moved:.1f} Hz at most"
         )
     return "\n".join(lines)
+
+
+def _change(new: dict[str, Any], name: str, unit: str) -> str:
+    sigma = new[f"{name.partition('_')[0]}_sigma_{unit}"]
+    return f"{new[f'{name}_before_{unit}']:.1f} -> {new[f'{name}_{unit}']:.1f} ± {sigma:.1f}"

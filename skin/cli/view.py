@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 import time
 from contextlib import ExitStack, suppress
@@ -11,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from skin.cli import options
-from skin.cli.table import facts
+from skin.cli.table import end
 from skin.cli.tally import Tally
 
 __all__ = ["view"]
@@ -59,7 +58,6 @@ def view(
     from skin.view import show
 
     options.check_seconds(seconds)
-    scene = options.played_scene(simulate, sync, bus)
     is_recorded = log is not None or is_recording(file)
     if is_recorded:
         options.refuse_both("a recording or log", "--simulate", simulate)
@@ -71,9 +69,9 @@ def view(
             given = (file,) if log is None else (log, file)
             source: Any = skin.replay(*given, speed=1.0, **mapped)
         else:
-            loaded = options.load(file, bus)
-            source = ended.enter_context(skin.open(loaded, sync=sync, simulate=scene))
-            options.note_scene(source.nodes and source.nodes.scene)
+            source = ended.enter_context(
+                options.open_skin(file, bus=bus, sync=sync, simulate=simulate)
+            )
         tally = Tally(source.topology)
         shown = ended.enter_context(show(source, host=host, port=port))
         print(f"{source.topology.name}: open {shown.address} in a browser; Ctrl-C ends",
@@ -96,6 +94,5 @@ def view(
     report = tally.report() | {
         "address": shown.address, "snapshots": taken, "snapshots_missed": missed, "faults": faults,
     }  # fmt: skip
-    rows = tally.facts() | {"snapshots": f"{taken}, {missed} missed"}
-    print(json_text.dumps(report) if json else facts(rows))
+    end(report, json)
     return 1 if faults else 0

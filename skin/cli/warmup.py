@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json as json_text
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 from skin.cli import options
+from skin.cli.table import end
 
 __all__ = ["warmup"]
 
@@ -44,12 +44,7 @@ def warmup(file: options.File = "palm", /, *, json: options.Json = False) -> int
         "seconds": time.monotonic() - began,
         "folder": None if kept is None else str(kept),
     }
-    where = "nowhere: no folder can be written" if kept is None else kept
-    text = f"{loaded.name}: all kernels were compiled already, in {where}"
-    if compiled:
-        text = (f"{loaded.name}: {len(compiled)} kernels compiled in {report['seconds']:.1f} s, "
-                f"kept in {where}")  # fmt: skip
-    print(json_text.dumps(report) if json else text)
+    end(report, json)
     return 0 if kept is not None else 1
 
 

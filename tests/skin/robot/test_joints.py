@@ -57,20 +57,19 @@ def test_units_go_with_their_links_as_mujoco_moves_them(hand):
             assert np.abs(found[1] - at).max() < 1e-12
 
 
-def test_the_wrench_of_a_fixed_contact_is_the_truth_through_a_thousand_poses(hand):
+def test_the_wrench_of_a_fixed_contact_is_the_truth_through_many_poses(hand):
     stream = ContactStream(
         hand.position, hand.rotation, hand.area, hand.neighbour_start, hand.neighbour_index,
-        want=("wrench", "contacts"), dtype="float64",
     )  # fmt: skip
     joints = Joints(hand)
     index, units = (
         hand.robot.link_names.index(LINKS[0]),
         hand.patch == hand.patch_names.index(LINKS[0]),
     )
-    force = np.zeros((3, hand.n))
+    force = np.zeros((3, hand.n), np.float32)
     force[:, units] = [[0.3], [-0.2], [1.5]]
     truth = wrench_on_link(hand, index, force)
-    for cycle, q in enumerate(random_joints(hand.robot, 1000)):
+    for cycle, q in enumerate(random_joints(hand.robot, 200)):
         joints.move(q)
         stream.move(*joints.unit_poses)
         (contact,) = stream.update(force, 0.01, stamp_ns=4_000_000 * cycle)
@@ -78,9 +77,9 @@ def test_the_wrench_of_a_fixed_contact_is_the_truth_through_a_thousand_poses(han
         turn, at = pose[:3, :3], pose[:3, 3]
         pushed = turn @ truth[:3]
         in_base = np.concatenate([pushed, turn @ truth[3:] + np.cross(at, pushed)])
-        assert np.abs(contact.wrench - in_base).max() < 1e-9
-        assert np.abs(stream.total.wrench - in_base).max() < 1e-9
-        assert np.abs(joints.wrench_in(LINKS[0], contact)[0] - truth).max() < 1e-9
+        assert np.abs(contact.wrench - in_base).max() < 1e-4
+        assert np.abs(stream.total.wrench - in_base).max() < 1e-4
+        assert np.abs(joints.wrench_in(LINKS[0], contact)[0] - truth).max() < 1e-4
     assert np.linalg.norm(truth[:3]) > 10.0
 
 

@@ -58,9 +58,8 @@ def test_it_ends_with_one_json_object(
 def test_people_get_a_table(host: MemoryTransport, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "palm", "--bus", "socketcan", "--seconds", "30"]) == 0
     table = capsys.readouterr().out.splitlines()
-    assert table[0].split() == ["units", "64"]
-    assert table[1].split() == ["cycles,", "left", "out", "1,", "0"]
-    assert table[2].split() == ["frames", "sent", str(14 * host.counters.sent)]
+    assert ["units", "64"] in [line.split() for line in table]
+    assert ["frames", str(14 * host.counters.sent)] in [line.split() for line in table]
 
 
 def test_a_bus_without_sync_is_a_failed_check(
