@@ -84,7 +84,7 @@ def joint_figures(quick: bool) -> dict[str, Any]:
         hand.position, hand.rotation, hand.area, hand.neighbour_start, hand.neighbour_index,
         want=("wrench",), dtype="float64",
     )  # fmt: skip
-    joints = Joints(hand, stream.model.geometry)
+    joints = Joints(hand)
     count = 100 if quick else 1000
     every = np.random.default_rng(0).uniform(-1.2, 1.2, (count, len(hand.robot.joint_names)))
     pose_error = wrench_error = 0.0
@@ -93,6 +93,7 @@ def joint_figures(quick: bool) -> dict[str, Any]:
     truth, link = _truth(hand, force)
     for cycle, q in enumerate(every):
         joints.move(q)
+        stream.move(*joints.unit_poses)
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         pose_error = max(pose_error, _pose_error(joints, model, data))

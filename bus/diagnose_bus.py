@@ -220,8 +220,7 @@ class BusRules:
         elif not errors and self.bus.interface == "memory":
             yield Finding(
                 "no-traffic", "error", self.name, units, "not a single frame",
-                "the interface 'memory' reaches this process only; name the real one with "
-                "--interface and --channel",
+                "the interface 'memory' reaches this process only; name the real one with --bus",
             )  # fmt: skip
         elif not errors:
             cause = "no power, no cable, or units that wait for a SYNC which nobody sends"

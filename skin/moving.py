@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skin.errors import OptionError, SkinError
 from skin.pipeline import Pipeline
-from skin.robot.rigid import with_patch_moved
 from topology import Topology
+from topology.pose import pose_fault
 
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
@@ -124,5 +125,20 @@ class Moving:
         SkinError
             An array of another shape, a translation that is not finite, or no rotation.
         """
-        poses = self.pipeline.poses
-        self.move(*with_patch_moved(self.topology, poses, name, rotation, translation))
+        topology = self.topology
+        if name not in topology.patch_names:
+            raise OptionError.unknown("patch", name, topology.patch_names)
+        turn, shift = np.asarray(rotation, float), np.asarray(translation, float)
+        if turn.shape != (3, 3) or shift.shape != (3,):
+            raise SkinError(
+                "rotation, translation: must have shapes (3, 3) and (3,); "
+                f"got {turn.shape} and {shift.shape}"
+            )
+        fault = pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis], "translation")
+        if fault is not None:
+            raise SkinError(fault[1])
+        units = topology.patch == topology.patch_names.index(name)
+        position, turned = (pose.copy() for pose in self.pipeline.poses)
+        position[:, units] = turn @ topology.position[:, units] + shift[:, np.newaxis]
+        turned[:, :, units] = np.einsum("ij,jkn->ikn", turn, topology.rotation[:, :, units])
+        self.move(position, turned)

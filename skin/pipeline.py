@@ -414,19 +414,14 @@ class Pipeline:
         """
         from skin.robot.joints import Joints
 
-        contacts = self.contacts
-        return Joints(self.topology, None if contacts is None else contacts.model.geometry)
+        return Joints(self.topology)
 
     def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
         """Set joints, and the poses of the units by them, for the cycles to come; see
-        `skin.live.Skin.move_joints`. With sinks, poses are set a second time, as a replay sets
-        them, so that both are equal to the bit."""
+        `skin.live.Skin.move_joints`."""
         joints = self.joints
         joints.move(q)
-        self.poses = joints.unit_poses
-        if self.sinks.wants("moved"):
-            self.move(*self.poses, joints.q)
-        self.q = joints.q
+        self.move(*joints.unit_poses, joints.q)
 
     def turn(self, attitude: np.ndarray) -> None:
         """Report the attitude of the skin in the world; see `skin.live.Skin.turn`."""

@@ -106,8 +106,8 @@ def test_the_first_hour(newcomer, capsys):
     tared = newcomer.skin("tare", hand, "--simulate")
     assert (tared["tared"], tared["lines"]) == (UNITS, {})
     assert newcomer.skin("check", hand)["never_tared"] == []
-    command = [hand, "-o", "run.mcap", "--simulate", "--scene", "tap"]
-    recorded = newcomer.skin("record", *command)  # ends with the scene
+    command = [hand, "--record", "run.mcap", "--simulate", "tap"]
+    recorded = newcomer.skin("run", *command)  # ends with the scene
     assert recorded["contacts"] >= 1
     decoded = newcomer.skin("decode", "run.mcap", "-o", "run.csv")
     assert (decoded["cycles"], decoded["faults"]) == (recorded["cycles"], [])

@@ -1,8 +1,8 @@
 """The `skin` command: one file a sub-command, the file named after it.
 
-Exit status: 0 fine, 1 a check failed, 2 wrong use or bad input. Every command that reports takes
-`--json` and then ends with one JSON object as the last line of standard output: its report, or
-`{"errors": [...]}` where the exit status is 2.
+Exit status: 0 fine, 1 a check failed or nothing came, 2 wrong use or bad input. Every command that
+reports takes `--json` and then ends with one JSON object as the last line of standard output: its
+report, or `{"errors": [...]}` where the exit status is 2.
 """
 
 from __future__ import annotations
@@ -20,25 +20,29 @@ from importlib import import_module
 
 __all__ = ["COMMANDS", "main"]
 
-COMMANDS = {
-    "new": "write a commented topology file, and calibration files to fill in",
-    "demo": "simulate a palm, decode it live, and show the errors against the truth",
-    "check": "check a topology file and show what hangs where, and the load of each bus",
-    "mount": "check how the patches of a skin sit on a robot model, and write them into a copy",
-    "sim": "run simulated units alone, on the buses of a topology",
-    "run": "listen to the buses of a topology and show what the skin feels",
-    "view": "show what the skin feels in a browser, live or from a log",
-    "record": "run a skin, and record its frames and states as MCAP",
-    "replay": "play a recording, or a log, as it was live",
-    "warmup": "compile what a skin needs before it is used, for install scripts and containers",
-    "doctor": "listen to the buses of a topology, and say what is wrong and why",
-    "tare": "take the zeros of an untouched skin, and save them",
-    "calibrate": "fit units to the recordings of a bench, and write their calibration file",
-    "decode": "turn recorded logs into forces",
-    "export": "write recorded logs as data sets for learning",
-    "publish": "publish what the skin feels as topics of ROS 2",
-    "dbc": "write a DBC file for each bus, for every other CAN tool",
+GROUPS = {
+    "everyday": {
+        "demo": "simulate a palm, decode it, and show the errors against the truth",
+        "new": "write a commented topology file, and calibration files to fill in",
+        "check": "check a topology file: what hangs where, load of each bus, seat on a robot",
+        "run": "listen to the buses of a topology, and show or record what the skin feels",
+        "view": "show what the skin feels in a browser, live or from a log",
+        "replay": "play a recording, or a log, as it was live",
+    },
+    "hardware": {
+        "doctor": "listen to the buses of a topology, and say what is wrong and why",
+        "tare": "take the zeros of an untouched skin, and save them",
+        "calibrate": "fit units to the recordings of a bench, and write their calibration file",
+        "sim": "run simulated units alone, on the buses of a topology",
+        "warmup": "compile what a skin needs before it is used, for install scripts and containers",
+    },
+    "data": {
+        "decode": "turn recorded logs into forces",
+        "export": "write recorded logs as data sets for learning",
+        "publish": "publish what the skin feels as topics of ROS 2",
+    },
 }
+COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -55,11 +59,8 @@ def main(arguments: list[str] | None = None) -> int:
 
         print(__version__)
         return 0
-    if name == "--completion":
-        from skin.cli.completion import script
-
-        print(script())
-        return 0
+    if name.startswith("--tyro-"):
+        return _complete(given)
     is_json = "--json" in rest
     if name not in COMMANDS:
         from skin.errors import OptionError
@@ -74,6 +75,15 @@ def main(arguments: list[str] | None = None) -> int:
     return _guarded(_parsed(command, name, rest, is_json), is_json)
 
 
+def _complete(given: list[str]) -> int:
+    """Let tyro write what a shell completes."""
+    from tyro.extras import subcommand_cli_from_dict
+
+    commands = {name: getattr(import_module(f"skin.cli.{name}"), name) for name in COMMANDS}
+    subcommand_cli_from_dict(commands, prog="skin", args=given)
+    return 0
+
+
 def _parsed(
     command: Callable[..., int], name: str, given: list[str], is_json: bool
 ) -> Callable[[], int]:
@@ -84,21 +94,16 @@ def _parsed(
     def bound(*arguments: object, **options: object) -> Callable[[], int]:
         return functools.partial(command, *arguments, **options)
 
-    def parse() -> Callable[[], int]:
-        found: Callable[[], int] = tyro.cli(
-            bound, prog=f"skin {name}", args=given, config=(tyro.conf.FlagCreatePairsOff,)
-        )
-        return found
-
-    if not is_json:
-        return parse()
     said = io.StringIO()
     try:
-        with redirect_stderr(said):
-            return parse()
+        with redirect_stderr(said if is_json else sys.stderr):
+            found: Callable[[], int] = tyro.cli(
+                bound, prog=f"skin {name}", args=given, config=(tyro.conf.FlagCreatePairsOff,)
+            )
+            return found
     except SystemExit as end:
         print(said.getvalue(), end="", file=sys.stderr)
-        if end.code:
+        if end.code and is_json:
             _print_errors(line for row in said.getvalue().splitlines()
                           if (line := row.strip("╭╮╰╯│─ ")))  # fmt: skip
         raise
@@ -157,12 +162,14 @@ def _print_errors(lines: Iterable[str]) -> None:
 
 def _overview() -> str:
     width = max(map(len, COMMANDS))
-    rows = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
+    groups = "\n\n".join(
+        "\n".join([f"{group}:", *(f"  {name:<{width}}  {text}" for name, text in rows.items())])
+        for group, rows in GROUPS.items()
+    )
     return (
         "usage: skin COMMAND [OPTIONS]\n\n"
         "Tactile skins of F3T units on CAN: frames in, contacts out.\n\n"
-        f"commands:\n{rows}\n\n"
-        "skin COMMAND --help describes one; skin --version prints the version.\n"
-        'Completion in bash: eval "$(skin --completion)"; in zsh after: autoload -U bashcompinit; '
-        "bashcompinit."
+        f"{groups}\n\n"
+        "skin COMMAND --help describes one; skin --version prints the version;\n"
+        "skin --tyro-write-completion bash FILE writes what a shell completes (or zsh, tcsh)."
     )

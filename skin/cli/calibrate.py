@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json as json_text
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from skin.cli import options
-from skin.cli.table import columns
+from skin.cli.table import columns, progress
 
 if TYPE_CHECKING:
     from skin.calibrate.bench.run import Outcome
@@ -25,7 +24,6 @@ SUBCOMMANDS = {
     "crosstalk": "skin.cli.calibrate_crosstalk:calibrate_crosstalk",
 }
 """Words that stand for commands of their own: module and function."""
-BAR = 30
 
 Bench = Annotated[
     Path, tyro.conf.Positional, tyro.conf.arg(metavar="BENCH", help="BENCH file of the recordings")
@@ -66,7 +64,7 @@ def calibrate(
     if output is not None and not output.is_dir():
         options.check_folder("--output", output)
     announcer()
-    outcome = calibrate_bench(bench, force=force, progress=_progress(), **options.mapped(map))
+    outcome = calibrate_bench(bench, force=force, progress=progress, **options.mapped(map))
     for fault in outcome.faults:
         print(fault, file=sys.stderr)
     files: dict[str, Path] = {}
@@ -76,7 +74,7 @@ def calibrate(
         if not outcome.results and outcome.learned is None:
             raise SkinError("\n".join([f"{bench}: must fix a parameter of a unit; got none",
                                        *outcome.notes]))  # fmt: skip
-        files = {patch: path.resolve() for patch, path in outcome.write(output).items()}
+        files = outcome.write(output)
         stencil = outcome.write_stencil(output)
     if report is not None and outcome.results:
         from skin.view.calibration import write_report
@@ -84,9 +82,7 @@ def calibrate(
         write_report(report, outcome)
         print(f"report: written to {report}")
     print(_table(outcome))
-    for patch, path in files.items():
-        print(f"{patch}: written to {path}")
-    lines = options.named_in_file(outcome.topology, files, write)
+    written = options.named_in_file(outcome.topology, files, write)
     for note in outcome.notes:
         print(f"not learned: {note}", file=sys.stderr)
     if stencil is not None and (learned := outcome.learned) is not None:
@@ -97,13 +93,12 @@ def calibrate(
         print("nothing was written (--force writes all the same)", file=sys.stderr)
     if json:
         found = {"topology": outcome.topology.name, "units": len(outcome.results),
-                "faults": list(outcome.faults), "notes": list(outcome.notes), "lines": lines,
-                "files": {patch: str(path) for patch, path in files.items()},
+                "faults": list(outcome.faults), "notes": list(outcome.notes),
                 "stencil": None if stencil is None else str(stencil.resolve()),
                 "results": {r.unit: {"goodness": r.goodness, "kept": r.kept, "left": r.left,
                                      "range": r.range} for r in outcome.results},
                 "report": None if report is None else str(report.resolve())}  # fmt: skip
-        print(json_text.dumps(found))
+        print(json_text.dumps(found | written))
     return int(refused)
 
 
@@ -149,7 +144,7 @@ def check(
     from skin.compiling import announcer
 
     announcer()
-    checked = check_bench(calibration, bench, _progress(), **options.mapped(map))
+    checked = check_bench(calibration, bench, progress, **options.mapped(map))
     rows = []
     for name, entry in checked.items():
         score = entry.get("score")
@@ -194,17 +189,3 @@ def _table(outcome: Outcome) -> str:
         ))  # fmt: skip
     head = ("unit", "serial", "lag / s", "force rmse / N", "film / µm", "kept as the model has it")
     return "\n".join(columns(head, rows))
-
-
-def _progress() -> Callable[[int, int, str], None] | None:
-    """A bar on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
-        return None
-
-    def show(done: int, of: int, what: str) -> None:
-        full = BAR * done // max(of, 1)
-        end = "\n" if done == of else ""
-        print(f"\r[{'#' * full}{'.' * (BAR - full)}] {done}/{of} {what:<24.24}", end=end,
-              file=sys.stderr, flush=True)  # fmt: skip
-
-    return show

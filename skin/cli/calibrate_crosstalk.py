@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import json as json_text
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from skin.cli import options
-from skin.cli.tare import Heard, Ticks, refused
+from skin.cli.tare import listen, refused
 
 if TYPE_CHECKING:
     import numpy as np
 
     from skin.calibrate.touch import TouchTest
     from skin.sim.truth import Truth
-    from topology import Topology
 
 __all__ = ["calibrate_crosstalk"]
 
@@ -32,19 +30,20 @@ ENOUGH = 40
 
 def calibrate_crosstalk(
     file: options.File,
+    stencil: Annotated[
+        Path,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="STENCIL.npz", help="file to write what was learned to"),
+    ],
     /,
     *,
-    stencil: Annotated[
-        Path, tyro.conf.arg(metavar="FILE", help="file to write what was learned to")
-    ],
     output: options.Calibration = None,
     write: options.Write = False,
     seconds: options.Until = None,
     simulate: Annotated[
         bool, options.quiet("touch simulated units, one after the other, in this process")
     ] = False,
-    interface: options.Interface = None,
-    channel: options.Channel = None,
+    bus: options.Bus = None,
     sync: options.Sync = "host",
     json: options.Json = False,
 ) -> int:
@@ -54,25 +53,29 @@ def calibrate_crosstalk(
     It ends when each has been pressed, or after the time given (two seconds a unit).
     Exit status 1, and nothing is written, if the skin could not be tared or no press was seen.
     """
+    import skin
     from skin.calibrate.learn import StrayEstimate
     from skin.calibrate.tare import calibration_files, chosen, tare
     from skin.calibrate.touch import TouchTest
     from skin.compiling import announcer
     from skin.errors import ScanError
     from skin.physics.stencil import STENCIL_FILE
-    from topology import load
 
     options.check_seconds(seconds)
-    options.check_folder("--stencil", stencil, STENCIL_FILE)
+    options.check_folder("STENCIL", stencil, STENCIL_FILE)
     announcer()
-    loaded = load(file, allow_no_calibration=True).on(interface=interface, channel=channel)
+    loaded = options.load(file, bus, allow_no_calibration=True)
     taken = chosen(loaded)
     if simulate:
         options.refuse_simulated(loaded, output)
     calibration_files(loaded, taken, output)  # refused before, not after
     estimate = StrayEstimate(loaded)
     most_s = seconds or 2.0 * WINDOW_S * int(taken.sum()) + 2.0 * UNTOUCHED_S
-    with _hearing(loaded, sync, simulate) as hear:
+    with skin.open(
+        loaded, want="temperature", auto_tare=False, sync=sync, pace=not simulate,
+        simulate=_Finger(loaded.n) if simulate else None,
+    ) as opened:  # fmt: skip
+        hear = partial(listen, opened, iter(opened))
         print(f"hands off for {UNTOUCHED_S:g} s …", file=sys.stderr, flush=True)
         still, flags = hear(UNTOUCHED_S)
         try:
@@ -91,21 +94,16 @@ def calibrate_crosstalk(
     files = found.leaving_out(tared.rest_ut).write(output, simulated=simulate)
     learned.save(stencil, simulated=simulate)
     names = [loaded.unit_names[i] for i in missing]
-    print(f"{stencil}: stray fields within {estimate.sigma_ut().mean():.1f} µT, of "
-          f"{loaded.n - len(names)} units from their own touch")  # fmt: skip
-    for patch, path in files.items():
-        print(f"{patch}: zeros written to {path}")
-    lines = options.named_in_file(loaded, files, write)
+    sigma_ut = float(estimate.sigma_ut().mean())
+    print(f"{stencil}: stray fields within {sigma_ut:.1f} µT, of {loaded.n - len(names)} units "
+          "from their own touch")  # fmt: skip
+    written = options.named_in_file(loaded, files, write)
     if names:
         print(f"not pressed: {', '.join(names)}")
     if json:
-        report = {
-            "topology": loaded.name, "units": loaded.n, "missing": names, "refused": [],
-            "sigma_ut": float(estimate.sigma_ut().mean()), "stencil": str(stencil.resolve()),
-            "files": {patch: str(path.resolve()) for patch, path in files.items()},
-            "lines": lines,
-        }  # fmt: skip
-        print(json_text.dumps(report))
+        report = {"topology": loaded.name, "units": loaded.n, "missing": names, "refused": [],
+                  "sigma_ut": sigma_ut, "stencil": str(stencil.resolve())}  # fmt: skip
+        print(json_text.dumps(report | written))
     return 0
 
 
@@ -126,39 +124,6 @@ def _touched(
         if not missing.size:
             break
     return missing.tolist()
-
-
-@contextmanager
-def _hearing(
-    topology: Topology, sync: Literal["host", "bus"], simulate: bool
-) -> Iterator[Callable[[float], tuple[np.ndarray, np.ndarray]]]:
-    """Open the buses; gives a call for the counts and flags of the next so many seconds."""
-    from bus.discover import listen
-    from bus.errors import BusClosedError
-
-    import numpy as np  # isort: skip
-    import skin  # isort: skip
-
-    clock: Callable[[], int] = Ticks(topology.cycle_rate_hz) if simulate else time.monotonic_ns
-    scene = _Finger(topology.n) if simulate else None
-    with skin.open(
-        topology, want="temperature", auto_tare=False, sync=sync, simulate=scene
-    ) as opened:
-        counter = 0
-
-        def hear(seconds: float) -> tuple[np.ndarray, np.ndarray]:
-            nonlocal counter
-            heard = Heard(topology, clock)
-            counter = listen(
-                heard, opened.transports, seconds, sync=sync, clock=clock, counter=counter
-            )
-            if heard.closed:
-                raise BusClosedError(heard.closed)
-            shapes = (0, *topology.scale.shape), (0, topology.n)
-            empty = np.zeros(shapes[0], np.int16), np.zeros(shapes[1], np.uint16)
-            return (np.stack(heard.counts), np.stack(heard.status)) if heard.counts else empty
-
-        yield hear
 
 
 class _Finger:

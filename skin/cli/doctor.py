@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -28,19 +28,17 @@ __all__ = ["doctor"]
 
 def doctor(
     file: options.File,
+    log: options.Log = None,
     /,
     *,
     seconds: options.Listening = 5.0,
+    bus: options.Bus = None,
     sync: options.Sync = "host",
-    interface: options.Interface = None,
-    channel: options.Channel = None,
-    log: Annotated[
-        str | None, options.quiet("diagnose a recorded log instead", metavar="LOG")
-    ] = None,
     map: options.Map = (),
     json: options.Json = False,
 ) -> int:
-    """Listen to the buses of a topology, and compare what is heard with what the file expects.
+    """Listen to the buses of a topology, and compare what is heard with what the file expects; or
+    what a log holds.
 
     Each finding comes with its likely cause: missing units, silent branches, swapped buses, wrong
     identifiers, lengths and rates, two units of one address, boards without heartbeats, with one
@@ -53,14 +51,12 @@ def doctor(
     from bus.logs import buses_of, read
     from skin.compiling import announcer
     from skin.offline import LogWatch
-    from topology import load
 
     options.check_seconds(seconds)
     if log is not None:
-        options.refuse_both("--log", "--interface", interface)
-        options.refuse_both("--log", "--channel", channel)
+        options.refuse_both("a log", "--bus", bus)
     announcer()
-    loaded = load(file).on(interface=interface, channel=channel)
+    loaded = options.load(file, bus)
     mapped = options.mapped(map, log)
     buses = {} if log is None else buses_of(loaded, log, **mapped)
     frames = None if log is None else read(log, buses=buses, strict=False)
@@ -85,8 +81,7 @@ def doctor(
         "cycles": survey.cycles,
         "counters": counters,
         "left_out": {} if frames is None else frames.left_out,
-        "never_tared": options.never_tared(loaded),
-        "uncalibrated": options.uncalibrated(loaded),
+        **options.without(loaded),
         "identity_unchecked": unchecked,
         "findings": [asdict(finding) for finding in found],
         "healthy": not found,

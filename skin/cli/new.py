@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_text
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -20,8 +20,10 @@ GAP_M = 0.02
 """Between two patches, which are put side by side [assumed]."""
 FIRST_ID, ALIGNED = 0x100, 0x10
 """First identifier of data frames, and that of which each patch begins with a multiple."""
-PER_FRAME = {"f3t-fd64": 5, "f3t-classic": 1}
-"""Units that a frame carries."""
+LAYOUTS = {True: ("f3t-classic", 1), False: ("f3t-fd64", 5)}
+"""Of a classic bus, and of CAN FD: wire layout, and units that a frame carries."""
+COMMENTS_AT = 44
+"""Column of the comments, which are marked by two signs below."""
 
 HEAD = """\
 # {name}: units of {pitch_mm:g} mm pitch on one bus. Lengths are metres, angles degrees.
@@ -30,8 +32,8 @@ HEAD = """\
 #   skin run {file} --simulate      simulated units in place of the bus
 #   skin tare {file}                the zeros of the untouched skin, into the files below
 #
-# The ready-made topology "palm" has every table of the format as a comment; `skin check --schema`
-# prints its JSON Schema, by which an editor completes keys and marks mistakes.
+# The ready-made topology "palm" has every table of the format as a comment; `skin check
+# --schema topology` prints its JSON Schema, by which an editor completes keys and marks mistakes.
 
 format = 1
 name = {quoted}
@@ -58,8 +60,6 @@ layout = "{layout}"  ## what the bits of a frame mean
 first_id = {first_id:#05x}  ## of its first frame; others follow
 calibration = "{calibration}"
 """
-COMMENTS_AT = 44
-"""Column of comments behind a value."""
 STUB = """\
 # Calibration of the units of patch "{name}": any parameter of the unit model, by unit. `skin tare`
 # writes zeros here, `skin calibrate` what a bench has measured. All else is as of the model.
@@ -70,17 +70,6 @@ patch = "{name}"
 # [units.r0c0]
 # frequency_rest_hz = 4512.5
 """
-
-
-class _Patch(NamedTuple):
-    skin: str
-    name: str
-    rows: int
-    columns: int
-
-    @property
-    def calibration(self) -> str:
-        return f"{self.skin}.{self.name}.calibration.toml"
 
 
 def new(
@@ -109,7 +98,7 @@ def new(
         bool, options.quiet("a classic CAN bus, one unit a frame; otherwise CAN FD, five a frame")
     ] = False,
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Write a commented topology file, and a calibration file to be filled for each of its patches.
 
     The patches lie side by side; move each to its place. Files that exist are left as they are, and
@@ -122,28 +111,57 @@ def new(
     check_numbers(0.1, 1e5, rate_hz=rate_hz)
     interface, _, channel = bus.partition(":")
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
-    wanted = [_patch(file.stem, text) for text in patches]
-    files = [file, *(file.with_name(patch.calibration) for patch in wanted)]
-    for path in files:
+    text = HEAD.format(
+        name=file.stem, quoted=json_text.dumps(file.stem), file=file, pitch_mm=pitch_mm,
+        rate_hz=rate_hz, interface=json_text.dumps(interface), channel=json_text.dumps(channel),
+        data_bitrate="" if classic else FD,
+    )  # fmt: skip
+    written: dict[Path, str] = {}
+    x_m, first_id, (layout, each) = 0.0, FIRST_ID, LAYOUTS[classic]
+    for number, one in enumerate(patches):
+        patch, rows, columns = _patch(one)
+        half_m = 5e-4 * columns * pitch_mm
+        x_m += half_m if number else 0.0
+        calibration = f"{file.stem}.{patch}.calibration.toml"
+        text += PATCH.format(
+            name=patch, rows=rows, columns=columns, pitch_m=1e-3 * pitch_mm, x_m=x_m,
+            layout=layout, first_id=first_id, calibration=calibration,
+        )  # fmt: skip
+        written[file.with_name(calibration)] = STUB.format(name=patch)
+        x_m += half_m + GAP_M
+        frames = -(-rows * columns // each)
+        first_id += -(-frames // ALIGNED) * ALIGNED
+    text = "".join(map(_aligned, text.splitlines()))
+    written = {file: text, **written}
+    for path in written:
         options.check_folder("NAME", path, NO_KIND)
-    layout = "f3t-classic" if classic else "f3t-fd64"
-    text = _aligned(HEAD.format(
-        name=file.stem, quoted=_quoted(file.stem), file=file, pitch_mm=pitch_mm, rate_hz=rate_hz,
-        interface=_quoted(interface), channel=_quoted(channel), data_bitrate="" if classic else FD,
-    ) + _patches(wanted, layout, 1e-3 * pitch_mm))  # fmt: skip
     loaded = _tried(text, file)
-    for path, patch in zip(files[1:], wanted, strict=True):
+    for path, content in reversed(written.items()):
         with whole_file(path, "w", over=NO_KIND, encoding="utf-8") as out:
-            out.write(STUB.format(name=patch.name))
-    with whole_file(file, "w", over=NO_KIND, encoding="utf-8") as out:
-        out.write(text)
-    for path in files:
+            out.write(content)
+    for path in written:
         print(f"written: {path}")
     print(f"next: skin check {file}; skin run {file} --simulate; skin tare {file}")
     if json:
         print(json_text.dumps({"topology": loaded.name, "units": loaded.n,
-                               "files": [str(path.resolve()) for path in files]}))  # fmt: skip
+                               "files": [str(path.resolve()) for path in written]}))  # fmt: skip
     return 0
+
+
+def _patch(text: str) -> tuple[str, int, int]:
+    """Name, rows and columns of a patch."""
+    from skin.errors import OptionError
+
+    found = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)=([1-9]\d{0,2})x([1-9]\d{0,2})", text)
+    if found is None:
+        raise OptionError(f"--patches: must be NAME=ROWSxCOLUMNS, as in palm=8x8; got {text!r}")
+    return found[1], int(found[2]), int(found[3])
+
+
+def _aligned(row: str) -> str:
+    """A line whose comment is in the column of all."""
+    code, mark, comment = row.partition("  ## ")
+    return f"{code:<{COMMENTS_AT - 1}} # {comment}\n" if mark else f"{code}\n"
 
 
 def _tried(text: str, file: Path) -> Topology:
@@ -159,41 +177,3 @@ def _tried(text: str, file: Path) -> Topology:
         raise OptionError(str(error).replace(str(trial), str(file))) from None
     finally:
         trial.unlink(missing_ok=True)
-
-
-def _quoted(text: str) -> str:
-    return json_text.dumps(text)
-
-
-def _aligned(text: str) -> str:
-    """Comments that are marked by two signs, in one column."""
-    rows = [row.partition("  ## ") for row in text.splitlines()]
-    return "".join(
-        f"{code:<{COMMENTS_AT - 1}} # {comment}\n" if mark else f"{code}\n"
-        for code, mark, comment in rows
-    )
-
-
-def _patch(skin: str, text: str) -> _Patch:
-    from skin.errors import OptionError
-
-    found = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)=([1-9]\d{0,2})x([1-9]\d{0,2})", text)
-    if found is None:
-        raise OptionError(f"--patches: must be NAME=ROWSxCOLUMNS, as in palm=8x8; got {text!r}")
-    return _Patch(skin, found[1], int(found[2]), int(found[3]))
-
-
-def _patches(wanted: list[_Patch], layout: str, pitch_m: float) -> str:
-    """The patches, side by side, each with identifiers of its own."""
-    parts, x_m, first_id = [], 0.0, FIRST_ID
-    for i, patch in enumerate(wanted):
-        half_m = 0.5 * patch.columns * pitch_m
-        x_m += half_m if i else 0.0
-        parts.append(PATCH.format(
-            **patch._asdict(), calibration=patch.calibration, pitch_m=pitch_m, layout=layout,
-            first_id=first_id, x_m=x_m,
-        ))  # fmt: skip
-        x_m += half_m + GAP_M
-        frames = -(-patch.rows * patch.columns // PER_FRAME[layout])
-        first_id += -(-frames // ALIGNED) * ALIGNED
-    return "".join(parts)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,25 +14,22 @@ import tyro
 if TYPE_CHECKING:
     import numpy as np
 
+    from bus.logs import Recording
+    from skin.live import Skin
     from topology import Topology
     from topology.files import Kind
 
 __all__ = [
     "FILE_HELP",
+    "Bus",
     "Calibration",
-    "Channel",
     "DType",
-    "Fast",
     "File",
-    "FileOrNone",
-    "Interface",
     "Json",
     "Listening",
     "Log",
     "Map",
-    "Picture",
-    "Scene",
-    "Seed",
+    "Simulate",
     "Sweeps",
     "Sync",
     "Until",
@@ -38,16 +37,24 @@ __all__ = [
     "check_folder",
     "check_seconds",
     "chosen",
-    "given",
+    "frame_log",
     "hints",
+    "lacking",
+    "load",
     "mapped",
     "named_in_file",
-    "never_tared",
+    "note_scene",
+    "open_skin",
+    "percent",
     "quiet",
     "refuse_both",
-    "uncalibrated",
-    "unreachable",
+    "refuse_simulated",
+    "share_of",
+    "without",
 ]
+
+SHOWN = 8
+"""Patches that a line names."""
 
 
 def quiet(help: str, **options: Any) -> Any:
@@ -59,8 +66,9 @@ FILE_HELP = "topology file, or the name of a ready-made one"
 
 File = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help=FILE_HELP)]
 
-FileOrNone = Annotated[str | None, tyro.conf.Positional, quiet(FILE_HELP, metavar="[FILE]")]
-"""Of commands that print a schema without any file; see `given`."""
+Log = Annotated[
+    Path | None, tyro.conf.Positional, quiet("recorded log of that skin", metavar="[LOG]")
+]
 
 Calibration = Annotated[
     Path | None,
@@ -77,11 +85,6 @@ Write = Annotated[bool, quiet("add the lines that name new calibration files to 
 
 Json = Annotated[bool, quiet("end with one JSON object")]
 
-Fast = Annotated[bool, quiet("as fast as possible instead of in real time")]
-
-Picture = Annotated[Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")]
-"""A PNG file."""
-
 Listening = Annotated[float, tyro.conf.arg(metavar="SECONDS", help="how long to listen")]
 
 Until = Annotated[
@@ -89,31 +92,26 @@ Until = Annotated[
     quiet("stop after this time; otherwise at Ctrl-C", metavar="SECONDS", constructor=float),
 ]
 
-Interface = Annotated[
-    str | None,
-    quiet("use this interface for every bus instead of the file's", metavar="NAME"),
-]
-
-Channel = Annotated[
+Bus = Annotated[
     str | None,
     quiet(
-        "use these channels instead of the file's, one for each bus: can0,can1",
-        metavar="NAMES",
+        "use this interface for every bus, and these channels, one for each, in place of the "
+        "file's: socketcan:can0,can1",
+        metavar="INTERFACE:CHANNEL",
     ),
 ]
+"""See `load`."""
 
 Sync = Annotated[
     Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host, or another node")
 ]
 
-Scene = Annotated[
-    str | None, quiet("play this scene, ready-made or from a file", metavar="NAME|FILE")
-]
-
-Seed = Annotated[
-    int | None,
+Simulate = Annotated[
+    tuple[str, ...] | None,
     quiet(
-        "seed of the simulated noise; otherwise the scene's, or 0", metavar="INT", constructor=int
+        "simulated units, in this process, in place of the buses; they play this scene, "
+        "ready-made or from a file, or else are pressed all over",
+        metavar="[SCENE]",
     ),
 ]
 
@@ -137,17 +135,56 @@ DType = Annotated[
     ),
 ]
 
-Log = Annotated[
-    Path | None,
-    quiet("write down what the buses carry: .log, .log.gz or .blf", metavar="FILE"),
-]
-
-
 Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], quiet(
     "a channel by its name or number in the log, and its bus, if it is not as the topology has it",
     metavar="FILE_CHANNEL=BUS",
 )]]  # fmt: skip
 """See `mapped`."""
+
+
+def load(file: str, bus: str | None = None, **how: Any) -> Topology:
+    """A topology on the buses that are given as `Bus`, or else its own."""
+    from topology import load as load_file
+
+    interface, _, channel = (bus or "").partition(":")
+    return load_file(file, **how).on(interface=interface or None, channel=channel or None)
+
+
+@contextmanager
+def open_skin(
+    file: str,
+    *,
+    bus: str | None,
+    sync: Literal["host", "bus"],
+    simulate: tuple[str, ...] | None,
+    **how: Any,
+) -> Iterator[Skin]:
+    """The skin that a command runs, with what is worth knowing said before its first cycle."""
+    import skin
+    from skin.errors import OptionError
+
+    scene: str | bool = False
+    if simulate is not None:
+        if len(simulate) > 1:
+            raise OptionError(f"--simulate: must be one scene; got {' '.join(simulate)}")
+        if sync != "host":
+            raise OptionError(f"--sync: must be 'host' with --simulate; got {sync!r}")
+        refuse_both("--simulate", "--bus", bus)
+        scene = simulate[0] if simulate else True
+    loaded = load(file, bus)
+    if not scene:
+        for hint in hints(file, loaded, will_tare=how.get("auto_tare", True)):
+            print(f"note: {hint}", file=sys.stderr)
+    with skin.open(loaded, sync=sync, simulate=scene, **how) as opened:
+        note_scene(opened.nodes and opened.nodes.scene)
+        yield opened
+
+
+def note_scene(scene: object) -> None:
+    """Say what a simulated scene touches."""
+    for body, places in getattr(scene, "touches", {}).items():
+        shown = ", then ".join(places[:SHOWN]) + (", …" if len(places) > SHOWN else "")
+        print(f"scene: {body} on {shown}", file=sys.stderr)
 
 
 def mapped(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, Any]:
@@ -172,104 +209,91 @@ def chosen(**given: Any) -> dict[str, Any]:
     return {name: value for name, value in given.items() if value is not None}
 
 
-def given(file: str | None, command: str) -> str:
-    """The topology of a command that needs one after all."""
-    from skin.errors import SkinError
-    from topology.load import builtin
+def check_seconds(seconds: float | None) -> None:
+    """Refuse a time that never passes."""
+    from skin.errors import OptionError
 
-    if file is None:
-        raise SkinError(
-            f"skin {command}: must have a file or the name of a ready-made topology "
-            f"({', '.join(builtin)}); got none"
-        )
-    return file
-
-
-def check_seconds(
-    seconds: float | None, at_most: float | None = None, option: str = "--seconds"
-) -> None:
-    """Refuse a time that never passes, and one beyond `at_most`."""
-    from skin.errors import SkinError
-
-    if seconds is None or (seconds > 0.0 and (at_most is None or seconds <= at_most)):
-        return
-    limit = "" if at_most is None else f" and at most {at_most:g}"
-    raise SkinError(f"{option}: must be above 0{limit}; got {seconds:g}")
+    if seconds is not None and not seconds > 0.0:
+        raise OptionError(f"--seconds: must be above 0; got {seconds:g}")
 
 
 def refuse_both(option: str, other: str, value: object) -> None:
     """Refuse `other`, if it is given, with an option that makes it void."""
-    from skin.errors import SkinError
+    from skin.errors import OptionError
 
     if value is not None:
-        raise SkinError(f"{other}: must not be given with {option}; got {value!r}")
+        raise OptionError(f"{other}: must not be given with {option}; got {value!r}")
 
 
 def check_folder(option: str, path: Path | None, over: Kind | None = None) -> None:
     """Refuse a file that cannot be written, or is there and not of the kind `over`, before the work
     and not after."""
-    from skin.errors import SkinError
+    from skin.errors import OptionError
     from topology.files import check_over
 
     if path is None:
         return
     folder = path.absolute().parent
     if not folder.is_dir():
-        raise SkinError(f"{option}: must be in a folder that exists; got '{path}'")
+        raise OptionError(f"{option}: must be in a folder that exists; got '{path}'")
     if path.is_dir() or not os.access(folder, os.W_OK):
-        raise SkinError(f"{option}: must be a file that can be written; got '{path}'")
+        raise OptionError(f"{option}: must be a file that can be written; got '{path}'")
     if over is not None:
         check_over(path, over)
 
 
-def named_in_file(topology: Topology, files: Mapping[str, Path], write: bool) -> dict[str, str]:
-    """Name calibration files that were written in the topology file, or print the lines to add.
+def frame_log(path: Path | None, file: str) -> Recording | None:
+    """A new log of frames, whose buses are named as in the topology file, wherever they are."""
+    from bus.logs import Recording
+    from topology.files import NO_KIND
+
+    check_folder("--record", path, NO_KIND)
+    return None if path is None else Recording(path, load(file))
+
+
+def named_in_file(topology: Topology, files: Mapping[str, Path], write: bool) -> dict[str, Any]:
+    """Say which calibration files were written, by patch, and name them in the topology file, or
+    print the lines to add.
 
     Returns
     -------
-    dict of str to str
-        Lines that the topology file lacks, by patch.
+    dict
+        ``files`` as full paths, and ``lines`` that the topology file lacks; both by patch.
     """
     from topology.load import is_builtin
     from topology.naming import calibration_lines, name_calibrations
 
+    full = {patch: path.resolve() for patch, path in files.items()}
+    for patch, place in full.items():
+        print(f"{patch}: written to {place}")
+    found = {"files": {patch: str(place) for patch, place in full.items()}, "lines": {}}
     path = topology.path
     if path is None or is_builtin(path):
-        return {}
-    lines = calibration_lines(path, files)
+        return found
+    lines = calibration_lines(path, full)
     added = name_calibrations(path, lines) if write else {}
     for patch, line in lines.items():
         if patch in added:
             print(f"{path}:{added[patch]}: added to patch {patch!r}: {line}")
         else:
             print(f"{path}: not used until its patch {patch!r} has the line: {line}")
-    return {patch: line for patch, line in lines.items() if patch not in added}
+            found["lines"][patch] = line
+    return found
 
 
-def unreachable(file: str, topology: Topology) -> str | None:
-    """What is wrong with the first bus that no other process could ever be on, if there is one."""
-    for i, bus in enumerate(topology.buses):
-        if bus.interface == "memory":
-            return (
-                f"{file}: buses[{i}] {bus.name!r}: interface: must be one that other processes can "
-                "reach; got 'memory' (try --interface socketcan --channel vcan0, or --interface "
-                "udp_multicast --channel 239.74.163.2)"
-            )
-    return None
+def refuse_simulated(topology: Topology, output: Path | None) -> None:
+    """Refuse zeros of simulated units in place of those that a real bus has given."""
+    from skin.errors import OptionError
 
-
-def never_tared(topology: Topology) -> list[str]:
-    """Units whose zeros were not taken in their places; none on buses within the process."""
-    return lacking(topology, topology.tared)
-
-
-def uncalibrated(topology: Topology) -> list[str]:
-    """Units whose laws are those of their model; likewise."""
-    return lacking(topology, topology.calibrated)
+    if output is None and not topology.in_process:
+        raise OptionError(
+            f"--output: must be given with --simulate, since {topology.name!r} is on a real bus, "
+            "whose zeros simulated ones would replace; got none"
+        )
 
 
 def lacking(topology: Topology, known: np.ndarray) -> list[str]:
-    """Units of a real bus, shape (n,), that are not among those `known`."""
+    """Units of which something is not known; none on buses within the process."""
     if topology.in_process:
         return []
     missing: np.ndarray = topology.feels & ~known
@@ -278,15 +302,27 @@ def lacking(topology: Topology, known: np.ndarray) -> list[str]:
     ]
 
 
-def refuse_simulated(topology: Topology, output: Path | None) -> None:
-    """Refuse zeros of simulated units in place of those that a real bus has given."""
-    from skin.errors import SkinError
+def without(topology: Topology) -> dict[str, list[str]]:
+    """Units whose zeros were not taken in their places, and those whose laws are of their model."""
+    return {
+        "never_tared": lacking(topology, topology.tared),
+        "uncalibrated": lacking(topology, topology.calibrated),
+    }
 
-    if output is None and not topology.in_process:
-        raise SkinError(
-            f"--output: must be given with --simulate, since {topology.name!r} is on a real bus, "
-            "whose zeros simulated ones would replace; got none"
-        )
+
+def hints(file: str, topology: Topology, *, will_tare: bool = False) -> list[str]:
+    """A line about units that were never tared, and one about those without a calibration."""
+    now = ", or touch nothing for a second" if will_tare else ""
+    untared, unknown = without(topology).values()
+    found = [
+        (untared, f"never been tared: skin tare {file}{now}"),
+        (unknown, "no calibration: sigma holds the spread from unit to unit"),
+    ]
+    return [
+        f"unit {names[0]} has {text}" if len(names) == 1 else f"{len(names)} units have {text}"
+        for names, text in found
+        if names
+    ]
 
 
 def share_of(valid: int, cycles: int, topology: Topology) -> float | None:
@@ -298,16 +334,3 @@ def share_of(valid: int, cycles: int, topology: Topology) -> float | None:
 def percent(share: float | None) -> str:
     """A share as text."""
     return "none: the layout has counts only" if share is None else f"{100 * share:.2f} %"
-
-
-def hints(file: str, topology: Topology, *, will_tare: bool = False) -> list[str]:
-    """A line about units that were never tared, and one about those without a calibration."""
-    found = []
-    if names := never_tared(topology):
-        units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
-        now = ", or touch nothing for a second" if will_tare else ""
-        found.append(f"{units} never been tared: skin tare {file}{now}")
-    if names := uncalibrated(topology):
-        units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
-        found.append(f"{units} no calibration: sigma holds the spread from unit to unit")
-    return found

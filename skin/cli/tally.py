@@ -1,8 +1,10 @@
-"""The report at the end of a run, and of its replay."""
+"""The states of a run, or of its replay, counted to their end."""
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +19,8 @@ __all__ = ["Tally"]
 
 KEPT = 100_000
 """Cycle times of which percentiles are taken."""
+LOOK = 64
+"""Cycles from one question whether to go on to the next: it may need a system call."""
 
 
 class Tally:
@@ -27,17 +31,40 @@ class Tally:
 
     def __init__(self, topology: Topology) -> None:
         self.topology = topology
-        self.cycles = 0
-        self.complete = 0
-        self.overruns = 0
+        self.cycles = self.complete = self.overruns = 0
         self.valid = np.zeros(topology.n, np.int64)
         self.heard = np.zeros(topology.n, bool)
         self.load = 0.0
         self.contacts: set[int] = set()
         self.slipped: set[int] = set()
         self.work_us: deque[float] = deque(maxlen=KEPT)
+        self._end_s: float | None = None
+
+    def follow(
+        self,
+        source: Any,
+        seconds: float | None = None,
+        *,
+        show: Callable[[State, int], object] = lambda state, work_ns: None,
+        goes_on: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Count the states of an open skin, or of a replay, until there are no more, for a time
+        from the first one on, or as long as something goes on."""
+        timing = getattr(source, "timing", source)
+        for state in source:
+            self.add(state, timing.work_ns)
+            show(state, timing.work_ns)
+            if self.is_over(seconds) or (self.cycles % LOOK == 1 and not goes_on()):
+                break
+
+    def is_over(self, seconds: float | None) -> bool:
+        """Whether so long has passed since this was first asked."""
+        if self._end_s is None and seconds is not None:
+            self._end_s = time.monotonic() + seconds
+        return self._end_s is not None and time.monotonic() >= self._end_s
 
     def add(self, state: State, work_ns: int) -> None:
+        """Count a state."""
         from skin.contact.record import SlipState
         from skin.state import Status, if_wanted
 
@@ -55,6 +82,7 @@ class Tally:
         self.work_us.append(work_ns * 1e-3)
 
     def report(self) -> dict[str, Any]:
+        """What was counted, for programs."""
         enabled = self.topology.enabled
         silent = np.flatnonzero(~self.heard & enabled)
         p50, p99 = np.percentile(self.work_us, [50, 99]) if self.work_us else (0.0, 0.0)

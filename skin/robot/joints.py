@@ -4,24 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, overload
+from typing import overload
 
 import numpy as np
 
-from bus.compiled.bound import Bound
 from skin.contact.contact import Contact
-from skin.contact.model import POSE
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import OptionError, SkinError, shown
 from skin.robot.closeness import CloseFilm, Closeness
-from skin.robot.kinematics import Poses, move, tables
 from topology import Topology
-from topology.robot.model import RobotModel
 
-if TYPE_CHECKING:
-    from skin.contact.model import Geometry
+__all__ = ["Joints", "units_on_links"]
 
-__all__ = ["Joints"]
+
+def units_on_links(topology: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the units of a topology with a robot are on its links; without a link, on the base.
+
+    Returns
+    -------
+    link : ndarray, shape (n,), int
+    position : ndarray, shape (3, n), float64
+        Metre, frame of the link.
+    rotation : ndarray, shape (n, 3, 3), float64
+        R_link_unit.
+
+    Raises
+    ------
+    SkinError
+        The topology has no robot.
+    """
+    robot = topology.robot
+    if robot is None:
+        raise SkinError(f"{topology.name}: must have a [robot] for joints to be moved; got none")
+    names = topology.patch_links or ("",) * len(topology.patch_names)
+    carrier = [robot.link_names.index(name) if name else robot.base for name in names]
+    link = np.array(carrier)[topology.patch]
+    at = robot.forward(robot.home)[link]
+    back = np.swapaxes(at[:, :3, :3], 1, 2)
+    away = topology.position.T - at[:, :3, 3]
+    position = np.einsum("nij,nj->in", back, away)
+    return link, position, back @ np.moveaxis(topology.rotation, 2, 0)
 
 
 class Joints:
@@ -31,14 +53,14 @@ class Joints:
     ----------
     topology : Topology
         With a robot.
-    geometry : Geometry, optional
-        Of contacts; updated with the units.
 
     Attributes
     ----------
     robot : RobotModel
     q : ndarray, shape (J,), float64
         Current coordinates, rad or m, in the order of ``robot.joint_names``.
+    unit_poses : tuple of ndarray
+        Position (3, n), metre, and rotation (3, 3, n) of all units, skin frame.
 
     Raises
     ------
@@ -46,37 +68,14 @@ class Joints:
         The topology has no robot.
     """
 
-    def __init__(self, topology: Topology, geometry: Geometry | None = None) -> None:
-        if topology.robot is None:
-            raise SkinError(
-                f"{topology.name}: must have a [robot] for joints to be moved; got none"
-            )
-        self._topology = topology
-        self.robot: RobotModel = topology.robot
-        self.q = topology.robot.home.copy()
-        self._asked = self.q.copy()
+    def __init__(self, topology: Topology) -> None:
+        self._link, self._position, self._rotation = units_on_links(topology)
+        assert topology.robot is not None
+        self._topology, self.robot = topology, topology.robot
         self._index = {name: j for j, name in enumerate(self.robot.joint_names)}
-        links, n = len(self.robot.link_names), topology.n
-        alone = np.empty(0, POSE)
-        pose = alone if geometry is None else geometry.pose
-        middle = np.empty(3) if geometry is None else geometry.origin
-        self._poses = Poses(
-            np.empty((links, 3, 3)), np.empty((links, 3)), np.empty((3, n)), np.empty((3, 3, n)),
-            pose["position"], pose["rotation"], middle,
-        )  # fmt: skip
-        kept = self._poses._replace(
-            contact_position=alone["position"], contact_rotation=alone["rotation"],
-            middle=np.empty(3),
-        )  # fmt: skip
-        self._tables = tables(self.robot, topology)
-        scratch = np.empty((3, 3, 3))
-        move(*self._tables, self.q, kept, scratch)  # at home, for any poses of contacts
-        self._move = Bound(move, *self._tables, self._asked, self._poses, scratch)
-
-    @property
-    def unit_poses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3, n), metre, and rotation (3, 3, n) of all units, skin frame; views."""
-        return self._poses.position, self._poses.rotation
+        self._lower = np.nan_to_num(self.robot.lower, nan=-np.inf)
+        self._upper = np.nan_to_num(self.robot.upper, nan=np.inf)
+        self._place(self.robot.home.copy())
 
     def move(self, q: Mapping[str, float] | np.ndarray) -> None:
         """Set coordinates; those that a mapping does not name stay. See `skin.live.Skin`.
@@ -87,42 +86,44 @@ class Joints:
             No joint of that name, not as many coordinates as joints, one that is not finite, or
             one outside its joint's limits; nothing has moved then.
         """
-        asked = self._asked
-        if isinstance(q, Mapping):
-            self._take_named(q)
-        else:
-            self._take(q)
-        wrong = self._move()
-        if wrong >= 0:
-            raise self._refused(wrong)
-        self.q[:] = asked
+        asked = self._named(q) if isinstance(q, Mapping) else self._ordered(q)
+        allowed = (asked >= self._lower) & (asked <= self._upper) & np.isfinite(asked)
+        if not allowed.all():
+            joint = int(np.argmin(allowed))
+            raise self._refused(joint, float(asked[joint]))
+        self._place(asked)
 
-    def _take_named(self, q: Mapping[str, float]) -> None:
-        """Set some coordinates by name."""
-        asked, index = self._asked, self._index
-        asked[:] = self.q
-        name, value = "", None
-        try:
-            for name, value in q.items():
-                asked[index[name]] = value
-        except KeyError:
-            raise self._unknown(name) from None
-        except (TypeError, ValueError, OverflowError):
-            raise OptionError(f"q[{name!r}]: must be a number; got {shown(value)}") from None
+    def _place(self, q: np.ndarray) -> None:
+        """Forward kinematics of links and units."""
+        self.q, self._poses = q, self.robot.forward(q)
+        at = self._poses[self._link]
+        position = np.einsum("nij,jn->in", at[:, :3, :3], self._position) + at[:, :3, 3].T
+        self.unit_poses = position, np.moveaxis(at[:, :3, :3] @ self._rotation, 0, 2)
 
-    def _take(self, q: np.ndarray) -> None:
-        """Set coordinates in the model's order."""
+    def _named(self, q: Mapping[str, float]) -> np.ndarray:
+        """All coordinates, of which some are given by name."""
+        asked = self.q.copy()
+        for name, value in q.items():
+            if name not in self._index:
+                raise self._unknown(name)
+            try:
+                asked[self._index[name]] = value
+            except (TypeError, ValueError, OverflowError):
+                raise OptionError(f"q[{name!r}]: must be a number; got {shown(value)}") from None
+        return asked
+
+    def _ordered(self, q: np.ndarray) -> np.ndarray:
+        """All coordinates, given in the model's order."""
         try:
-            shape = np.shape(q)
-            if shape == self.q.shape:
-                self._asked[:] = q
+            asked = np.array(q, float)
         except (TypeError, ValueError, OverflowError):
             raise OptionError(f"q: must be numbers; got {shown(q)}") from None
-        if shape != self.q.shape:
+        if asked.shape != self.q.shape:
             names = ", ".join(self.robot.joint_names)
             raise OptionError(
-                f"q: must have shape {self.q.shape}, one for each of {names}; got {shape}"
+                f"q: must have shape {self.q.shape}, one for each of {names}; got {asked.shape}"
             )
+        return asked
 
     def _unknown(self, name: object) -> OptionError:
         robot = self.robot
@@ -133,8 +134,8 @@ class Joints:
             )
         return OptionError.unknown("q", name, robot.joint_names)
 
-    def _refused(self, joint: int) -> OptionError:
-        name, value = self.robot.joint_names[joint], float(self._asked[joint])
+    def _refused(self, joint: int, value: float) -> OptionError:
+        name = self.robot.joint_names[joint]
         if not np.isfinite(value):
             return OptionError(f"q[{name!r}]: must be finite; got {value}")
         low, high = self.robot.lower[joint], self.robot.upper[joint]
@@ -165,8 +166,8 @@ class Joints:
         """
         if not name or name not in self.robot.link_names:
             raise OptionError.unknown("link", name, self.robot.names)
-        link = self.robot.link_names.index(name)
-        return self._poses.link_rotation[link].copy(), self._poses.link_position[link].copy()
+        pose = self._poses[self.robot.link_names.index(name)]
+        return pose[:3, :3].copy(), pose[:3, 3].copy()
 
     @overload
     def wrench_in(self, link: str, wrench: Contact) -> tuple[np.ndarray, np.ndarray]: ...

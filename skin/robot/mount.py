@@ -1,4 +1,4 @@
-"""Checks whether the units of a skin sit on the surfaces of their links, with advice."""
+"""Whether the units of a skin sit on the surfaces of their links, with advice where they do not."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from skin.errors import SkinError
-from skin.robot.kinematics import tables
-from skin.robot.mesh import read_mesh
-from skin.robot.surface import Surface, from_mesh, primitive
+from skin.errors import LibraryError, SkinError
+from skin.robot.joints import units_on_links
+from skin.robot.mesh import distance_to, link_geoms, read_mesh, shape_triangles
 from topology import Topology
 from topology.robot.model import Geom, RobotModel
 
-__all__ = ["DISTANCE_MM", "TILT_DEG", "PatchMount", "check_model", "check_patches"]
+__all__ = ["PatchMount", "check_model", "check_patches"]
 
 DISTANCE_MM = 10.0
 """Tolerance of the distance of a unit's sensing face to its link's surface [assumed: the height of
@@ -37,19 +36,20 @@ class PatchMount(msgspec.Struct, frozen=True, kw_only=True):
     link: str
     """Empty on the skin frame."""
     units: int
-    distance_mm: tuple[float, float] | None
+    distance_mm: tuple[float, float] | None = None
     """Smallest and largest distance to the surface, negative inside; None without one."""
-    tilt_deg: float | None
+    tilt_deg: float | None = None
     """Largest angle between a unit's outward normal and the surface's."""
-    problems: tuple[str, ...]
+    problems: tuple[str, ...] = ()
 
 
-def check_model(robot: RobotModel) -> tuple[str, ...]:
+def check_model(robot: RobotModel) -> list[str]:
     """Faults of a model, independent of the skin: scale, masses, meshes; with advice.
 
-    Parameters
-    ----------
-    robot : RobotModel
+    Raises
+    ------
+    LibraryError
+        trimesh is not installed, and there is a mesh.
     """
     found = []
     span = np.abs(robot.forward(robot.home)[:, :3, 3]).max()
@@ -76,7 +76,7 @@ def check_model(robot: RobotModel) -> tuple[str, ...]:
         if geom.mesh is None or (geom.mesh, geom.scale) not in reported:
             reported.add((geom.mesh, geom.scale))
             found += _shape_problems(robot, geom)
-    return tuple(found)
+    return found
 
 
 def _carried(robot: RobotModel) -> np.ndarray:
@@ -106,7 +106,7 @@ def _shape_problems(robot: RobotModel, geom: Geom) -> list[str]:
     if geom.mesh is not None:
         try:
             triangles = read_mesh(Path(geom.mesh)) * np.array(geom.scale)
-        except ImportError:
+        except LibraryError:
             raise
         except SkinError as error:
             return [f"{where}: {error}: correct its filename, or bring the file"]
@@ -122,106 +122,69 @@ def _shape_problems(robot: RobotModel, geom: Geom) -> list[str]:
     return []
 
 
-def check_patches(
-    topology: Topology, *, distance_mm: float = DISTANCE_MM, tilt_deg: float = TILT_DEG
-) -> list[PatchMount]:
-    """Fit of each patch on its link.
+def check_patches(topology: Topology) -> list[PatchMount]:
+    """Fit of each patch on its link: its collision shapes, or its visual ones if it has none.
 
-    Links are represented by their collision shapes, or by their visual ones if they have none.
-
-    Parameters
-    ----------
-    topology : Topology
-        With a robot.
-    distance_mm, tilt_deg : float
-        Tolerances.
+    Raises
+    ------
+    SkinError
+        The topology has no robot.
+    LibraryError
+        trimesh is not installed.
     """
+    link, position, rotation = units_on_links(topology)
     robot = topology.robot
-    if robot is None:
-        raise SkinError(f"{topology.name}: must have a [robot]; got none")
-    _, mounted = tables(robot, topology)
+    assert robot is not None
     found = []
     for index, name in enumerate(topology.patch_names):
         units = np.flatnonzero(topology.patch == index)
-        link = topology.patch_links[index]
-        distance = tilt = None
-        if link:
-            surfaces = _surfaces(robot, robot.link_names.index(link))
-            if surfaces:
-                distance, tilt = _seen(
-                    surfaces, mounted.position[:, units], -mounted.rotation[:, 2, units]
-                )
-        if distance is None or tilt is None:
-            found.append(PatchMount(name=name, link=link, units=units.size, distance_mm=None,
-                                    tilt_deg=None, problems=()))  # fmt: skip
-            continue
-        names = [topology.unit_names[unit] for unit in units]
-        found.append(PatchMount(
-            name=name, link=link, units=units.size,
-            distance_mm=(1e3 * float(distance.min()), 1e3 * float(distance.max())),
-            tilt_deg=float(tilt.max()),
-            problems=tuple(_problems(names, link, 1e3 * distance, tilt, distance_mm, tilt_deg)),
-        ))  # fmt: skip
+        carrier = topology.patch_links[index]
+        fit = PatchMount(name=name, link=carrier, units=units.size)
+        triangles = _triangles(robot, int(link[units[0]])) if carrier else np.zeros((0, 3, 3))
+        if len(triangles):
+            distance, normal = distance_to(triangles, position[:, units])
+            along = np.clip(np.sum(normal * -rotation[units, :, 2].T, axis=0), -1.0, 1.0)
+            distance_mm, tilt = 1e3 * distance, np.degrees(np.arccos(along))
+            names = [topology.unit_names[unit] for unit in units]
+            fit = PatchMount(
+                name=name, link=carrier, units=units.size,
+                distance_mm=(float(distance_mm.min()), float(distance_mm.max())),
+                tilt_deg=float(tilt.max()),
+                problems=tuple(_problems(names, carrier, distance_mm, tilt)),
+            )  # fmt: skip
+        found.append(fit)
     return found
 
 
-def _surfaces(robot: RobotModel, link: int) -> list[tuple[Geom, Surface]]:
-    """Readable shapes of a link, collision shapes first."""
-    own = [geom for geom in robot.geoms if geom.link == link]
-    chosen = [geom for geom in own if not geom.visual] or own
-    found = []
-    for geom in chosen:
-        if geom.mesh is None:
-            found.append((geom, primitive(geom.kind, geom.size)))
-            continue
+def _triangles(robot: RobotModel, link: int) -> np.ndarray:
+    """Those of the readable shapes of a link, shape (f, 3, 3), in its frame."""
+    parts = [np.zeros((0, 3, 3))]
+    for geom in link_geoms(robot, link, visual=False):
         try:
-            triangles = read_mesh(Path(geom.mesh)) * np.array(geom.scale)
-        except ImportError:
+            parts.append(shape_triangles(geom))
+        except LibraryError:
             raise
         except SkinError:
             continue  # `check_model` reports it
-        mirrored = np.prod(geom.scale) < 0.0
-        found.append((geom, from_mesh(triangles[:, ::-1] if mirrored else triangles)))
-    return found
-
-
-def _seen(
-    surfaces: list[tuple[Geom, Surface]], position: np.ndarray, outward: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distance, metre, and tilt, degree, of units to the nearest of some shapes, shape (n,)."""
-    best = np.full(position.shape[1], np.inf)
-    normal = np.zeros(position.shape)
-    for geom, surface in surfaces:
-        turn = np.array(geom.rotation).reshape(3, 3)
-        distance, towards = surface(turn.T @ (position - np.array(geom.xyz)[:, np.newaxis]))
-        nearer = np.abs(distance) < np.abs(best)
-        best = np.where(nearer, distance, best)
-        normal = np.where(nearer, turn @ towards, normal)
-    along = np.clip(np.sum(normal * outward, axis=0), -1.0, 1.0)
-    return best, np.degrees(np.arccos(along))
+    return np.concatenate(parts)
 
 
 def _problems(
-    names: list[str],
-    link: str,
-    distance_mm: np.ndarray,
-    tilt_deg: np.ndarray,
-    most_mm: float,
-    most_deg: float,
+    names: list[str], link: str, distance_mm: np.ndarray, tilt_deg: np.ndarray
 ) -> list[str]:
     found = []
     worst = int(np.argmax(np.abs(distance_mm)))
-    if abs(distance_mm[worst]) > most_mm:
+    if abs(distance_mm[worst]) > DISTANCE_MM:
         side = "off" if distance_mm[worst] > 0.0 else "inside"
-        count = int(np.count_nonzero(np.abs(distance_mm) > most_mm))
+        count = int(np.count_nonzero(np.abs(distance_mm) > DISTANCE_MM))
         found.append(
-            f"{names[worst]}: must be within {most_mm:g} mm of the surface of {link!r}; got "
+            f"{names[worst]}: must be within {DISTANCE_MM:g} mm of the surface of {link!r}; got "
             f"{abs(distance_mm[worst]):.1f} mm {side} ({count} of {len(names)} units): correct the "
             "pose of the patch, whose lengths are metres in the link's frame"
         )
     worst = int(np.argmax(tilt_deg))
-    if tilt_deg[worst] > most_deg:
-        count = int(np.count_nonzero(tilt_deg > most_deg))
+    if tilt_deg[worst] > TILT_DEG:
+        count = int(np.count_nonzero(tilt_deg > TILT_DEG))
         inverted = np.median(tilt_deg) > INVERTED_DEG
         advice = (
             "its normals point into the link: turn the patch by rpy_deg = [180, 0, 0]"
@@ -229,7 +192,7 @@ def _problems(
             else "turn the patch, or bend it (cylinder, dome, list)"
         )
         found.append(
-            f"{names[worst]}: must be tilted by at most {most_deg:g}° to the surface of {link!r}; "
+            f"{names[worst]}: must be tilted by at most {TILT_DEG:g}° to the surface of {link!r}; "
             f"got {tilt_deg[worst]:.1f}° ({count} of {len(names)} units): {advice}"
         )
     return found

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from skin.errors import SkinError
-from skin.robot.mesh import primitive_mesh, read_mesh
+from skin.robot.mesh import link_geoms, shape_triangles
 from skin.view.colour import rendered_mesh
 from skin.view.drawing import Frame, quaternions
 from topology.robot.model import Geom, RobotModel
@@ -40,8 +39,7 @@ class LinkShapes:
         self.problems: list[tuple[str, str]] = []
         self.meshes: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         for link, name in enumerate(robot.link_names):
-            own = [geom for geom in robot.geoms if geom.link == link]
-            shown = [geom for geom in own if geom.visual] or own
+            shown = link_geoms(robot, link, visual=True)
             parts = [part for geom in shown if len(part := self._triangles(geom, name))]
             if parts:
                 corners = np.concatenate(parts).reshape(-1, 3).astype(np.float32)
@@ -51,15 +49,11 @@ class LinkShapes:
     def _triangles(self, geom: Geom, name: str) -> np.ndarray:
         """Triangles of a shape in the frame of its link, shape (f, 3, 3); none of a faulty one."""
         try:
-            if geom.mesh is None:
-                own = primitive_mesh(geom.kind, geom.size)
-            else:
-                own = read_mesh(Path(geom.mesh)) * np.array(geom.scale)
+            return shape_triangles(geom)
         except (SkinError, ImportError) as error:
             self.problems.append((name, str(error)))
             sys.stderr.write(f"view: link {name!r}: {error}; drawn without it\n")
             return np.zeros((0, 3, 3))
-        return own @ np.array(geom.rotation).reshape(3, 3).T + np.array(geom.xyz)
 
 
 class Links:

@@ -16,11 +16,8 @@ from bus.errors import FaultScriptError
 from bus.faults import FaultScript, FaultyTransport, Injector, load_script
 from bus.faults import script as kinds
 from bus.frame import CAN_ERR, CAN_RTR, ECHO, FRAME_DTYPE
-from bus.logs import read_all
 from bus.state import BusState
 from skin.cli import main
-from skin.sim.attached import in_process
-from skin.sim.node import SimulatedUnits
 from tests.bus.transport_contract import CHECKS
 from tests.fixtures.bus import counts_of, data_frames, frame, join, make_topology, sync
 from tests.fixtures.datagram import datagram_pair
@@ -488,7 +485,7 @@ def test_simulated_units_fail_to_order(tmp_path, monkeypatch, capsys):
     answers = FrameBatch(64)
 
     near.send(sync(0))  # waits until it is listened to
-    arguments = ["sim", "palm", "--interface", "socketcan", "--faults", str(script), "--json"]
+    arguments = ["sim", "palm", "--bus", "socketcan", "--faults", str(script), "--json"]
     assert main([*arguments, "--seconds", "1"]) == 0
     near.receive(answers, LONG_S)
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -502,23 +499,5 @@ def test_simulated_units_fail_to_order(tmp_path, monkeypatch, capsys):
 def test_a_wrong_script_stops_the_simulation_before_it_starts(tmp_path, capsys):
     script = tmp_path / "faults.toml"
     script.write_text('[[faults]]\nkind = "dorp"\n')
-    assert main(["sim", "palm", "--interface", "socketcan", "--faults", str(script)]) == 2
+    assert main(["sim", "palm", "--bus", "socketcan", "--faults", str(script)]) == 2
     assert "nearest: 'drop'" in capsys.readouterr().err
-
-
-def test_a_live_bus_is_given_wrong_channels_to_order(tmp_path, capsys, monkeypatch):
-    script = tmp_path / "stuck.toml"
-    name = topology.load("strip").unit_names[0]
-    script.write_text(f'[[faults]]\nkind = "stuck"\nunits = ["{name}"]\n')
-    nodes = SimulatedUnits(topology.load("strip"))
-    ends = iter(in_process(nodes))
-    monkeypatch.setattr("skin.opening.open_transport", lambda *_: next(ends))
-    command = ["run", "strip", "--seconds", "0.3", "--no-auto-tare", "--json"]
-    assert main([*command, "--faults", str(script), "--log", str(tmp_path / "a.log")]) == 0
-    assert "puts faults into" in capsys.readouterr().err
-    frames = read_all(tmp_path / "a.log")
-    cycles = [c.counts.copy() for c in Assembler(topology.load("strip")).feed(frames)]
-    assert cycles
-    assert not any(counts[:, 0].any() for counts in cycles)
-    assert all(counts[:, 1].any() for counts in cycles)
-    nodes.close()

@@ -88,7 +88,7 @@ def test_open_has_the_flags_of_the_command(scene, monkeypatch):
 
     monkeypatch.setattr(LiveTable, "show", show)
     monkeypatch.setattr("skin.live.wait_until", lambda due, _period: (due, 0))
-    assert main(["run", "palm", "--simulate", "--scene", str(scene)]) == 0
+    assert main(["run", "palm", "--simulate", str(scene)]) == 0
     flags, _ = played(simulate=scene, want=None)
     np.testing.assert_array_equal(np.stack(seen), flags)
     assert is_silent(flags).any()
@@ -170,7 +170,7 @@ def viewable():
 
 COMMANDS = {
     "run": ((), ()),
-    "record": ((), ("-o", "{folder}/run.mcap")),
+    "record": ((), ("--record", "{folder}/run.mcap")),
     "view": (viewable, ("--port", "0")),
     "publish": (publishable, ()),
 }
@@ -182,7 +182,7 @@ def test_commands_that_play_a_scene_do_its_faults(name, scene, opened, tmp_path,
     if needs:
         needs()
     scene.write_text(SCENE.replace("from_s = 0.1\nto_s = 0.2\n", ""))
-    arguments = [name, "palm", "--simulate", "--scene", str(scene), "--seconds", "0.2", "--json"]
+    arguments = [name.replace("record", "run"), "palm", "--simulate", str(scene), "--seconds", "0.2", "--json"]
     assert main([*arguments, *(one.format(folder=tmp_path) for one in more)]) == 0
     capsys.readouterr()
     (palm,) = opened
@@ -203,7 +203,7 @@ def test_a_tare_of_simulated_units_is_that_of_an_open_skin(opened, tmp_path, cap
 
 def test_a_scene_that_cannot_be_played_leaves_no_log_behind(tmp_path, capsys):
     log = tmp_path / "run.log"
-    arguments = ["run", "palm", "--simulate", "--scene", "pres", "--log", str(log)]
+    arguments = ["run", "palm", "--simulate", "pres", "--record", str(log)]
     assert main(arguments) == 2
     assert "nearest: 'press'" in capsys.readouterr().err
     assert not log.exists()

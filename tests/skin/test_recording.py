@@ -57,14 +57,14 @@ def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
     "command",
     [
         ["run", "hand", "--simulate", "--seconds", "0.1"],
-        ["run", "hand", "--simulate", "--scene", "press", "--seconds", "0.1"],
-        ["sim", "hand", "--scene", "press", "--seconds", "0.1"],
+        ["run", "hand", "--simulate", "press", "--seconds", "0.1"],
+        ["sim", "hand", "press", "--seconds", "0.1"],
     ],
 )
 @pytest.mark.parametrize("suffix", [".log", ".blf"])
 def test_logs_of_the_commands_are_decoded_as_they_are(command, suffix, tmp_path, capsys):
     log = tmp_path / f"run{suffix}"
-    assert main([*command, "--log", str(log)]) == 0
+    assert main([*command, "--record", str(log)]) == 0
     capsys.readouterr()
     assert main(["decode", str(log), "--topology", "hand", "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -73,14 +73,12 @@ def test_logs_of_the_commands_are_decoded_as_they_are(command, suffix, tmp_path,
     assert report["faults"] == []
 
 
-def test_simulated_units_on_a_bus_record_what_it_carries(tmp_path, monkeypatch):
+def test_simulated_units_on_a_bus_record_what_it_carries(tmp_path):
     loaded = topology.load("strip")
     log = tmp_path / "sim.log"
     served = loaded.on(interface="virtual", channel="recorded")
-    monkeypatch.setattr("topology.load", lambda _: Filed(served))
-    stop = threading.Thread(
-        target=main, args=(["sim", "strip", "--seconds", "2.0", "--log", str(log)],)
-    )
+    on_bus = ["--bus", "virtual:recorded", "--seconds", "2.0", "--record", str(log)]
+    stop = threading.Thread(target=main, args=(["sim", "strip", *on_bus],))
     stop.start()
     with skin.open(served, pace=True) as strip:
         for state in strip:
@@ -88,19 +86,6 @@ def test_simulated_units_on_a_bus_record_what_it_carries(tmp_path, monkeypatch):
                 break
     stop.join()
     assert any(state.units.valid.all() for state in skin.decode_log(loaded, log))
-
-
-class Filed:
-    """A topology on the bus that the test serves."""
-
-    def __init__(self, served):
-        self.served = served
-
-    def on(self, **_):
-        return self.served
-
-    def __getattr__(self, name):
-        return getattr(self.served, name)
 
 
 def test_names_of_channels_follow_the_topology():
@@ -142,7 +127,7 @@ def recorded(log, frames):
 def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
     log = tmp_path / "run.blf"
     code = "import sys; from skin.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, "run", "strip", "--simulate", "--log", str(log)]
+    command = [sys.executable, "-c", code, "run", "strip", "--simulate", "--record", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as run:
         while not log.exists() or log.stat().st_size < 200:
             time.sleep(0.05)

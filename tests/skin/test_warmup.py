@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 CYCLES = 400
 """Longer than it takes until zeros are taken."""
 WAYS = {
-    "demo": ["demo", "palm", "--fast", "--seconds", "1.6", "--picture", "demo.png"],
+    "demo": ["demo", "palm", "--seconds", "1.6", "--picture", "demo.png"],
     "run": ["run", "palm", "--simulate", "--seconds", "0.5"],
     "fabricated": {},
     "skip": {"skip": True},

@@ -25,7 +25,7 @@ from tests.fixtures.patience import LONG_S
 
 GOLDEN = Path(__file__).parent.parent / "golden" / "logs"
 SKIN = [sys.executable, "-c", "import sys; from skin.cli import main; sys.exit(main())"]
-ON_VCAN = ["--interface", "socketcan", "--channel", "vcan0"]
+ON_VCAN = ["--bus", "socketcan:vcan0"]
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_a_scene_in_another_process_is_felt_and_its_truth_is_written(
     background, skin_json, tmp_path
 ):
     truth = tmp_path / "truth.npz"
-    units = background(*SKIN, "sim", "strip", "--scene", "press", *ON_VCAN, "--truth", truth)
+    units = background(*SKIN, "sim", "strip", "press", *ON_VCAN, "--truth", truth)
     assert "10 units on socketcan vcan0" in units.stderr.readline()
     report = skin_json("run", "strip", *ON_VCAN, "--seconds", "5")
     units.send_signal(signal.SIGINT)

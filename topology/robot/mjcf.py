@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from topology.pose import from_quaternion
-from topology.robot.model import Geom, RobotModel
+from topology.robot.model import Geom, RobotModel, factors, motion_terms
 from topology.robot.report import ModelReport
 
 __all__ = ["MissingMujocoError", "mujoco_library", "read_mjcf"]
@@ -211,7 +211,9 @@ class _Reader:
 
     def _hold(self, row: dict[str, Any], at: float) -> None:
         """Make a joint fixed by an equality part of its link's pose."""
-        held = RobotModel.motion(row["kind"], row["axis"], row["anchor"], at)
+        terms = motion_terms(row["kind"], row["axis"], row["anchor"])
+        share = factors(np.array([row["kind"] == "prismatic"]), np.array([at]))
+        held = np.eye(4) + np.sum(np.concatenate(share) * terms, axis=0)
         row["xyz"] = row["xyz"] + row["rotation"] @ held[:3, 3]
         row["rotation"] = row["rotation"] @ held[:3, :3]
         row["kind"] = "fixed"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-__all__ = ["Geom", "JointKind", "RobotModel"]
+__all__ = ["Geom", "JointKind", "RobotModel", "factors", "motion_terms"]
 
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
 
@@ -128,7 +129,7 @@ class RobotModel:
         return tuple(filter(None, self.link_names))
 
     def forward(self, q: np.ndarray) -> np.ndarray:
-        """Poses of all links, without compiled code: the reference of tests.
+        """Poses of all links: ``T_base_link = T_base_parent T_parent_link motion``.
 
         Parameters
         ----------
@@ -140,27 +141,57 @@ class RobotModel:
         ndarray, shape (L, 4, 4), float64
             T_base_link.
         """
-        poses = np.empty((len(self.link_names), 4, 4))
+        (driven, drivers, slides), rest, first, second = self._terms
+        at = self.multiplier[driven] * q[drivers] + self.offset[driven]
+        sine, rest_of_cosine = factors(slides, at)
+        poses = rest.copy()
+        poses[driven] += sine * first + rest_of_cosine * second
         for link, parent in enumerate(self.parent):
-            local = _transform(self.rotation[:, :, link], self.xyz[:, link])
-            if (driver := self.driver[link]) >= 0:
-                at = self.multiplier[link] * q[driver] + self.offset[link]
-                own = self.kinds[link], self.axis[:, link], self.anchor[:, link]
-                local = local @ self.motion(*own, float(at))
-            poses[link] = local if parent < 0 else poses[parent] @ local
+            if parent >= 0:
+                poses[link] = poses[parent].dot(poses[link])
         base = poses[self.base]
         turn = base[:3, :3].T
         return _transform(turn, -turn @ base[:3, 3]) @ poses
 
-    @staticmethod
-    def motion(kind: str, axis: np.ndarray, anchor: np.ndarray, at: float) -> np.ndarray:
-        """Transform of a joint at a coordinate, shape (4, 4): Rodrigues' formula about its
-        anchor."""
-        if kind == "prismatic":
-            return _transform(np.eye(3), axis * at)
-        cross = np.cross(np.eye(3), axis)
-        turn = np.eye(3) + np.sin(at) * cross + (1.0 - np.cos(at)) * cross @ cross
-        return _transform(turn, anchor - turn @ anchor)
+    @cached_property
+    def _terms(self) -> tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray, np.ndarray]:
+        """Links that move with what they follow and whether they slide, shape (m,); T_parent_link
+        for coordinates of 0, shape (L, 4, 4); and its products with the terms of the joints, shape
+        (m, 4, 4)."""
+        rest = np.stack([
+            _transform(self.rotation[:, :, link], self.xyz[:, link])
+            for link in range(len(self.parent))
+        ])  # fmt: skip
+        drivers = np.array(self.driver, int)
+        driven = np.flatnonzero(drivers >= 0)
+        slides = np.array([self.kinds[link] == "prismatic" for link in driven], bool)
+        terms = np.zeros((2, driven.size, 4, 4))
+        for k, link in enumerate(driven):
+            terms[:, k] = motion_terms(
+                self.kinds[link], self.axis[:, link], self.anchor[:, link]
+            )  # fmt: skip
+        first, second = rest[driven] @ terms
+        return (driven, drivers[driven], slides), rest, first, second
+
+
+def motion_terms(kind: str, axis: np.ndarray, anchor: np.ndarray) -> np.ndarray:
+    """S and C of the motion of a joint, shape (2, 4, 4): it is ``1 + x S`` where the joint slides
+    by x, and ``1 + sin(x) S + (1 - cos(x)) C`` where it turns: Rodrigues' formula about its anchor.
+    """
+    terms = np.zeros((2, 4, 4))
+    if kind == "prismatic":
+        terms[0, :3, 3] = axis
+        return terms
+    cross = np.cross(np.eye(3), axis)
+    terms[:, :3, :3] = cross, cross @ cross
+    terms[:, :3, 3] = -terms[:, :3, :3] @ anchor
+    return terms
+
+
+def factors(slides: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Those of S and of C at coordinates of m joints, rad or m; each of shape (m, 1, 1)."""
+    sine, rest_of_cosine = np.where(slides, at, np.sin(at)), np.where(slides, 0.0, 1.0 - np.cos(at))
+    return sine[:, np.newaxis, np.newaxis], rest_of_cosine[:, np.newaxis, np.newaxis]
 
 
 def _transform(rotation: np.ndarray, xyz: np.ndarray) -> np.ndarray:

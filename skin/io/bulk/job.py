@@ -58,7 +58,7 @@ class Part:
 
     @property
     def is_recording(self) -> bool:
-        """Whether it is a recording of `skin record`, which has its own options."""
+        """Whether it is a recording of `skin run --record`, which has its own options."""
         return is_recording(self.log)
 
 

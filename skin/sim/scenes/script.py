@@ -27,7 +27,7 @@ patch. Unnamed quantities do nothing.
 `[[loads]]` are weights glued to units, `[[tools]]` spheres of iron that pass by, `[[room]]` the air
 and the attitude of the skin in the field of the Earth. `[non_ideal]` switches on single effects of
 real units that the paper's formulas leave out; `[electronics]` describes the parts of the boards.
-`skin sim --schema` prints all of it as a JSON Schema.
+`skin check --schema scene` prints all of it as a JSON Schema.
 """
 
 from __future__ import annotations

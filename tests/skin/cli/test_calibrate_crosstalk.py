@@ -26,9 +26,7 @@ def file(tmp_path):
 @pytest.mark.long
 def test_a_finger_teaches_the_stencil_and_files_can_be_read_again(file, tmp_path, capsys):
     out, zeros = tmp_path / "stray.npz", tmp_path / "zeros.toml"
-    status = calibrate_crosstalk(
-        str(file), stencil=out, output=str(zeros), simulate=True, json=True
-    )
+    status = calibrate_crosstalk(str(file), out, output=str(zeros), simulate=True, json=True)
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert status == 0
     assert told["missing"] == []
@@ -43,9 +41,7 @@ def test_a_finger_teaches_the_stencil_and_files_can_be_read_again(file, tmp_path
 @pytest.mark.long
 def test_where_no_press_is_seen_nothing_is_written(file, tmp_path, capsys):
     out, zeros = tmp_path / "stray.npz", tmp_path / "zeros.toml"
-    status = calibrate_crosstalk(
-        str(file), stencil=out, output=str(zeros), simulate=True, seconds=0.5
-    )
+    status = calibrate_crosstalk(str(file), out, output=str(zeros), simulate=True, seconds=0.5)
     assert status == 1
     assert "touch: must press units one by one" in capsys.readouterr().err
     assert not out.exists()
@@ -71,8 +67,8 @@ def test_a_live_skin_takes_what_was_learned_from_its_file(tmp_path):
 
 def test_wrong_use_is_refused_before_anything_is_heard(file, tmp_path):
     with pytest.raises(SkinError, match="--seconds: must be above 0"):
-        calibrate_crosstalk(str(file), stencil=tmp_path / "a.npz", seconds=0.0)
-    with pytest.raises(SkinError, match="--stencil: must be in a folder that exists"):
-        calibrate_crosstalk(str(file), stencil=tmp_path / "none" / "a.npz")
+        calibrate_crosstalk(str(file), tmp_path / "a.npz", seconds=0.0)
+    with pytest.raises(SkinError, match="STENCIL: must be in a folder that exists"):
+        calibrate_crosstalk(str(file), tmp_path / "none" / "a.npz")
     with pytest.raises(SkinError, match="must have a calibration file"):
-        calibrate_crosstalk("strip", stencil=tmp_path / "a.npz", simulate=True)
+        calibrate_crosstalk("strip", tmp_path / "a.npz", simulate=True)

@@ -73,9 +73,9 @@ def test_a_hand_has_the_forces_of_its_own_bus(channel, least, most, suffix, fram
 COMMANDS = {
     "decode": "decode TOML LOG",
     "table": "decode TOML LOG -o o.csv",
-    "doctor": "doctor TOML --log LOG",
-    "replay": "replay LOG --topology TOML --speed 0",
-    "view": "view LOG --topology TOML --port 0 --seconds 0.1",
+    "doctor": "doctor TOML LOG",
+    "replay": "replay TOML LOG --speed 0",
+    "view": "view TOML LOG --port 0 --seconds 0.1",
     "export": "export lerobot LOG --topology TOML --frames f.csv -o set --task press --fps 250",
 }
 
@@ -161,11 +161,11 @@ def test_a_bus_without_frames_is_a_fault_and_names_the_other_channels(frames, tm
     told = (
         f"{path}: must hold frames of 'can2'; got channel 2 (can1), channel 1 (can0) alone: --map"
     )
-    for words in (["decode", str(two), str(path)], ["replay", str(path), "--topology", str(two)]):
+    for words in (["decode", str(two), str(path)], ["replay", str(two), str(path)]):
         assert main(words) == 1
         assert told in capsys.readouterr().err
         assert main([*words, "--map", "2=other"]) == 0
-    assert main(["doctor", str(two), "--log", str(path), "--json"]) == 1
+    assert main(["doctor", str(two), str(path), "--json"]) == 1
     findings = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
     assert findings[0]["code"] == "other-channels"
     assert findings[0]["text"].startswith(told)

@@ -31,8 +31,8 @@ for line in sys.argv[1:]:
 """
 COMMANDS = (
     "check pair.toml --json",
-    "sim pair.toml --scene press --fast --seconds 1 --log sim.log --json",
-    "run pair.toml --simulate --scene press --seconds 0.3 --log run.log --json",
+    "sim pair.toml press --seconds 1 --record sim.log --json",
+    "run pair.toml --simulate press --seconds 0.3 --record run.log --json",
     "decode sim.log --topology pair.toml --output felt.csv --json",
 )
 MADE = {"sim.log", "run.log", "felt.csv", "felt.wrench.csv", "felt.contacts.csv", "felt.events.csv"}

@@ -40,7 +40,7 @@ def test_a_unit_that_is_switched_off_is_no_loss(name, partly_off, tmp_path, caps
         pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
     scene = tmp_path / "nothing.toml"
     scene.write_text('format = 1\nname = "nothing"\nseconds = 60.0\n')
-    command = [name, partly_off, "--simulate", "--scene", str(scene), "--seconds", "0.3", "--json"]
+    command = [name, partly_off, "--simulate", str(scene), "--seconds", "0.3", "--json"]
     assert main(command) == 0
     report = last_json(capsys)
     assert (report["units"], report["units_enabled"], report["units_heard"]) == (64, 63, 63)
@@ -52,7 +52,7 @@ def test_a_unit_that_is_switched_off_is_no_loss(name, partly_off, tmp_path, caps
 
 def test_a_log_of_a_skin_with_a_unit_off_is_all_valid(partly_off, tmp_path, capsys):
     log = tmp_path / "run.log"
-    assert main(["sim", "palm", "--scene", "press", "--fast", "--seconds", "0.2", "--log",
+    assert main(["sim", "palm", "press", "--seconds", "0.2", "--record",
                  str(log)]) == 0  # fmt: skip
     assert main(["decode", partly_off, str(log), "--json"]) == 0
     assert last_json(capsys)["valid_share"] == 1.0

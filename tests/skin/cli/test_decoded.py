@@ -26,7 +26,7 @@ EARLIER = {
 def log(tmp_path_factory):
     """A press on a palm, as candump writes it."""
     file = tmp_path_factory.mktemp("log") / "press.log"
-    assert main(["sim", "palm", "--scene", "press", "--fast", "--seconds", "2.5", "--log",
+    assert main(["sim", "palm", "press", "--seconds", "2.5", "--record",
                  str(file)]) == 0  # fmt: skip
     return file
 

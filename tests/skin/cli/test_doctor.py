@@ -62,7 +62,7 @@ def units():
 
 
 def test_a_healthy_log_is_well(healthy, capsys):
-    assert main(["doctor", "palm", "--log", healthy, "--json"]) == 0
+    assert main(["doctor", "palm", healthy, "--json"]) == 0
     *table, last = capsys.readouterr().out.splitlines()
     assert table[0] == "palm: 64 of 64 units heard in 60 cycles"
     assert table[-1] == "all is well"
@@ -91,7 +91,7 @@ def test_the_identity_of_units_is_compared_or_said_not_to_be(beaten, tmp_path, c
         for node, serial in enumerate(beaten, 1)
     ]
     log = recorded(tmp_path / "run.log", join(records[:9], *beats, records[9:]))
-    status = main(["doctor", str(file), "--log", log, "--json"])
+    status = main(["doctor", str(file), log, "--json"])
     *table, last = capsys.readouterr().out.splitlines()
     report = json.loads(last)
     codes = [finding["code"] for finding in report["findings"]]
@@ -109,7 +109,7 @@ def test_the_identity_of_units_is_compared_or_said_not_to_be(beaten, tmp_path, c
 
 
 def test_findings_come_with_their_likely_cause(sick, capsys):
-    assert main(["doctor", "palm", "--log", sick, "--json"]) == 1
+    assert main(["doctor", "palm", sick, "--json"]) == 1
     *table, last = capsys.readouterr().out.splitlines()
     (finding,) = json.loads(last)["findings"]
     assert finding["code"] == "silent-branch"
@@ -136,8 +136,8 @@ def test_nobody_there_is_a_finding(capsys):
     [
         (["plam"], "nearest: 'palm'"),
         (["palm", "--seconds", "0"], "--seconds: must be above 0"),
-        (["palm", "--log", "none.log"], "none.log: must be an existing file"),
-        (["hand", "--channel", "can0"], "one of its own for each bus"),
+        (["palm", "none.log"], "none.log: must be an existing file"),
+        (["hand", "--bus", "socketcan:can0"], "one of its own for each bus"),
     ],
 )
 def test_bad_input_is_refused(arguments, message, capsys):
@@ -147,13 +147,13 @@ def test_bad_input_is_refused(arguments, message, capsys):
 
 def test_a_log_of_two_buses_goes_by_its_channels(tmp_path, capsys):
     log = recorded(tmp_path / "one.log", traffic(PALM, 3))
-    assert main(["doctor", "hand", "--log", log]) == 2
+    assert main(["doctor", "hand", log]) == 2
     assert "'hand-palm', 'hand-fingers'; got 'can7' alone" in capsys.readouterr().err
 
 
 def test_a_cache_that_cannot_be_written_is_found(healthy, monkeypatch, capsys):
     monkeypatch.setattr("os.access", lambda *_: False)
-    assert main(["doctor", "palm", "--log", healthy, "--json"]) == 1
+    assert main(["doctor", "palm", healthy, "--json"]) == 1
     (finding,) = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
     assert finding["code"] == "no-cache"
     assert finding["severity"] == "warning"
@@ -165,7 +165,7 @@ def test_a_cache_that_others_can_write_is_found(healthy, tmp_path, monkeypatch, 
     folder = tmp_path / "f3t-skin"
     folder.mkdir()
     folder.chmod(0o777)
-    assert main(["doctor", "palm", "--log", healthy, "--json"]) == 1
+    assert main(["doctor", "palm", healthy, "--json"]) == 1
     (finding,) = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
     assert finding["code"] == "unsafe-cache"
     assert finding["text"] == (

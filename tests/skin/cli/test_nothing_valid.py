@@ -54,7 +54,7 @@ def written(folder, name="hand.toml", interface="socketcan", layout="f3t-classic
 def hand(tmp_path):
     """A topology of a real bus, and a log of its simulated units."""
     file, log = written(tmp_path), tmp_path / "run.log"
-    assert main(["sim", str(file), "--scene", "press", "--fast", "--log", str(log),
+    assert main(["sim", str(file), "press", "--bus", "memory", "--record", str(log),
                  "--seconds", "0.5"]) == 0  # fmt: skip
     return file, log
 
@@ -80,7 +80,7 @@ def test_a_log_without_a_valid_reading_ends_with_1_and_says_why(hand, more, caps
 
 def test_a_replay_without_a_valid_reading_ends_with_1(hand, capsys):
     file, log = hand
-    given = ["replay", str(short(log)), "--topology", str(file), "--speed", "0"]
+    given = ["replay", str(file), str(short(log)), "--speed", "0"]
     assert main(given) == 1
     assert "must hold valid readings" in capsys.readouterr().err
     played = skin.decode_log(file, short(log))
@@ -133,8 +133,8 @@ def test_simulated_zeros_never_replace_those_of_a_real_bus(tmp_path, capsys):
     file = written(tmp_path)
     assert main(["tare", str(file), "--simulate"]) == 2
     assert "--output: must be given with --simulate" in capsys.readouterr().err
-    assert main(["calibrate", "crosstalk", str(file), "--simulate", "--stencil",
-                 str(tmp_path / "s.npz")]) == 2  # fmt: skip
+    assert main(["calibrate", "crosstalk", str(file), str(tmp_path / "s.npz"),
+                 "--simulate"]) == 2  # fmt: skip
     assert sorted(path.name for path in tmp_path.iterdir()) == ["hand.toml"]
     zeros = tmp_path / "zeros.toml"
     assert main(["tare", str(file), "--simulate", "-o", str(zeros)]) == 0

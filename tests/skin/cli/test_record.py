@@ -1,8 +1,7 @@
-"""The commands record and replay, from a run to the same run."""
+"""A recording of `skin run`, and `skin replay`: from a run to the same run."""
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
@@ -27,7 +26,7 @@ pytest.importorskip("mcap", reason="mcap is not installed")
 def file(tmp_path_factory):
     """A recording that the command has made."""
     path = tmp_path_factory.mktemp("run") / "run.mcap"
-    command = ["record", "strip", "-o", str(path), "--simulate", "--scene", "press"]
+    command = ["run", "strip", "--record", str(path), "--simulate", "press"]
     assert main([*command, "--seconds", "0.4"]) == 0
     return path
 
@@ -55,9 +54,9 @@ def test_periods_that_this_machine_left_out_are_shown_live_at_the_end_and_in_the
         LiveTable, "show", lambda *given: (show(*given), time.sleep(next(late, 0.0)))
     )
     path = tmp_path / "run.mcap"
-    command = ["record", "strip", "-o", str(path), "--simulate", "--seconds", "0.3"]
+    command = ["run", "strip", "--record", str(path), "--simulate", "--seconds", "0.3"]
     assert main(command) == 0
-    shown = re.search(r"^left out +(\d+) periods without a cycle$", capsys.readouterr().out, re.M)
+    shown = re.search(r"^overruns +(\d+)$", capsys.readouterr().out, re.M)
     assert shown is not None
     assert int(shown[1]) >= 0.1 * topology.load("strip").cycle_rate_hz - 2
     assert main(["replay", str(path), "--speed", "0", "--json"]) == 0
@@ -70,27 +69,16 @@ def test_periods_that_this_machine_left_out_are_shown_live_at_the_end_and_in_the
 
 
 def test_a_replay_tells_that_it_is_the_same(file, capsys):
-    assert main(["replay", str(file), "--speed", "0", "--topology", "strip", "--json"]) == 0
+    assert main(["replay", "strip", str(file), "--speed", "0", "--json"]) == 0
     report = last_line(capsys)
     assert report["same"] == report["cycles"] > 0
     assert report["faults"] == []
 
 
-def test_steps_wait_for_enter_and_end_with_the_input(file, capsys, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n3\n\n"))
-    assert main(["replay", str(file), "--step"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    cycles = [int(line.split()[1]) for line in lines if line.startswith("cycle ")]
-    first = cycles[0]
-    assert len(cycles) == 4
-    assert cycles[1] > first
-    assert any(line.startswith("the same as live   6 of 6") for line in lines)
-
-
 def test_a_log_is_replayed_with_its_topology(tmp_path, capsys):
     log = tmp_path / "run.log"
-    assert main(["run", "strip", "--simulate", "--seconds", "0.2", "--log", str(log)]) == 0
-    assert main(["replay", str(log), "--topology", "strip", "--speed", "100", "--json"]) == 0
+    assert main(["run", "strip", "--simulate", "--seconds", "0.2", "--record", str(log)]) == 0
+    assert main(["replay", "strip", str(log), "--speed", "100", "--json"]) == 0
     report = last_line(capsys)
     assert (report["same"], report["faults"]) == (None, [])
     assert main(["replay", str(log)]) == 2
@@ -113,7 +101,7 @@ def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number,
     # a job in the background of a shell ignores SIGINT, and so would its children
     anew = ["env", "--default-signal=INT", sys.executable, "-m", "skin"]
     running = subprocess.Popen(
-        [*anew, "record", "strip", "-o", str(path), "--simulate", "--json"],
+        [*anew, "run", "strip", "--record", str(path), "--simulate", "--json"],
         cwd=Path(__file__).parents[3], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
     )  # fmt: skip

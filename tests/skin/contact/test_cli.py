@@ -61,7 +61,7 @@ def test_table_is_as_long_whatever_touches(touched):
 
 def test_demo_counts_contacts(tmp_path, capsys):
     picture = str(tmp_path / "demo.png")
-    assert main(["demo", "--seconds", "6", "--fast", "--json", "--picture", picture]) == 0
+    assert main(["demo", "--seconds", "6", "--json", "--picture", picture]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert report["contacts"] >= 1
     assert 0 <= report["contacts_slipped"] <= report["contacts"]

@@ -5,40 +5,14 @@ import numpy as np
 import pytest
 
 import skin
-from skin.contact.model import posed_units
+from benchmarks.grasp_joints import hand_of_20_joints
 from skin.contact.stream import ContactStream
 from skin.errors import OptionError, SkinError
 from skin.robot.joints import Joints
-from skin.robot.kinematics import move_python, tables
-from tests.fixtures.robots import of_package, random_joints, write_gripper
+from tests.fixtures.robots import random_joints, write_gripper
 from topology import load
 
-ON_HAND = """format = 1
-name = "shadow"
-
-[robot]
-model = "{model}"
-base = "robot0:palm"
-
-[[buses]]
-name = "can0"
-data_bitrate = 5_000_000
-sync_id = 0x80
-"""
-PATCH = """
-[[patches]]
-name = "p{index}"
-kind = "grid"
-bus = "can0"
-layout = "f3t-fd64"
-link = "{link}"
-rows = 3
-columns = 3
-pitch_m = 0.013
-first_id = {first}
-pose = {{ xyz_m = [0, -0.01, 0.01], rpy_deg = [90, 10, 0] }}
-"""
-LINKS = ("robot0:ffdistal", "robot0:thdistal", "robot0:palm")
+LINKS = ("tip0", "tip3", "palm")
 
 
 @pytest.fixture
@@ -48,11 +22,7 @@ def gripper(tmp_path):
 
 @pytest.fixture
 def hand(tmp_path):
-    (model,) = of_package("gymnasium_robotics", "envs/assets/hand/reach.xml")
-    patches = (PATCH.format(index=i, link=k, first=256 + 16 * i) for i, k in enumerate(LINKS))
-    file = tmp_path / "hand.toml"
-    file.write_text(ON_HAND.format(model=model) + "".join(patches))
-    return load(file)
+    return hand_of_20_joints(tmp_path)
 
 
 def test_units_go_with_their_links_as_mujoco_moves_them(hand):
@@ -62,7 +32,7 @@ def test_units_go_with_their_links_as_mujoco_moves_them(hand):
     addresses = [model.joint(name).qposadr[0] for name in hand.robot.joint_names]
 
     def pose(link):
-        base, of = data.body("robot0:palm"), data.body(link)
+        base, of = data.body("palm"), data.body(link)
         back = base.xmat.reshape(3, 3).T
         return back @ of.xmat.reshape(3, 3), back @ (of.xpos - base.xpos)
 
@@ -74,8 +44,8 @@ def test_units_go_with_their_links_as_mujoco_moves_them(hand):
         data.qpos[addresses] = q
         mujoco.mj_kinematics(model, data)
         position, rotation = joints.unit_poses
-        for index, link in enumerate(LINKS):
-            units = hand.patch == index
+        for link in LINKS:
+            units = hand.patch == hand.patch_names.index(link)
             (turn, at), (turn_home, at_home_) = pose(link), at_home[link]
             local = turn_home.T @ (hand.position[:, units] - at_home_[:, np.newaxis])
             expected = turn @ local + at[:, np.newaxis]
@@ -87,43 +57,29 @@ def test_units_go_with_their_links_as_mujoco_moves_them(hand):
             assert np.abs(found[1] - at).max() < 1e-12
 
 
-def test_compiled_kinematics_are_those_of_python(hand):
-    geometry = posed_units(hand.position, hand.rotation, hand.area)
-    joints = Joints(hand, geometry)
-    poses = joints._poses._replace(
-        **{name: np.zeros(array.shape) for name, array in joints._poses._asdict().items()}
-    )
-    for q in random_joints(hand.robot, 20):
-        joints.move(q)
-        assert move_python(*tables(hand.robot, hand), q, poses, np.empty((3, 3, 3))) == -1
-        for name, array in poses._asdict().items():
-            assert np.abs(array - getattr(joints._poses, name)).max() < 1e-14, name
-        plain = posed_units(*joints.unit_poses, hand.area)
-        assert np.abs(geometry.origin - plain.origin).max() < 1e-14
-        assert np.abs(geometry.pose["position"] - plain.pose["position"]).max() < 1e-14
-        assert np.array_equal(geometry.pose["rotation"], plain.pose["rotation"])
-
-
-def test_the_wrench_of_a_fixed_contact_is_the_truth_through_a_thousand_poses(hand):
+def test_the_wrench_of_a_fixed_contact_is_the_truth_through_many_poses(hand):
     stream = ContactStream(
         hand.position, hand.rotation, hand.area, hand.neighbour_start, hand.neighbour_index,
-        want=("wrench", "contacts"), dtype="float64",
     )  # fmt: skip
-    joints = Joints(hand, stream.model.geometry)
-    index, units = hand.robot.link_names.index(LINKS[0]), hand.patch == 0
-    force = np.zeros((3, hand.n))
+    joints = Joints(hand)
+    index, units = (
+        hand.robot.link_names.index(LINKS[0]),
+        hand.patch == hand.patch_names.index(LINKS[0]),
+    )
+    force = np.zeros((3, hand.n), np.float32)
     force[:, units] = [[0.3], [-0.2], [1.5]]
     truth = wrench_on_link(hand, index, force)
-    for cycle, q in enumerate(random_joints(hand.robot, 1000)):
+    for cycle, q in enumerate(random_joints(hand.robot, 200)):
         joints.move(q)
+        stream.move(*joints.unit_poses)
         (contact,) = stream.update(force, 0.01, stamp_ns=4_000_000 * cycle)
         pose = hand.robot.forward(q)[index]
         turn, at = pose[:3, :3], pose[:3, 3]
         pushed = turn @ truth[:3]
         in_base = np.concatenate([pushed, turn @ truth[3:] + np.cross(at, pushed)])
-        assert np.abs(contact.wrench - in_base).max() < 1e-9
-        assert np.abs(stream.total.wrench - in_base).max() < 1e-9
-        assert np.abs(joints.wrench_in(LINKS[0], contact)[0] - truth).max() < 1e-9
+        assert np.abs(contact.wrench - in_base).max() < 1e-4
+        assert np.abs(stream.total.wrench - in_base).max() < 1e-4
+        assert np.abs(joints.wrench_in(LINKS[0], contact)[0] - truth).max() < 1e-4
     assert np.linalg.norm(truth[:3]) > 10.0
 
 

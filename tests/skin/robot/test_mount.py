@@ -1,98 +1,37 @@
-"""`skin mount`: what sits wrong is named, and units written into a model are where they were."""
+"""How a skin sits on its robot, as `skin check` says it: what sits wrong, and what to do."""
 
 import json
 import sys
 
-import mujoco
 import numpy as np
 import pytest
 import trimesh
-import yourdfpy
 
 from skin.cli import main
 from skin.errors import LibraryError
-from skin.robot.joints import Joints
-from skin.robot.mesh import read_mesh
-from skin.robot.write import unit_link_name, write_mounted
-from tests.fixtures.robots import GRIPPER, of_package, random_joints, write_gripper
-from tests.topology.robot.test_robot import MJCF
+from skin.robot.mesh import distance_to, read_mesh, shape_triangles
+from tests.fixtures.robots import GRIPPER, write_gripper
 from topology import load
-from topology.robot import read_model
+from topology.robot.model import Geom
 
 
-def mount(capsys, *arguments):
-    """Exit status, and what the command says, with its JSON object."""
-    status = main(["mount", *map(str, arguments), "--json"])
-    said = capsys.readouterr()
-    last = json.loads(said.out.splitlines()[-1]) if status < 2 else {}
-    return status, last, said.out + said.err
+def check(capsys, file):
+    """Exit status, what the command tells of the robot, and all that it prints."""
+    status = main(["check", str(file), "--json"])
+    said = capsys.readouterr().out
+    return status, json.loads(said.splitlines()[-1])["robot"], said
 
 
 def test_a_skin_that_sits_on_its_links_is_fine(tmp_path, capsys):
-    file = write_gripper(tmp_path)
-    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file)
-    assert status == 0
-    assert found["links"] == ["palm", "left", "right"]
-    assert found["joints"] == [{"name": "close", "lower": 0.0, "upper": 0.05}]
-    assert "close_right (follows close)" in said
-    for patch in found["patches"]:
+    status, robot, said = check(capsys, write_gripper(tmp_path))
+    assert (status, robot["problems"]) == (0, [])
+    assert robot["links"] == ["palm", "left", "right"]
+    assert robot["joints"] == [{"name": "close", "lower": 0.0, "upper": 0.05}]
+    assert "close  0     0.05" in said
+    for patch in robot["patches"]:
         assert patch["distance_mm"] == pytest.approx([5.0, 5.0])
         assert patch["tilt_deg"] == pytest.approx(0.0, abs=1e-5)
-
-
-def test_units_in_a_urdf_are_where_yourdfpy_sees_them(tmp_path, capsys):
-    file = write_gripper(tmp_path, pitch=83)
-    original = (tmp_path / "gripper.urdf").read_bytes()
-    out = tmp_path / "out.urdf"
-    assert mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)[0] == 0
-    assert (tmp_path / "gripper.urdf").read_bytes() == original
-    skin = load(file)
-    peer = yourdfpy.URDF.load(str(out), load_meshes=False, build_scene_graph=True)
-    assert peer.actuated_joint_names == ["close"]
-    for unit, name in enumerate(skin.unit_names):
-        pose = peer.get_transform(unit_link_name(name), "palm")
-        assert np.abs(pose[:3, 3] - skin.position[:, unit]).max() < 1e-12
-        assert np.abs(pose[:3, :3] - skin.rotation[:, :, unit]).max() < 1e-9
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "gripper.toml", "gripper.urdf", "out.urdf"
-    ]  # fmt: skip
-
-
-def test_units_in_a_gripper_of_others_move_as_yourdfpy_moves_them(tmp_path):
-    (model,) = of_package("airo_models", "grippers/robotiq_2f_85/urdf/robotiq_2f_85.urdf")
-    text = model.read_text()
-    file = write_gripper(tmp_path, text)
-    fingers = file.read_text()
-    for side in ("left", "right"):
-        fingers = fingers.replace(f'link = "{side}"', f'link = "{side}_inner_finger_pad"')
-    file.write_text(fingers)
-    skin = load(file)
-    write_mounted(skin, tmp_path / "out.urdf")
-    peer = yourdfpy.URDF.load(str(tmp_path / "out.urdf"), load_meshes=False)
-    joints = Joints(skin)
-    for q in random_joints(skin.robot, 50):
-        joints.move(q)
-        peer.update_cfg(q)
-        position, rotation = joints.unit_poses
-        for unit, name in enumerate(skin.unit_names):
-            pose = peer.get_transform(unit_link_name(name), skin.robot.link_names[0])
-            assert np.abs(pose[:3, 3] - position[:, unit]).max() < 1e-12
-            assert np.abs(pose[:3, :3] - rotation[:, :, unit]).max() < 1e-12
-
-
-def test_units_in_an_mjcf_are_where_mujoco_sees_them(tmp_path, capsys):
-    file = write_gripper(tmp_path, MJCF, name="gripper.xml", pitch=83)
-    out = tmp_path / "out.xml"
-    assert mount(capsys, tmp_path / "gripper.xml", file, "-o", out)[0] == 0
-    skin = load(file)
-    model = mujoco.MjModel.from_xml_path(str(out))
-    data = mujoco.MjData(model)
-    data.joint("close_right").qpos = 0.01  # where the equality has it
-    mujoco.mj_kinematics(model, data)
-    for unit, name in enumerate(skin.unit_names):
-        site = data.site(unit_link_name(name))
-        assert np.abs(site.xpos - skin.position[:, unit]).max() < 1e-12
-        assert np.abs(site.xmat.reshape(3, 3) - skin.rotation[:, :, unit]).max() < 1e-12
+    assert len(list(tmp_path.iterdir())) == 2  # nothing is written
 
 
 BOX = '<box size="0.01 0.05 0.06"/>'
@@ -136,28 +75,26 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_what_sits_wrong_is_named_with_what_to_do_and_nothing_is_written(case, tmp_path, capsys):
+def test_what_sits_wrong_is_named_with_what_to_do(case, tmp_path, capsys):
     model, how, told = WRONG[case]
     trimesh.creation.box((0.01, 0.05, 0.06)).export(tmp_path / "tip.stl")
-    file = write_gripper(tmp_path, model, **how)
-    out = tmp_path / "out.urdf"
-    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)
+    status, robot, said = check(capsys, write_gripper(tmp_path, model, **how))
     assert status == 1
-    assert not found["ok"]
-    assert any(told in problem for problem in found["problems"]), said
-    assert not out.exists()
+    assert any(told in problem for problem in robot["problems"]), said
+    assert told in said
 
 
 def test_a_mesh_in_millimetres_is_named_and_one_with_its_scale_is_fine(tmp_path, capsys):
     trimesh.creation.box((10.0, 50.0, 6000.0)).export(tmp_path / "tip.stl")
     file = write_gripper(tmp_path, GRIPPER.replace(BOX, '<mesh filename="tip.stl"/>', 1))
-    _, found, _ = mount(capsys, tmp_path / "gripper.urdf", file)
-    assert any('give it scale="0.001 0.001 0.001"' in problem for problem in found["problems"])
+    _, robot, _ = check(capsys, file)
+    assert any('give it scale="0.001 0.001 0.001"' in problem for problem in robot["problems"])
     scaled = '<mesh filename="tip.stl" scale="0.001 0.001 0.00001"/>'
-    file = write_gripper(tmp_path, GRIPPER.replace(BOX, scaled, 1))
-    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file)
+    status, robot, said = check(
+        capsys, write_gripper(tmp_path, GRIPPER.replace(BOX, scaled, 1))
+    )  # fmt: skip
     assert status == 0, said
-    assert found["patches"][0]["distance_mm"] == pytest.approx([5.0, 5.0])
+    assert robot["patches"][0]["distance_mm"] == pytest.approx([5.0, 5.0])
 
 
 @pytest.mark.parametrize("metre", [1.0, 0.001, 0.0254])
@@ -170,11 +107,20 @@ def test_a_collada_mesh_of_a_package_is_read_in_its_own_unit(tmp_path, capsys, m
     (tmp_path / "meshes" / "tip.DAE").write_text(text.replace("</asset>", asset))
     (tmp_path / "package.xml").write_text("<package><name>hand</name></package>")
     mesh = '<mesh filename="package://hand/meshes/tip.DAE"/>'
-    file = write_gripper(tmp_path, GRIPPER.replace(BOX, mesh, 1))
-    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file)
+    status, robot, said = check(capsys, write_gripper(tmp_path, GRIPPER.replace(BOX, mesh, 1)))
     assert status == 0, said
-    assert found["patches"][0]["distance_mm"] == pytest.approx([5.0, 5.0])
-    assert found["patches"][1]["distance_mm"] == pytest.approx([5.0, 5.0])
+    assert robot["patches"][0]["distance_mm"] == pytest.approx([5.0, 5.0])
+    assert robot["patches"][1]["distance_mm"] == pytest.approx([5.0, 5.0])
+
+
+def test_without_the_library_of_meshes_the_rest_is_checked(tmp_path, monkeypatch, capsys):
+    file = write_gripper(tmp_path, pitch=-90)
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    monkeypatch.setitem(sys.modules, "trimesh.creation", None)
+    status, robot, said = check(capsys, file)
+    assert (status, robot["patches"]) == (0, [])
+    assert "how the skin sits on the robot was not checked: trimesh: must be installed" in said
+    assert "pip install 'f3t-skin[mesh]'" in said
 
 
 def test_a_collada_mesh_without_its_library_says_which_extra_brings_it(tmp_path, monkeypatch):
@@ -186,67 +132,12 @@ def test_a_collada_mesh_without_its_library_says_which_extra_brings_it(tmp_path,
         read_mesh(tmp_path / "tip.dae")
 
 
-@pytest.mark.parametrize(
-    ("out", "told"),
-    [
-        ("gripper.urdf", "must be another file than the model; got the model itself"),
-        ("elsewhere/out.urdf", "must be a .urdf file in the folder of the model"),
-        ("out.xml", "must be a .urdf file in the folder of the model"),
-    ],
-)
-def test_a_copy_that_would_lose_something_is_refused(tmp_path, capsys, out, told):
-    file = write_gripper(tmp_path)
-    status, _, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", tmp_path / out)
-    assert status == 2
-    assert told in said
-
-
-def test_a_model_that_has_the_skin_already_is_refused(tmp_path, capsys):
-    file = write_gripper(tmp_path, GRIPPER.replace("</robot>", '<link name="left_r0c0"/></robot>'))
-    (tmp_path / "gripper.urdf").write_text(
-        GRIPPER.replace(
-            "</robot>",
-            '<link name="left_r0c0"/><joint name="j" type="fixed"><parent link="palm"/>'
-            '<child link="left_r0c0"/></joint></robot>',
-        )
-    )
-    out = tmp_path / "out.urdf"
-    status, _, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)
-    assert status == 2
-    assert "must have no link 'left_r0c0', which is to be that of unit 'left/r0c0'" in said
-
-
-def test_a_topology_of_another_model_is_refused(tmp_path, capsys):
-    file = write_gripper(tmp_path)
-    (tmp_path / "other.urdf").write_text(GRIPPER)
-    status, _, said = mount(capsys, tmp_path / "other.urdf", file)
-    assert status == 2
-    assert "robot model: must be" in said
-
-
-def test_names_that_xml_must_escape_and_any_encoding_are_written_as_they_were(tmp_path, capsys):
-    odd = GRIPPER.replace('"left"', '"links &amp; \u00e4u\u00dfen"').replace('"right"', '"r"')
-    text = f'<?xml version="1.0" encoding="latin-1"?>{odd}'
-    file = write_gripper(tmp_path)
-    (tmp_path / "gripper.urdf").write_bytes(text.encode("latin-1"))
-    told = file.read_text().replace('link = "left"', 'link = "links & \u00e4u\u00dfen"')
-    told = told.replace('link = "right"', 'link = "r"').replace('"gripper"', '"a--b"', 1)
-    file.write_text(told, "utf-8")
-    out = tmp_path / "out.urdf"
-    status, _, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)
-    assert status == 0, said
-    with_skin = read_model(out)
-    unit = with_skin.link_names.index("left_r0c0")
-    assert with_skin.link_names[with_skin.parent[unit]] == "links & \u00e4u\u00dfen"
-
-
-@pytest.mark.parametrize("name", ["gripper.urdf", "gripper.URDF", "gripper.xml"])
 @pytest.mark.parametrize("mass", ["0", "-1"])
-def test_a_mass_that_cannot_be_is_named_whatever_the_suffix(tmp_path, capsys, name, mass):
-    file = write_gripper(tmp_path, GRIPPER.replace('value="0.1"', f'value="{mass}"'), name=name)
-    status, found, _ = mount(capsys, tmp_path / name, file)
+def test_a_mass_that_cannot_be_is_named(tmp_path, capsys, mass):
+    file = write_gripper(tmp_path, GRIPPER.replace('value="0.1"', f'value="{mass}"'))
+    status, robot, _ = check(capsys, file)
     assert status == 1
-    assert f"link 'left' mass: must be positive; got {mass}" in found["problems"][0]
+    assert f"link 'left' mass: must be positive; got {mass}" in robot["problems"][0]
 
 
 def test_a_link_without_mass_may_carry_one_that_has_some(tmp_path, capsys):
@@ -255,5 +146,41 @@ def test_a_link_without_mass_may_carry_one_that_has_some(tmp_path, capsys):
         'type="fixed"><parent link="left"/><child link="tip"/></joint></robot>'
     )
     model = GRIPPER.replace('value="0.1"', 'value="0"').replace("</robot>", carried)
-    file = write_gripper(tmp_path, model)
-    assert mount(capsys, tmp_path / "gripper.urdf", file)[0] == 0
+    assert check(capsys, write_gripper(tmp_path, model))[0] == 0
+
+
+SHAPES = {
+    "box": ((0.01, 0.02, 0.03), (0.04, 0.0, 0.0), 0.03, (1, 0, 0)),
+    "sphere": ((0.02,), (0.0, 0.0, 0.015), -0.005, (0, 0, 1)),
+    "cylinder": ((0.02, 0.05), (0.0, 0.03, 0.01), 0.01, (0, 1, 0)),
+    "capsule": ((0.01, 0.03), (0.0, 0.0, 0.05), 0.01, (0, 0, 1)),
+    "ellipsoid": ((0.01, 0.02, 0.04), (0.0, 0.025, 0.0), 0.005, (0, 1, 0)),
+}
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_distances_to_shapes_are_those_of_their_formulas(kind):
+    size, point, off, outward = SHAPES[kind]
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    geom = Geom(0, kind, size, xyz=(0.1, 0.2, 0.3), rotation=tuple(turn.ravel()))
+    point = turn @ np.array(point) + [0.1, 0.2, 0.3]
+    distance, normal = distance_to(shape_triangles(geom), point[:, np.newaxis])
+    assert distance[0] == pytest.approx(off, abs=1e-4)
+    assert np.degrees(np.arccos(min(1.0, normal[:, 0] @ turn @ outward))) < 4.0
+
+
+def test_a_mirrored_mesh_is_not_turned_inside_out(tmp_path):
+    trimesh.creation.box((0.02, 0.02, 0.02)).export(tmp_path / "tip.stl")
+    for scale in ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0)):
+        geom = Geom(0, "mesh", mesh=str(tmp_path / "tip.stl"), scale=scale)
+        distance, normal = distance_to(shape_triangles(geom), np.array([[0.03], [0.0], [0.0]]))
+        assert distance == pytest.approx([0.02])
+        assert normal[:, 0] == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_a_patch_on_a_link_without_shapes_is_not_judged(tmp_path, capsys):
+    bare = GRIPPER.replace(f"<collision><geometry>{BOX}</geometry></collision>", "", 1)
+    status, robot, said = check(capsys, write_gripper(tmp_path, bare))
+    assert (status, robot["patches"][0]["distance_mm"]) == (0, None)
+    assert "no shape to check against" in said
+    assert load(tmp_path / "gripper.toml").n == 8

@@ -46,7 +46,7 @@ def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[MemoryTransport]:
 def test_it_ends_with_one_json_object(
     host: MemoryTransport, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["sim", "palm", "--interface", "socketcan", "--seconds", "30", "--json"]) == 0
+    assert main(["sim", "palm", "--bus", "socketcan", "--seconds", "30", "--json"]) == 0
     printed = capsys.readouterr()
     report = json.loads(printed.out.splitlines()[-1])
     assert (report["topology"], report["units"], report["cycles"]) == ("palm", 64, 1)
@@ -56,11 +56,10 @@ def test_it_ends_with_one_json_object(
 
 
 def test_people_get_a_table(host: MemoryTransport, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sim", "palm", "--interface", "socketcan", "--seconds", "30"]) == 0
+    assert main(["sim", "palm", "--bus", "socketcan", "--seconds", "30"]) == 0
     table = capsys.readouterr().out.splitlines()
-    assert table[0].split() == ["units", "64"]
-    assert table[1].split() == ["cycles,", "left", "out", "1,", "0"]
-    assert table[2].split() == ["frames", "sent", str(14 * host.counters.sent)]
+    assert ["units", "64"] in [line.split() for line in table]
+    assert ["frames", str(14 * host.counters.sent)] in [line.split() for line in table]
 
 
 def test_a_bus_without_sync_is_a_failed_check(
@@ -68,7 +67,7 @@ def test_a_bus_without_sync_is_a_failed_check(
 ) -> None:
     _, far = MemoryTransport.pair()
     monkeypatch.setattr(bus.open, "open_transport", lambda _bus, _index: far)
-    assert main(["sim", "palm", "--interface", "socketcan", "--seconds", "0.05", "--json"]) == 1
+    assert main(["sim", "palm", "--bus", "socketcan", "--seconds", "0.05", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["frames"] == 0
 
 
@@ -76,8 +75,8 @@ def test_a_bus_within_the_process_is_refused(capsys: pytest.CaptureFixture[str])
     assert main(["sim", "palm"]) == 2
     assert capsys.readouterr().err == (
         "palm: buses[0] 'main': interface: must be one that other processes can reach; "
-        "got 'memory' (try --interface socketcan --channel vcan0, or --interface udp_multicast "
-        "--channel 239.74.163.2)\n"
+        "got 'memory' (try --bus socketcan:vcan0, or --bus "
+        "udp_multicast:239.74.163.2)\n"
     )
 
 
@@ -87,18 +86,10 @@ def test_no_time_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_schema_of_scenes_is_printed_for_editors(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sim", "--schema"]) == 0
+    assert main(["check", "--schema", "scene"]) == 0
     schema = json.loads(capsys.readouterr().out)
     known = schema["$defs"]["SceneFile"]["properties"]
     assert {"bodies", "tools", "electronics", "non_ideal"} <= set(known)
     assert schema["$defs"]["SceneFile"]["additionalProperties"] is False
     described = schema["$defs"]["NonIdeal"]["properties"]
     assert all("description" in described[name] for name in described)
-
-
-def test_nothing_to_simulate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sim"]) == 2
-    assert capsys.readouterr().err == (
-        "skin sim: must have a file or the name of a ready-made topology "
-        "(fingertip, gripper, hand, palm, strip); got none\n"
-    )

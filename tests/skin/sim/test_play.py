@@ -178,7 +178,7 @@ def test_what_goes_wrong_between_keys_is_told_with_file_and_line(
         "    { t_s = 0.0, xyz_m = [0.0, 0.0, 0.001], rpy_deg = [0.0, 0.0, 0.0] },\n"
         "    { t_s = 1.0, rpy_deg = [0.0, 90.0, 0.0] },\n]\n"
     )
-    assert main(["sim", "palm", "--scene", str(path), "--fast"]) == 2
+    assert main(["sim", "palm", str(path)]) == 2
     said = capsys.readouterr().err.splitlines()[-1]
     start = f"{path}:9: bodies[0] 'block' keys[1] (at 0."
     assert said.startswith(start)
@@ -434,7 +434,7 @@ def test_the_command_plays_a_scene_and_writes_its_truth(
 ) -> None:
     path = tmp_path / "truth.npz"
     assert main(
-        ["sim", "palm", "--scene", "slide", "--seconds", "2", "--truth", str(path), "--json"]
+        ["sim", "palm", "slide", "--seconds", "2", "--truth", str(path), "--json"]
     ) == 0  # fmt: skip
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert (report["scene"], report["cycles"], report["truth"]) == ("slide", 500, str(path))
@@ -450,15 +450,12 @@ def test_the_command_does_the_faults_that_a_scene_file_holds(
     file.write_text(
         'format = 1\nseconds = 1.0\n[[room]]\nt_s = 0.0\n[[faults]]\nkind = "drop"\nevery = 10\n'
     )
-    assert main(["sim", "palm", "--scene", str(file)]) == 0
+    assert main(["sim", "palm", str(file)]) == 0
     table = capsys.readouterr().out
     assert "drop 325" in table
     assert "lossy" in table
 
 
-@pytest.mark.parametrize("option", [["--fast"], ["--truth", "x.npz"]])
-def test_truth_and_speed_are_of_a_scene(
-    option: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["sim", "palm", *option]) == 2
-    assert capsys.readouterr().err == f"{option[0]}: must be given with --scene; got none\n"
+def test_truth_is_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sim", "palm", "--truth", "x.npz"]) == 2
+    assert capsys.readouterr().err == "--truth: must be given with a scene; got none\n"

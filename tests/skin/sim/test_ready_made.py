@@ -104,6 +104,6 @@ def test_the_command_says_what_is_touched(tmp_path, capsys):
     file = tmp_path / "opposed.toml"
     file.write_text(OPPOSED)
     for more, line in (([], "scene: ball on thumb, then palm"),
-                       (["--scene", "tap"], "scene: finger on palm")):  # fmt: skip
+                       (["tap"], "scene: finger on palm")):  # fmt: skip
         assert main(["run", str(file), "--simulate", *more, "--seconds", "0.1"]) == 0
         assert line in capsys.readouterr().err.splitlines()

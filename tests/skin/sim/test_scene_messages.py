@@ -90,7 +90,7 @@ def test_a_scene_that_this_skin_cannot_have_is_refused_by_the_command(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(FOLDER)
-    assert main(["sim", "palm", "--scene", "inside.toml"]) == 2
+    assert main(["sim", "palm", "inside.toml"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("inside.toml:16: bodies[1]")
 
 

@@ -30,7 +30,7 @@ def log(tmp_path_factory):
 
 
 def test_a_log_and_a_recording_are_shown_to_their_end(log, capsys):
-    for given in ([str(log), "--topology", "strip"], [str(log.with_suffix(".mcap"))]):
+    for given in (["strip", str(log)], [str(log.with_suffix(".mcap"))]):
         assert main(["view", *given, "--seconds", "3", "--json"]) == 0
         report = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert report["cycles"] == 125
@@ -41,12 +41,12 @@ def test_a_log_that_is_damaged_is_told_and_ends_with_1(log, tmp_path, capsys):
     lines = log.read_text().splitlines(keepends=True)
     file = tmp_path / "damaged.log"
     file.write_text("".join([*lines[: len(lines) // 3], "garbage\n", *lines[len(lines) // 3 :]]))
-    assert main(["view", str(file), "--topology", "strip", "--seconds", "2"]) == 1
+    assert main(["view", "strip", str(file), "--seconds", "2"]) == 1
     assert f"{file}:{len(lines) // 3 + 1}: " in capsys.readouterr().err
 
 
 def test_a_log_of_another_skin_is_told_and_ends_with_1(log, capsys):
-    assert main(["view", str(log), "--topology", "hand", "--seconds", "1"]) == 1
+    assert main(["view", "hand", str(log), "--seconds", "1"]) == 1
     assert "run.log: must hold" in capsys.readouterr().err
 
 
@@ -60,7 +60,7 @@ def test_long_gaps_are_leapt_over(log, tmp_path, capsys):
     file = tmp_path / "gap.log"
     file.write_text("".join([*lines[: len(lines) // 2], *later]))
     began = time.monotonic()
-    main(["view", str(file), "--topology", "strip", "--seconds", "6", "--json"])
+    main(["view", "strip", str(file), "--seconds", "6", "--json"])
     assert time.monotonic() - began < 1800.0  # and not the hour
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["cycles"] >= 120
 
@@ -91,5 +91,5 @@ def test_a_view_whose_process_dies_ends_with_1(caplog, monkeypatch):
 
 
 def test_what_only_a_live_skin_has_is_refused_beside_a_recording(log, capsys):
-    assert main(["view", str(log), "--topology", "strip", "--channel", "can7"]) == 2
-    assert "--channel: must not be given with a recording or log" in capsys.readouterr().err
+    assert main(["view", "strip", str(log), "--bus", "socketcan:can7"]) == 2
+    assert "--bus: must not be given with a recording or log" in capsys.readouterr().err

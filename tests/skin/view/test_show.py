@@ -7,8 +7,6 @@ import itertools
 import json
 import re
 import socket
-import subprocess
-import sys
 import time
 from pathlib import Path
 from urllib.error import URLError
@@ -140,7 +138,7 @@ def test_the_command_shows_a_simulated_skin_and_ends_by_itself(capsys):
 
 def test_the_command_plays_a_log(capsys):
     log = ROOT / "tests" / "golden" / "logs" / "palm-vcan.log"
-    arguments = ["view", str(log), "--topology", "palm", "--seconds", "1", "--port", "0", "--json"]
+    arguments = ["view", "palm", str(log), "--seconds", "1", "--port", "0", "--json"]
     assert main(arguments) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert report["snapshots"] > 0
@@ -150,30 +148,14 @@ def test_the_command_plays_a_log(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["view", "palm", "--scene", "press"], "--scene: must be given with --simulate"),
-        (
-            ["view", "a.log", "--topology", "palm", "--simulate"],
-            "--simulate: must be without --topology",
-        ),
+        (["view", "palm", "a.log", "--simulate"], "--simulate: must not be given with a recording"),
         (["view", "palm", "--simulate", "--seconds", "0"], "--seconds: must be above 0; got 0"),
         (["view", "palm", "--simulate", "--host", "192.0.2.1"], "view: host: must be an address"),
-        (["demo", "--view-seconds", "0"], "--view-seconds: must be above 0; got 0"),
     ],
 )
 def test_wrong_use_is_told(arguments, message, capsys):
     assert main(arguments) == 2
     assert message in capsys.readouterr().err
-
-
-def test_the_demo_ends_by_itself_where_nobody_looks(tmp_path):
-    picture = str(tmp_path / "a.png")
-    done = subprocess.run(
-        [sys.executable, "-m", "skin", "demo", "strip", "--seconds", "0.2", "--fast", "--picture",
-         picture],
-        cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=True,
-        timeout=120,
-    )  # fmt: skip
-    assert "skin view strip --simulate" in done.stdout
 
 
 def test_a_view_hides_nothing_from_a_socket_that_only_listens(viewed):

@@ -350,7 +350,8 @@ def test_without_cyclonedds_the_message_names_the_extra(palm, monkeypatch):
     )
 
 
-def test_the_command_publishes_a_scene(capsys):
+def test_the_command_publishes_a_scene(capsys, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
     given = ["publish", "palm", "--simulate", "--seconds", "0.5", "--json"]
     assert main(given) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])

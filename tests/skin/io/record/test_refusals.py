@@ -204,7 +204,7 @@ def test_files_that_cannot_be_recorded_to_are_refused_and_kept(file, tmp_path, c
     ):
         with pytest.raises(SkinError, match=re.escape(f"{path}: {expected}")):
             skin.open("strip", simulate=True, record=path)
-        assert main(["record", "strip", "--simulate", "-o", str(path)]) == 2
+        assert main(["run", "strip", "--simulate", "--record", str(path)]) == 2
         assert capsys.readouterr().err == f"{path}: {expected}\n"
     assert file.read_bytes() == before
 
