@@ -41,8 +41,6 @@ class Quantity(NamedTuple):
         Type of the field in messages of ROS 2.
     since : int
         Version of the messages that introduced it.
-    decimals : int
-        In text tables.
     """
 
     name: str
@@ -54,7 +52,6 @@ class Quantity(NamedTuple):
     words: tuple[str, ...] = ()
     message: str = ""
     since: int = 0
-    decimals: int = 6
 
     @property
     def heads(self) -> list[tuple[str, str]]:
@@ -116,22 +113,22 @@ class Number(Hidden, Generic[T]):
         float64 for float, int32 for integers if not given.
     leaves : bool
         Whether it is an output of tables, arrays and messages.
-    message, since, decimals, yields
+    message, since, yields
         See `Quantity` and `Hidden`. By default it is float32 in messages, or the integer type.
     """
 
     def __init__(
         self, kind: type[T], doc: str, unit: str = "", *, dtype: Any = None, leaves: bool = True,
-        message: str = "", since: int = 4, decimals: int = 6, yields: Iterable[Quantity] = (),
+        message: str = "", since: int = 4, yields: Iterable[Quantity] = (),
     ) -> None:  # fmt: skip
         default = np.float64 if kind is float else np.int32
         super().__init__(default if dtype is None else dtype, yields=yields)
         self.__doc__, self._kind = doc, kind
-        self._leaves = leaves, unit, message, since, decimals
+        self._leaves = leaves, unit, message, since
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Its own output quantity and those that it yields."""
-        leaves, unit, message, since, decimals = self._leaves
+        leaves, unit, message, since = self._leaves
         if not leaves:
             return self.yields
         words: tuple[str, ...] = ()
@@ -139,7 +136,7 @@ class Number(Hidden, Generic[T]):
             words = tuple(one.name.lower() for one in self._kind)
         name, kind = self.name, message or _message(self.dtype)
         own = Quantity(name, str(self.__doc__), unit, (), self.dtype.name,
-                       lambda found: found[name], words, kind, since, decimals)  # fmt: skip
+                       lambda found: found[name], words, kind, since)  # fmt: skip
         return (own, *self.yields)
 
     @overload

@@ -172,7 +172,8 @@ class Sampler:
                 test_ratio[:] = ratio
             wrench[:] = state.wrench
             records = np.array([one.record for one in state.contacts[: self._rows]], CONTACT)
-            columns = [one.values(records).reshape(len(records), -1) for one in QUANTITIES]
+            columns = [one.values(records).reshape(len(records), len(one.heads))
+                       for one in QUANTITIES]  # fmt: skip
             contacts[: len(records)] = np.concatenate(columns, axis=1)
             alignment.ages_s.append(1e-9 * (stamp_ns - state.stamp_ns))
             alignment.contacts_left_out += max(0, len(state.contacts) - self._rows)

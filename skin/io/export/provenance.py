@@ -48,7 +48,8 @@ def provenance_of(topology: Topology, options: Options) -> dict[str, str]:
 
 def calibration_hashes(topology: Topology) -> list[str]:
     """The hash of the calibration of each unit: SHA-256 of its parameters, by their names."""
-    names = sorted(topology.parameters)
-    table = np.stack([topology.parameters[name] for name in names])
-    head = "\n".join(names).encode()
-    return [hashlib.sha256(head + column.tobytes()).hexdigest() for column in table.T.copy()]
+    digests = [hashlib.sha256() for _ in range(topology.n)]
+    for name, values in sorted(topology.parameters.items()):
+        for digest, own in zip(digests, np.moveaxis(values, -1, 0), strict=True):
+            digest.update(name.encode() + own.tobytes())
+    return [digest.hexdigest() for digest in digests]

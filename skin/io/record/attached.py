@@ -25,12 +25,10 @@ from topology import Topology, TopologyError
 from topology.files import read_arrays, read_regular
 from topology.packed import from_arrays, to_arrays
 
-__all__ = ["DECODED", "Setup", "attachments", "decoded_attachments", "read_setup"]
+__all__ = ["Setup", "attachments", "read_setup"]
 
 FORMAT = 1
 RUN, ARRAYS, STENCIL, ZEROS = "run.json", "topology.npz", "stencil.npz", "zeros.npz"
-DECODED = "decoded.json"
-"""Attachment in place of the run, of states that `skin decode` has made without frames."""
 LARGEST_SOURCE = 2_000_000
 
 
@@ -65,20 +63,6 @@ def attachments(
     return found | _sources(topology)
 
 
-def decoded_attachments(topology: Topology, provenance: Mapping[str, str]) -> dict[str, bytes]:
-    """Attachments of states that were decoded from a log, by name.
-
-    Parameters
-    ----------
-    topology : Topology
-    provenance : mapping of str to str
-        Their provenance, with ``log``, the name of the log.
-    """
-    arrays = _archive(to_arrays(dataclasses.replace(topology, path=None)))
-    file = json.dumps(dict(provenance), indent=1, sort_keys=True).encode()
-    return {DECODED: file, ARRAYS: arrays} | _sources(topology)
-
-
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """Setup of a run.
@@ -106,9 +90,6 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
     bus.LogError
         An attachment is missing or damaged.
     """
-    if DECODED in attached:
-        raise LogError(f"{file}: must be a recording, with frames to be replayed; got states that "
-                       f"were decoded from {_origin(attached[DECODED])}: replay that")  # fmt: skip
     for name in (RUN, ARRAYS):
         if name not in attached:
             raise LogError(f"{file}: must be a recording of a skin, with {name!r} attached; "
@@ -145,14 +126,6 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
         except (SkinError, TopologyError, TypeError, AttributeError) as error:
             raise LogError(f"{file}: {RUN}: must be options of a run; got: {error}") from None
     return Setup(topology, options, deadline_s, attached.get(ZEROS, b"") if takes_zeros else None)
-
-
-def _origin(decoded: bytes) -> str:
-    """The log from which states were decoded."""
-    try:
-        return repr(json.loads(decoded)["log"])
-    except (ValueError, LookupError, TypeError, RecursionError):
-        return "a log"
 
 
 def _slip(values: dict[str, Any]) -> Any:

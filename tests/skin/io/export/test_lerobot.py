@@ -255,27 +255,25 @@ def test_states_that_cannot_be_an_episode_are_refused(palm, states, log, written
         f"skin: cycle {states[0].cycle}: must have temperature, force, wrench, contacts "
         "(want=…); got a state without temperature, wrench, contacts"
     )
-    with pytest.raises(SkinError, match="must be of the 10 units of the topology; got 64"):
-        strip = skin.Pipeline(topology.load("strip"), Options(want={"force"}))
-        with Dataset(tmp_path / "set", strip.topology, fps=30) as one:
-            one.add_episode(states, [Frame(states[9].stamp_ns)], "none", strip)
+    strip = skin.Pipeline(topology.load("strip"), Options(want={"force"}))
+    with (
+        pytest.raises(SkinError, match="must be of the 10 units of the topology; got 64"),
+        Dataset(tmp_path / "set", strip.topology, fps=30) as one,
+    ):
+        one.add_episode(states, [Frame(states[9].stamp_ns)], "none", strip)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_data_set_with_an_episode_that_failed_is_refused(palm, states, pipeline, tmp_path):
     frame = Frame(states[9].stamp_ns)
-    with (
-        pytest.raises(SkinError, match="must have whole episodes; got one that failed"),
-        Dataset(tmp_path / "set", palm, fps=30) as one,
-    ):
-        one.add_episode(states, [frame], "none", pipeline)
-        with pytest.raises(SkinError):
-            one.add_episode(states, [frame, frame], "none", pipeline)
-    with (
-        pytest.raises(SkinError, match="must have whole episodes; got none"),
-        Dataset(tmp_path / "set", palm, fps=30),
-    ):
-        pass
+    for frames, got in (([], "none"), ([frame, frame], "one that failed")):
+        one = Dataset(tmp_path / "set", palm, fps=30).__enter__()
+        if frames:
+            one.add_episode(states, [frame], "none", pipeline)
+            with pytest.raises(SkinError, match="must be later"):
+                one.add_episode(states, frames, "none", pipeline)
+        with pytest.raises(SkinError, match=f"must have whole episodes; got {got}"):
+            one.__exit__(None)
     assert list(tmp_path.iterdir()) == []
 
 
