@@ -17,6 +17,7 @@ import os
 import resource
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,9 +28,7 @@ import topology
 from bus.frame import ECHO, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.logs import read_all, write
 from bus.memory import MemoryTransport
-from skin.io.bulk.decode_part import decode_part
-from skin.io.bulk.job import WANT, Job, parts_of
-from skin.io.bulk.run import run as run_job
+from skin.io.bulk import WANT, decode_logs
 from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
@@ -211,9 +210,14 @@ def _scaling(scene: np.ndarray, rounds: int, folder: Path) -> dict[str, Any]:
             logs.append(folder / f"log{length}-{k}.log")
             _write_log(logs[-1], shifted, length)
         for jobs in (1, 2):
-            job = Job(topology.load(SKIN), folder / f"jobs{jobs}-{length}")
             begun, begun_cpu = time.perf_counter(), _cpu_s()
-            report = run_job(job, logs, jobs=jobs)
+            with ExitStack() as pools:
+                context = multiprocessing.get_context("spawn")
+                pool = ProcessPoolExecutor(jobs, context) if jobs > 1 else None
+                if pool is not None:
+                    pools.enter_context(pool)
+                out = folder / f"jobs{jobs}-{length}"
+                report = decode_logs(SKIN, logs, out, executor=pool)
             wall[jobs, length] = time.perf_counter() - begun
             cpu[jobs, length] = _cpu_s() - begun_cpu
             assert not report["failed"], report["faults"]
@@ -256,11 +260,9 @@ def _decode_forces(log: Path, out: Path) -> int:
 
 def _decode(log: Path, out: Path, **options: Any) -> int:
     """The product; frames."""
-    job = Job(topology.load(SKIN), out, options)
-    summary = decode_part(job, parts_of([log])[0])
-    assert summary["error"] is None, summary["error"]
-    assert not summary["faults"], summary["faults"]
-    return sum(summary["counters"].values())
+    (report,) = decode_logs(SKIN, [log], out, **options)["logs"]
+    assert not report["faults"], report["faults"]
+    return sum(report["counters"].values())
 
 
 def _usual_script(log: Path, out: Path) -> int:
@@ -301,13 +303,13 @@ def _equal_to_live(folder: Path, scene: np.ndarray) -> bool:
 
     log = folder / "live.log"
     _write_log(log, scene, 1)
-    job = Job(topology.load(SKIN), folder / "live", partition_cycles=300)
-    decode_part(job, parts_of([log])[0])
+    loaded = topology.load(SKIN)
+    decode_logs(loaded, [log], folder / "live")
     found = pyarrow.parquet.read_table(folder / "live" / "cycles")
     loads = pyarrow.parquet.read_table(folder / "live" / "contacts")["load"].to_numpy()
-    pipeline = Pipeline(job.topology, Options(want=WANT))
+    pipeline = Pipeline(loaded, Options(want=WANT))
     force = np.stack([
-        [found[f"{name}.{axis}"].to_numpy() for name in job.topology.unit_names]
+        [found[f"{name}.{axis}"].to_numpy() for name in loaded.unit_names]
         for axis in ("fx", "fy", "fz")
     ])  # fmt: skip
     wrench = np.stack([found[f"wrench.{axis}"].to_numpy() for axis in ("fx", "fy", "fz")])

@@ -5,6 +5,7 @@ images with stamps) are aligned with the samples of the skin. The folder is a da
 format LeRobot v3. A policy that takes images gets the forces as one (`TaxelGrid`).
 """
 
+import itertools
 import json
 from pathlib import Path
 
@@ -20,24 +21,23 @@ palm = load("palm")
 pixels = np.full((48, 64, 3), 128, np.uint8)
 
 
-def recorded(scene):
-    """States of a run of 2 s."""
-    with skin.open(palm, simulate=scene, pace=False) as opened:
-        for state in opened:
-            yield state
-            if state.cycle >= 500:
-                return
+def camera(first_ns):
+    """Frames of 2 s."""
+    for k in range(60):
+        stamp_ns = first_ns + round(k * 1e9 / 30)
+        yield Frame(stamp_ns, {"wrist": pixels}, {"action": np.zeros(2)})
 
 
+states = []
 with Dataset("touches", palm, fps=30, window=4) as touches:
     for scene in ("press", "tap"):
-        states = list(recorded(scene))
-        first_ns = states[0].stamp_ns
-        frames = [
-            Frame(first_ns + round(k * 1e9 / 30), {"wrist": pixels}, {"action": np.zeros(2)})
-            for k in range(60)
-        ]
-        alignment = touches.add_episode(states, frames, f"feel a {scene}")
+        with skin.open(palm, simulate=scene, pace=False) as opened:
+            for state in opened:
+                first_ns = state.stamp_ns
+                break
+            coming = (states.append(state) or state for state in itertools.islice(opened, 500))
+            frames = camera(first_ns + 10_000_000)
+            alignment = touches.add_episode(coming, frames, f"feel a {scene}", opened.pipeline)
         print(scene, alignment.report())
 
 info = json.loads(Path("touches/meta/info.json").read_text())

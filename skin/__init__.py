@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from skin.contact.record import SlipState, UnitSlip
     from skin.contact.slip import SlipSettings
     from skin.decode.decoder import Decoder
+    from skin.io.bulk import decode_logs
     from skin.io.record.replay import Replay, replay
     from skin.live import Skin
     from skin.offline import DecodedLog, decode_log
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Replay",
            "Sink", "Skin", "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log",
-           "errors", "open", "replay", "view"]  # fmt: skip
+           "decode_logs", "errors", "open", "replay", "view"]  # fmt: skip
 
 __version__ = "0.1.0"
 
@@ -56,6 +57,7 @@ _HOMES = {
     "Status": "skin.state",
     "UnitSlip": "skin.contact.record",
     "decode_log": "skin.offline",
+    "decode_logs": "skin.io.bulk",
     "open": "skin.opening",
     "replay": "skin.io.record.replay",
 }

@@ -150,11 +150,6 @@ class DecodedLog(Attachable):
         found = self._reader.skipped.items()
         return {kind: count for kind, count in found if not kind.startswith("frame of ")}
 
-    @property
-    def read_bytes(self) -> int:
-        """Uncompressed bytes read so far; 0 where a library reads the file."""
-        return self._reader.read_bytes
-
     def __iter__(self) -> Iterator[State]:
         with announcer().holding():
             self.pipeline.warmup()

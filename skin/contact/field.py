@@ -39,8 +39,6 @@ class Quantity(NamedTuple):
         Labels of the numbers, for tables.
     message : str
         Type of the field in messages of ROS 2.
-    decimals : int
-        In text tables.
     """
 
     name: str
@@ -51,7 +49,6 @@ class Quantity(NamedTuple):
     values: Callable[[Any], Any]
     words: tuple[str, ...] = ()
     message: str = ""
-    decimals: int = 6
 
     @property
     def heads(self) -> list[tuple[str, str]]:
@@ -113,22 +110,22 @@ class Number(Hidden, Generic[T]):
         float64 for float, int32 for integers if not given.
     leaves : bool
         Whether it is an output of tables, arrays and messages.
-    message, decimals, yields
+    message, yields
         See `Quantity` and `Hidden`. By default it is float32 in messages, or the integer type.
     """
 
     def __init__(
         self, kind: type[T], doc: str, unit: str = "", *, dtype: Any = None, leaves: bool = True,
-        message: str = "", decimals: int = 6, yields: Iterable[Quantity] = (),
+        message: str = "", yields: Iterable[Quantity] = (),
     ) -> None:  # fmt: skip
         default = np.float64 if kind is float else np.int32
         super().__init__(default if dtype is None else dtype, yields=yields)
         self.__doc__, self._kind = doc, kind
-        self._leaves = leaves, unit, message, decimals
+        self._leaves = leaves, unit, message
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Its own output quantity and those that it yields."""
-        leaves, unit, message, decimals = self._leaves
+        leaves, unit, message = self._leaves
         if not leaves:
             return self.yields
         words: tuple[str, ...] = ()
@@ -136,7 +133,7 @@ class Number(Hidden, Generic[T]):
             words = tuple(one.name.lower() for one in self._kind)
         name, kind = self.name, message or _message(self.dtype)
         own = Quantity(name, str(self.__doc__), unit, (), self.dtype.name,
-                       lambda found: found[name], words, kind, decimals)  # fmt: skip
+                       lambda found: found[name], words, kind)  # fmt: skip
         return (own, *self.yields)
 
     @overload

@@ -167,7 +167,7 @@ class Fields:
     )  # fmt: skip
     peak_unit = Number(int, "Its most loaded unit.", leaves=False)
     hot_unit = Number(int, "Its warmest unit.", leaves=False)
-    load = Number(float, "Sum of the normal loads.", "N", decimals=4)
+    load = Number(float, "Sum of the normal loads.", "N")
     load_sigma = Number(float, "One-sigma of `load`.", leaves=False)
     wrench = Vector(
         "Force and torque about the origin, exerted by the world; shape (6,).", (6,), LOAD_UNITS,
@@ -200,7 +200,7 @@ class Fields:
     normal_condition = Number(
         float, "Roundness of the spread of its units: 1 round, 0 a line.", leaves=False
     )
-    area = Number(float, "Sensing area of its units.", "m2", decimals=9)
+    area = Number(float, "Sensing area of its units.", "m2")
     mean_pressure = Number(float, "Load over area.", leaves=False)
     peak_pressure = Number(float, "Of its most loaded unit.", leaves=False)
     axes = Vector("Columns: major axis, minor axis, normal; shape (3, 3).", (3, 3))
@@ -215,9 +215,9 @@ class Fields:
     travel = Number(float, "Distance that its centroid has travelled so far.", "m")
     waypoints = Hidden(np.int64)
     # -- warmth: written by describe
-    temperature = Number(float, "Mean over its area, degree Celsius.", "degC", decimals=3)
+    temperature = Number(float, "Mean over its area, degree Celsius.", "degC")
     temperature_gradient = Vector("K/m along the skin, shape (3,).", (3,))
-    hot_temperature = Number(float, "Of its warmest unit.", "degC", decimals=3)
+    hot_temperature = Number(float, "Of its warmest unit.", "degC")
     coverage = Number(
         float, "Heard fraction of its area and that of silent neighbours.", leaves=False
     )

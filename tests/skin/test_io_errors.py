@@ -17,11 +17,9 @@ from bus.dbc import write_dbc
 from bus.frame import FrameBatch
 from bus.logs import write
 from skin.calibrate.tare import tare
-from skin.cli.decoded import writer_for
 from skin.errors import SkinError
-from skin.io.bulk.decode_part import decode_part
-from skin.io.bulk.job import Job, parts_of
-from skin.io.export.columns import block_of
+from skin.io.bulk import decode_logs
+from skin.io.export import write_tables
 from skin.options import Options
 from skin.physics.stencil import Stencil
 from skin.pipeline import Pipeline
@@ -75,8 +73,8 @@ class Still:
 
 def tables(suffix):
     def save(run, path):
-        with writer_for(path.with_suffix(suffix), STRIP, Options()) as add:
-            add(block_of(STRIP, run[1]))
+        pipeline = Pipeline(STRIP, Options(want={"force", "contacts"}))
+        write_tables(pipeline.feed(run[0]), path.with_suffix(suffix), pipeline)
 
     return save
 
@@ -174,27 +172,27 @@ def is_whole(file: Path, data: bytes, good: bytes) -> bool:
     return False
 
 
-READS = {"npz": np.load, "parquet": pq.read_table}
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("format", ["npz", "parquet"])
 def test_a_bulk_decoding_goes_on_after_each_failure(format, run, tmp_path):
-    log = tmp_path / "a.log"
-    write(log, run[0])
-    (part,) = parts_of([log])
-    job = Job(STRIP, tmp_path / "out", {}, format, force=True)
-    assert decode_part(job, part)["state"] == "decoded"
+    write(log := tmp_path / "a.log", run[0])
+    out = tmp_path / "out"
+
+    def decoded():
+        (one,) = decode_logs(STRIP, [log], out, format=format, force=True)["logs"]
+        return one
+
+    assert decoded()["state"] == "decoded"
     with pytest.MonkeyPatch.context() as patch:
-        disk = FailingDisk(job.folder, EVERY, patch)
-        decode_part(job, part)
+        disk = FailingDisk(out, EVERY, patch)
+        decoded()
     for at in each(disk.count):
         with pytest.MonkeyPatch.context() as patch:
-            FailingDisk(job.folder, at, patch)
-            summary = decode_part(job, part)
-        assert summary["state"] == "failed"
-        assert "No space left" in summary["error"]
-        assert not [*job.folder.rglob("*.part")]
-        for file in job.folder.rglob(f"part-*.{format}"):
-            READS[format](file)
-    assert decode_part(job, part)["state"] == "decoded"
+            FailingDisk(out, at, patch)
+            one = decoded()
+        assert one["state"] == "failed"
+        assert "No space left" in one["faults"][0]
+        assert not [*out.rglob("*.part")]
+        for file in out.rglob(f"*.{format}"):
+            {"npz": np.load, "parquet": pq.read_table}[format](file)
+    assert decoded()["state"] == "decoded"

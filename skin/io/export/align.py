@@ -3,85 +3,30 @@ samples."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from skin.contact.record import QUANTITIES
+from skin.contact.record import CONTACT, QUANTITIES
 from skin.errors import SkinError, check_number
-from skin.io.export.columns import columns_of, records_of
+from skin.io.export.camera import LATEST_NS, Frame
 from skin.state import if_wanted
 
 if TYPE_CHECKING:
+    from skin.pipeline import Pipeline
     from skin.state import State
 
-__all__ = [
-    "CONTACT_COLUMNS", "LATEST_NS", "Alignment", "Frame", "History", "Sample", "aligned",
-    "check_later",
-]  # fmt: skip
+__all__ = ["CONTACT_COLUMNS", "RATE_SHARE", "Alignment", "Sampler", "aligned"]
 
 CONTACT_COLUMNS = tuple(name for one in QUANTITIES for name, _ in one.heads)
-"""Columns of a contact, in the order of `Sample.contacts`; ``slip`` is the number of its state."""
-LATEST_NS = 2**63 - 1
-"""Latest stamp [derived: the largest int64]."""
-
-
+"""Columns of a contact; ``slip`` is the number of its state."""
 LEAST_STEPS = 3
 """Between frames, from which their rate is compared [assumed]."""
 RATE_SHARE = 0.02
 """Largest difference of a camera from its nominal rate [assumed: a second in 50]."""
-
-
-class Frame(NamedTuple):
-    """Data of a camera, and optionally of the robot, at one time.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        On the clock of the skin's stamps.
-    images : dict of str to bytes or ndarray
-        By camera: a PNG or JPEG file, or pixels, shape (h, w, 3), uint8.
-    values : dict of str to ndarray, shape (m,)
-        Other features, such as ``action`` and ``observation.state``.
-    """
-
-    stamp_ns: int
-    images: Mapping[str, Any] = MappingProxyType({})
-    values: Mapping[str, np.ndarray] = MappingProxyType({})
-
-
-class Sample(NamedTuple):
-    """Values of the skin at a frame; NaN where they are not valid.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Of the newest sample; 0 if there is none.
-    age_s : float
-        Age of the newest sample at the frame; NaN if there is none.
-    force : ndarray, shape (k, n, 3), float32
-        Newton, unit frames; the newest sample comes last.
-    valid : ndarray, shape (k, n), bool
-    temperature : ndarray, shape (n,), float32
-        Degree Celsius, of the newest sample.
-    test_ratio : ndarray, shape (n,), float32
-        Of the newest sample, also of units that are not valid; NaN where it is not known.
-    wrench : ndarray, shape (6,), float32
-    contacts : ndarray, shape (m, c), float32
-        Columns `CONTACT_COLUMNS`; rows without a contact are NaN.
-    """
-
-    stamp_ns: int
-    age_s: float
-    force: np.ndarray
-    valid: np.ndarray
-    temperature: np.ndarray
-    test_ratio: np.ndarray
-    wrench: np.ndarray
-    contacts: np.ndarray
 
 
 @dataclass
@@ -127,149 +72,153 @@ class Alignment:
 
     def report(self) -> dict[str, Any]:
         """The same as JSON numbers."""
-        ages = np.array(self.ages_s)
-        p50, p99, most = np.percentile(ages, [50, 99, 100]).tolist() if ages.size else [None] * 3
+        p50, most = np.percentile(self.ages_s, [50, 100]).tolist()
         return {
             "frames": self.frames, "without_sample": self.without_sample,
             "window_gaps": self.window_gaps, "contacts_left_out": self.contacts_left_out,
             "camera_gaps": self.camera_gaps, "camera_jitter_s": self.jitter_s,
-            "age_s_p50": p50, "age_s_p99": p99, "age_s_max": most,
+            "age_s_p50": p50, "age_s_max": most,
         }  # fmt: skip
 
 
-class History:
-    """The last k cycles of a skin, each at the index of its number, so that gaps remain gaps.
+class _Cycle(NamedTuple):
+    """A state, and the counts that it was decoded from, shape (c, n), int16."""
+
+    state: State
+    counts: np.ndarray
+
+
+class Sampler:
+    """The newest cycles of a skin, as features of a row of a data set.
 
     Parameters
     ----------
-    n, window, contacts : int
-        Units, samples of a window, rows for contacts.
+    states : iterable of State
+        In the order of time; read up to the last frame.
+    pipeline : Pipeline
+        Of the states.
+    window, contacts : int
+        Samples of a window, rows for contacts.
     max_age_ns : int
         Maximum age of the newest sample; later frames have no sample.
     """
 
-    def __init__(self, n: int, window: int, contacts: int, max_age_ns: int) -> None:
-        self._max_age_ns, self._window = max_age_ns, window
-        self._cycles = np.full(window, -1, np.int64)
-        self._force = np.full((window, n, 3), np.nan, np.float32)
-        self._valid = np.zeros((window, n), bool)
-        self._temperature, self._test_ratio = np.full((2, n), np.nan, np.float32)
-        self._wrench = np.full(6, np.nan, np.float32)
-        self._contacts = np.full((contacts, len(CONTACT_COLUMNS)), np.nan, np.float32)
-        self._cycle, self._stamp_ns, self._count = -1, 0, 0
+    def __init__(
+        self, states: Iterable[State], pipeline: Pipeline, window: int, contacts: int,
+        max_age_ns: int,
+    ) -> None:  # fmt: skip
+        self._pipeline, self._n = pipeline, pipeline.topology.n
+        self._window, self._rows, self._max_age_ns = window, contacts, max_age_ns
+        self._cycles: deque[_Cycle] = deque(maxlen=window)
+        self._coming = self._read(states)
+        self._ahead = next(self._coming, None)
 
-    def push(self, state: State) -> None:
-        """Add a state.
+    def _read(self, states: Iterable[State]) -> Iterator[_Cycle]:
+        for state in states:
+            yield _Cycle(state, self._pipeline.counts.copy())
+
+    def advance(self, stamp_ns: int) -> None:
+        """Take the states that are not later.
 
         Raises
         ------
         SkinError
-            Its time or its number runs back, or a quantity is missing.
+            Time or numbers of cycles run back, or a quantity is missing.
         """
-        self._check(state)
-        if self._cycle >= 0 and (state.stamp_ns < self._stamp_ns or state.cycle <= self._cycle):
-            back_s = 1e-9 * (self._stamp_ns - state.stamp_ns)
-            raise SkinError(f"skin: cycle {state.cycle}: must come after cycle {self._cycle}; got "
-                            f"one {back_s:.6g} s earlier")  # fmt: skip
-        self._cycle, self._stamp_ns = state.cycle, state.stamp_ns
-        at, units = state.cycle % self._window, state.units
-        self._cycles[at] = state.cycle
-        self._force[at] = units.force.T
-        self._valid[at] = units.valid & np.isfinite(self._force[at]).all(axis=1)
-        self._force[at][~self._valid[at]] = np.nan
-        self._temperature[:] = np.where(units.valid, units.temperature, np.nan)
-        test_ratio = if_wanted(units, "test_ratio")
-        self._test_ratio[:] = np.nan if test_ratio is None else test_ratio
-        self._wrench[:] = state.wrench
-        self._contacts[:] = np.nan
-        self._count = len(state.contacts)
-        kept = records_of(state)[: len(self._contacts)]
-        for place, column in zip(self._contacts.T, columns_of(QUANTITIES, [kept]), strict=True):
-            place[: len(kept)] = column.values
+        while self._ahead is not None and self._ahead.state.stamp_ns <= stamp_ns:
+            self._check(self._ahead.state)
+            self._cycles.append(self._ahead)
+            self._ahead = next(self._coming, None)
 
     def _check(self, state: State) -> None:
-        units = state.units
-        needed = {name: if_wanted(units, name) for name in ("temperature", "force")}
+        needed = {name: if_wanted(state.units, name) for name in ("temperature", "force")}
         needed |= {name: if_wanted(state, name) for name in ("wrench", "contacts")}
         if lacking := [name for name, value in needed.items() if value is None]:
             raise SkinError(
                 f"skin: cycle {state.cycle}: must have {', '.join(needed)} (want=…); got a state "
                 f"without {', '.join(lacking)}"
             )
-        if units.valid.shape != self._valid.shape[1:]:
-            raise SkinError(
-                f"skin: cycle {state.cycle}: must be of the {self._valid.shape[1]} units of the "
-                f"topology; got {units.valid.size}"
-            )
+        if state.units.valid.size != self._n:
+            raise SkinError(f"skin: cycle {state.cycle}: must be of the {self._n} units of the "
+                            f"topology; got {state.units.valid.size}")  # fmt: skip
+        if self._cycles:
+            last = self._cycles[-1].state
+            if state.stamp_ns < last.stamp_ns or state.cycle <= last.cycle:
+                back_s = 1e-9 * (last.stamp_ns - state.stamp_ns)
+                raise SkinError(f"skin: cycle {state.cycle}: must come after cycle {last.cycle}; "
+                                f"got one {back_s:.6g} s earlier")  # fmt: skip
 
-    def at(self, stamp_ns: int, alignment: Alignment) -> Sample:
-        """The sample at a time not before the newest state; arrays of its own."""
+    def at(self, stamp_ns: int, alignment: Alignment) -> dict[str, np.ndarray]:
+        """Features of the skin at a time not before the newest state, by name; NaN, 0 or False
+        where there is none."""
+        window, n = self._window, self._n
         alignment.frames += 1
-        age_ns = stamp_ns - self._stamp_ns
-        if self._cycle < 0 or age_ns > self._max_age_ns:
+        force = np.full((window, n, 3), np.nan, np.float32)
+        valid = np.zeros((window, n), bool)
+        temperature, test_ratio = np.full((2, n), np.nan, np.float32)
+        wrench, age_s = np.full(6, np.nan, np.float32), np.full(1, np.nan, np.float32)
+        contacts = np.full((self._rows, len(CONTACT_COLUMNS)), np.nan, np.float32)
+        counts, stamp = np.zeros_like(self._pipeline.counts), np.zeros(1, np.int64)
+        newest = self._cycles[-1] if self._cycles else None
+        if newest is None or stamp_ns - newest.state.stamp_ns > self._max_age_ns:
             alignment.without_sample += 1
-            alignment.window_gaps += self._window
-            return self._nothing()
-        alignment.ages_s.append(1e-9 * age_ns)
-        alignment.contacts_left_out += max(0, self._count - len(self._contacts))
-        wanted = np.arange(self._cycle - self._window + 1, self._cycle + 1)
-        slots = wanted % self._window
-        force, valid = self._force[slots], self._valid[slots]
-        gaps = self._cycles[slots] != wanted
-        force[gaps], valid[gaps] = np.nan, False
-        alignment.window_gaps += int(gaps.sum())
-        return Sample(
-            self._stamp_ns, 1e-9 * age_ns, force, valid, self._temperature.copy(),
-            self._test_ratio.copy(), self._wrench.copy(), self._contacts.copy(),
-        )  # fmt: skip
+            alignment.window_gaps += window
+        else:
+            state, counts[:] = newest.state, newest.counts
+            age_s[:] = 1e-9 * (stamp_ns - state.stamp_ns)
+            stamp[:] = state.stamp_ns
+            temperature[:] = np.where(state.units.valid, state.units.temperature, np.nan)
+            if (ratio := if_wanted(state.units, "test_ratio")) is not None:
+                test_ratio[:] = ratio
+            wrench[:] = state.wrench
+            records = np.array([one.record for one in state.contacts[: self._rows]], CONTACT)
+            columns = [one.values(records).reshape(len(records), len(one.heads))
+                       for one in QUANTITIES]  # fmt: skip
+            contacts[: len(records)] = np.concatenate(columns, axis=1)
+            alignment.ages_s.append(1e-9 * (stamp_ns - state.stamp_ns))
+            alignment.contacts_left_out += max(0, len(state.contacts) - self._rows)
+            alignment.window_gaps += window - self._fill(force, valid)
+        return {
+            "observation.tactile.force": force[-1], "observation.tactile.valid": valid[-1],
+            "observation.tactile.temperature": temperature,
+            "observation.tactile.test_ratio": test_ratio, "observation.tactile.wrench": wrench,
+            "observation.tactile.contacts": contacts, "observation.tactile.counts": counts,
+            "observation.tactile.force_window": force, "observation.tactile.valid_window": valid,
+            "tactile.age_s": age_s, "tactile.stamp_ns": stamp,
+        }  # fmt: skip
 
-    def _nothing(self) -> Sample:
-        parts = (self._temperature, self._test_ratio, self._wrench, self._contacts)
-        force, *others = (np.full_like(part, np.nan) for part in (self._force, *parts))
-        return Sample(0, np.nan, force, np.zeros_like(self._valid), *others)
-
-
-def check_later(where: str, stamp_ns: int, last_ns: int) -> None:
-    """Require a frame to be later than the one before it."""
-    if stamp_ns <= last_ns:
-        back_s = 1e-9 * (last_ns - stamp_ns)
-        got = f"one {back_s:.6g} s earlier" if back_s else "one of the same time"
-        raise SkinError(f"{where}: must be later than the frame before it; got {got}")
+    def _fill(self, force: np.ndarray, valid: np.ndarray) -> int:
+        """Fill a window, each cycle at the place of its number; how many there are."""
+        count = 0
+        for state, _ in self._cycles:
+            at = state.cycle - self._cycles[-1].state.cycle - 1
+            if at >= -self._window:
+                count += 1
+                force[at] = state.units.force.T
+                valid[at] = state.units.valid & np.isfinite(force[at]).all(axis=1)
+                force[at][~valid[at]] = np.nan
+        return count
 
 
 def aligned(
-    states: Iterable[State],
-    frames: Iterable[Frame],
-    history: History,
-    alignment: Alignment,
-) -> Iterator[tuple[Frame, Sample]]:
-    """Each frame with the newest sample that is not later.
-
-    Parameters
-    ----------
-    states : iterable of State
-        In the order of time; read up to the last frame.
-    frames : iterable of Frame
-    history : History
-    alignment : Alignment
-        Updated.
+    frames: Iterable[Frame], sampler: Sampler, alignment: Alignment
+) -> Iterator[tuple[Frame, dict[str, np.ndarray]]]:
+    """Each frame with the features of the newest sample that is not later; `alignment` is updated.
 
     Raises
     ------
     SkinError
         The camera's or the skin's time runs back, or a stamp of the camera is invalid.
     """
-    coming = iter(states)
-    state = next(coming, None)
     last_ns: int | None = None
     for number, frame in enumerate(frames):
         where = f"camera: frame {number}"
         check_number(f"{where}: stamp_ns", frame.stamp_ns, 0, LATEST_NS, whole=True)
-        if last_ns is not None:
-            check_later(where, frame.stamp_ns, last_ns)
+        if last_ns is not None and frame.stamp_ns <= last_ns:
+            back_s = 1e-9 * (last_ns - frame.stamp_ns)
+            got = f"one {back_s:.6g} s earlier" if back_s else "one of the same time"
+            raise SkinError(f"{where}: must be later than the frame before it; got {got}")
         last_ns = frame.stamp_ns
         alignment.stamps_ns.append(last_ns)
-        while state is not None and state.stamp_ns <= frame.stamp_ns:
-            history.push(state)
-            state = next(coming, None)
-        yield frame, history.at(frame.stamp_ns, alignment)
+        sampler.advance(last_ns)
+        yield frame, sampler.at(last_ns, alignment)

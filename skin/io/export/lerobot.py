@@ -2,7 +2,9 @@
 
 Written with pyarrow; lerobot itself is not needed. A row is a camera frame with the newest earlier
 sample of the skin and the window of samples before it. Values that are not valid are NaN, and
-``observation.tactile.valid`` is False. See docs/guides/connect.md for the features.
+``observation.tactile.valid`` is False. With the counts of each sample, the serial numbers of the
+units and the hashes of their calibrations, a data set that was taken by a wrong calibration can be
+decoded anew. See docs/guides/connect.md for the features.
 """
 
 from __future__ import annotations
@@ -12,29 +14,23 @@ import shutil
 import uuid
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from skin.arrow import arrow_for
 from skin.contact.record import LOADS
 from skin.errors import OptionError, SkinError, check_number, shown
-from skin.io.export.align import (
-    CONTACT_COLUMNS,
-    RATE_SHARE,
-    Alignment,
-    Frame,
-    History,
-    Sample,
-    aligned,
-)  # fmt: skip
-from skin.io.export.images import TaxelGrid, encoded, pixels
+from skin.io.export.align import CONTACT_COLUMNS, RATE_SHARE, Alignment, Sampler, aligned
+from skin.io.export.camera import Frame, encoded
 from skin.io.export.lerobot_files import COUNTED, Feature, Files
-from skin.io.export.single import as_single
-from skin.io.export.statistics import Statistics, of_images
+from skin.io.export.provenance import calibration_hashes, provenance_of
+from skin.io.export.taxels import TaxelGrid
+from topology import CHANNELS
 from topology.files import check_path
 
 if TYPE_CHECKING:
+    from skin.pipeline import Pipeline
     from skin.state import State
     from topology import Topology
 
@@ -42,22 +38,18 @@ __all__ = ["Alignment", "Dataset", "Frame"]
 
 IMAGES = "observation.images."
 TAXELS, TAXELS_VALID = "observation.tactile.image.", "observation.tactile.image_valid."
-TAKEN = ("observation.tactile.", "tactile.", "camera.")
-"""Prefix of the skin's features."""
-KINDS = {
-    "observation.tactile.valid": "bool", "observation.tactile.valid_window": "bool",
-    "tactile.stamp_ns": "int64", "camera.stamp_ns": "int64",
-}  # fmt: skip
-"""Types of the skin's features other than float32."""
+TAKEN = ("observation.tactile.", "tactile.", "camera.", IMAGES)
+"""Prefixes that names of the user may not have."""
 MOST_FPS = 1000
-SAMPLED = 16
-"""Images of an episode used for its statistics [assumed]."""
 ROWS = 64
 """Frames per write [assumed]."""
+EXACT = 1 << 24
+"""float32 holds every integer up to here [derived: 24 bits of mantissa]."""
 
 
 class Dataset:
-    """A data set that grows by episodes; it exists once it is closed without an error.
+    """A data set that grows by episodes, in a ``with`` block; it exists if that ends without an
+    error.
 
     Parameters
     ----------
@@ -114,44 +106,54 @@ class Dataset:
             check_number("fps", fps, 1, MOST_FPS, whole=True)
         check_number("window", window, 1, 1000, whole=True)
         check_number("contacts", contacts, 1, 64, whole=True)
-        age_s = 2.0 / topology.cycle_rate_hz if max_age_s is None else max_age_s
-        check_number("max_age_s", age_s, 0, 3600)
-        if not _is_text(robot):
-            raise OptionError(f"robot: must be a name in UTF-8; got {shown(robot)}")
+        self._max_age_s = 2.0 / topology.cycle_rate_hz if max_age_s is None else max_age_s
+        check_number("max_age_s", self._max_age_s, 0, 3600)
         grids = [one if isinstance(one, TaxelGrid) else TaxelGrid(topology, one) for one in taxels]
         self._taxels = {grid.patch: grid for grid in grids}
         # resolved: the folder is replaced by a sibling
         self._folder, self._topology = Path(os.path.realpath(folder)), topology
-        if not _is_text(str(self._folder)):
-            raise OptionError(f"folder: must be a path in UTF-8; got {shown(str(folder))}")
-        if self._folder == Path.cwd():
-            raise SkinError(f"{folder}: must be a new or empty folder; got the one this runs in")
-        if self._folder.exists() and (
-            not self._folder.is_dir() or next(self._folder.iterdir(), None) is not None
-        ):
+        if self._folder.exists() and next(self._folder.iterdir(), None) is not None:
             raise SkinError(f"{folder}: must be a new or empty folder; got one with files in it")
-        self._sizes = (topology.n, window, contacts, round(1e9 * age_s))
+        self._window, self._contacts = window, contacts
         self._fill, self._robot = fill, robot
-        library = arrow_for(folder, "written")
         self._draft = self._folder.with_name(f".{self._folder.name}.{uuid.uuid4().hex[:12]}.part")
-        self._draft.mkdir(parents=True)
-        self._files = Files(library, self._draft, fps)
-        self._is_open = True
+        self._files = Files(arrow_for(folder, "written"), self._draft, fps)
         self.episodes: list[Alignment] = []
-        self._options: list[dict[str, Any] | None] = []
+        self._provenance: list[dict[str, Any]] = []
+        self._is_whole = True
 
-    def add_episode(self, states: Iterable[State], frames: Iterable[Frame], task: str) -> Alignment:
+    def __enter__(self) -> Dataset:
+        self._draft.mkdir(parents=True)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        try:
+            if kind is None:
+                if not (self.episodes and self._is_whole):
+                    got = "none" if self._is_whole else "one that failed"
+                    raise SkinError(f"{self._folder}: must have whole episodes; got {got}")
+                self._files.finish(self._robot, self._tactile())
+                os.replace(self._draft, self._folder)
+        finally:
+            self._files.close()
+            shutil.rmtree(self._draft, ignore_errors=True)
+
+    def add_episode(
+        self, states: Iterable[State], frames: Iterable[Frame], task: str,
+        pipeline: Pipeline | None = None,
+    ) -> Alignment:  # fmt: skip
         """Add an episode.
 
         Parameters
         ----------
         states : iterable of State
-            With temperature, force, wrench and contacts; in the order of time. Their options are
-            written down, where it has a `pipeline`.
+            A log, a replay or a live skin, with temperature, force, wrench and contacts.
         frames : iterable of Frame
             In the order of time. All have the cameras and values of the first one.
         task : str
             Description of the task.
+        pipeline : Pipeline, optional
+            That of the states, where they come from another iterator: it has their counts.
 
         Returns
         -------
@@ -161,77 +163,73 @@ class Dataset:
         Raises
         ------
         SkinError
-            Time runs back, no frame has a sample, an image has another size, …; the data set is
-            removed then.
+            Time runs back, no frame has a sample, an image has another size, …
         """
-        try:
-            return self._add(states, frames, task)
-        except BaseException:
-            self.discard()
-            raise
-
-    def _add(self, states: Iterable[State], frames: Iterable[Frame], task: str) -> Alignment:
-        if not self._is_open:
-            raise SkinError(f"{self._folder}: must be open; got an episode after the end")
-        if not _is_text(task) or not task.strip():
+        name = f"episode {len(self.episodes)}"
+        if not isinstance(task, str) or not task.strip() or not task.isprintable():
             raise OptionError(f"task: must be words in UTF-8; got {shown(task)}")
+        source: Pipeline = cast("Any", states).pipeline if pipeline is None else pipeline
+        self._is_whole = False
         alignment = Alignment()
-        episode = _Episode(self._files, task, alignment)
-        for number, (frame, sample) in enumerate(
-            aligned(states, frames, History(*self._sizes), alignment)
-        ):
-            row, shapes = self._row(number, frame, sample)
-            if number == 0 and not self.episodes:
-                self._files.begin(_features(shapes, self._topology.unit_names))
-            self._files.check(f"camera: frame {number}", shapes)
-            episode.add(row)
+        max_age_ns = round(1e9 * self._max_age_s)
+        sampler = Sampler(states, source, self._window, self._contacts, max_age_ns)
+        waiting: list[dict[str, Any]] = []
+        for number, (frame, sample) in enumerate(aligned(frames, sampler, alignment)):
+            row = self._row(f"camera: frame {number}", frame, sample)
+            if number == 0:
+                self._files.begin_episode(task, _features(row, self._topology.unit_names))
+            self._files.check(f"camera: frame {number}", row)
+            waiting.append(row)
+            if len(waiting) == ROWS:
+                self._write(waiting, alignment)
         if not alignment.frames:
-            raise SkinError(f"episode {len(self.episodes)}: must have frames; got none")
+            raise SkinError(f"{name}: must have frames; got none")
         if alignment.without_sample == alignment.frames:
             raise SkinError(
-                f"episode {len(self.episodes)}: must have frames while the skin was read; got "
-                f"{alignment.frames} frames, none within {1e-9 * self._sizes[3]:g} s after a "
-                "sample (of two clocks?)"
+                f"{name}: must have frames while the skin was read; got {alignment.frames} frames, "
+                f"none within {self._max_age_s:g} s after a sample (of two clocks?)"
             )
-        episode.finish()
+        self._write(waiting, alignment)
+        assert self._files.fps is not None
+        alignment.judge(self._files.fps)
+        self._files.end_episode()
         self.episodes.append(alignment)
-        options = getattr(getattr(states, "pipeline", None), "options", None)
-        self._options.append(None if options is None else options.report())
+        self._provenance.append(
+            provenance_of(source.topology, source.options)
+            | {"options": source.options.report(), "serials": list(source.topology.serials),
+               "calibration_sha256_of_units": calibration_hashes(source.topology)}
+        )  # fmt: skip
+        self._is_whole = True
         return alignment
 
-    def _row(
-        self, number: int, frame: Frame, sample: Sample
-    ) -> tuple[dict[str, Any], dict[str, tuple[int, ...]]]:
-        """Values of a frame, and the shapes of those that differ between data sets."""
-        tactile = {
-            "force": sample.force[-1], "valid": sample.valid[-1],
-            "temperature": sample.temperature, "test_ratio": sample.test_ratio,
-            "wrench": sample.wrench, "contacts": sample.contacts, "force_window": sample.force,
-            "valid_window": sample.valid,
-        }  # fmt: skip
-        row: dict[str, Any] = {f"observation.tactile.{name}": self._filled(value)
-                               for name, value in tactile.items()}  # fmt: skip
-        for patch, grid in self._taxels.items():
-            image = grid.image(sample.force[-1].T, sample.valid[-1])
-            row[TAXELS + patch], row[TAXELS_VALID + patch] = self._filled(image.force), image.valid
-        row["tactile.age_s"] = self._filled(np.array([sample.age_s], np.float32))
-        row["tactile.stamp_ns"] = np.array([sample.stamp_ns], np.int64)
-        row["camera.stamp_ns"] = np.array([frame.stamp_ns], np.int64)
-        shapes = {name: value.shape for name, value in row.items()}
-        for name in (*frame.images, *frame.values):
-            _check_name(f"camera: frame {number}", name)
-        for name, image in frame.images.items():
-            where = f"camera: frame {number}: {name!r}"
-            row[IMAGES + name], shapes[IMAGES + name] = encoded(where, image)
-        for name, value in frame.values.items():
-            row[name] = as_single(f"camera: frame {number}: {name!r}", value)
-            shapes[name] = row[name].shape
-        return row, shapes
+    def _write(self, waiting: list[dict[str, Any]], alignment: Alignment) -> None:
+        if waiting:
+            self._files.fps = self._files.fps or _whole_rate(alignment)
+            self._files.write(waiting)
+            waiting.clear()
 
-    def _filled(self, values: np.ndarray) -> np.ndarray:
-        if values.dtype.kind != "f" or np.isnan(self._fill):
-            return values
-        return np.where(np.isnan(values), np.float32(self._fill), values)
+    def _row(self, where: str, frame: Frame, sample: dict[str, np.ndarray]) -> dict[str, Any]:
+        """Values of a frame; an image is its file and its pixels."""
+        row: dict[str, Any] = dict(sample)
+        for patch, grid in self._taxels.items():
+            force, valid = row["observation.tactile.force"], row["observation.tactile.valid"]
+            image = grid.image(force.T, valid)
+            row[TAXELS + patch], row[TAXELS_VALID + patch] = image.force, image.valid
+        if not np.isnan(self._fill):
+            for name, value in row.items():
+                if value.dtype.kind == "f":
+                    row[name] = np.where(np.isnan(value), np.float32(self._fill), value)
+        row["camera.stamp_ns"] = np.array([frame.stamp_ns], np.int64)
+        for name in (*frame.images, *frame.values):
+            is_name = isinstance(name, str) and name.isprintable() and name and "/" not in name
+            if not is_name or name in COUNTED or name.startswith(TAKEN):
+                raise OptionError(f"{where}: must have names without '/' that no other feature "
+                                  f"has; got {name!r}")  # fmt: skip
+        for name, image in frame.images.items():
+            row[IMAGES + name] = encoded(f"{where}: {name!r}", image)
+        for name, value in frame.values.items():
+            row[name] = _single(f"{where}: {name!r}", value)
+        return row
 
     def report(self) -> dict[str, Any]:
         """Episodes, frames, and the quality of the alignment, as JSON."""
@@ -240,106 +238,21 @@ class Dataset:
             "alignment": [one.report() for one in self.episodes],
         }  # fmt: skip
 
-    def discard(self) -> None:
-        """Abandon the data set and remove its files."""
-        if self._is_open:
-            self._is_open = False
-            self._files.close()
-            shutil.rmtree(self._draft, ignore_errors=True)
-
-    def close(self) -> None:
-        """Write the metadata and move the data set into its place; may be called twice.
-
-        Raises
-        ------
-        SkinError
-            There is no episode.
-        """
-        if not self._is_open:
-            return
-        try:
-            if not self.episodes:
-                raise SkinError(f"{self._folder}: must have an episode; got none")
-            self._files.finish(self._robot, self._tactile())
-            if self._folder.is_dir():
-                self._folder.rmdir()
-            os.replace(self._draft, self._folder)
-            self._is_open = False
-        finally:
-            self.discard()
-
     def _tactile(self) -> dict[str, Any]:
-        """Constant metadata: the layout of the skin, units of measure, and the alignment."""
+        """The layout of the skin, units of measure, and of each episode the provenance and the
+        alignment."""
         at = self._topology
         return {
             "topology": at.name, "units": list(at.unit_names), "patches": list(at.patch_names),
             "patch": at.patch.tolist(), "position_m": at.position.T.tolist(),
             "rotation_skin_unit": np.moveaxis(at.rotation, 2, 0).tolist(),
             "area_m2": at.area.tolist(), "cycle_rate_hz": at.cycle_rate_hz,
-            "window": self._sizes[1], "max_age_s": 1e-9 * self._sizes[3],
+            "window": self._window, "max_age_s": self._max_age_s,
             "taxels": {patch: grid.cells.tolist() for patch, grid in self._taxels.items()},
-            "contact_columns": list(CONTACT_COLUMNS), "options": self._options,
+            "contact_columns": list(CONTACT_COLUMNS), "count_channels": list(CHANNELS),
             "measure": {"force": "N", "temperature": "degC", "wrench": "N, N m", "position": "m"},
+            "provenance": self._provenance,
         } | self.report()  # fmt: skip
-
-    def __enter__(self) -> Dataset:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.discard()
-
-
-class _Episode:
-    """Rows of an episode before they are written, and its statistics."""
-
-    def __init__(self, files: Files, task: str, alignment: Alignment) -> None:
-        self._files, self._task, self._alignment = files, task, alignment
-        self._waiting: list[dict[str, Any]] = []
-        self._statistics: dict[str, Statistics] = {}
-        self._sampled: list[dict[str, bytes]] = []
-        self._stride, self._count = 1, 0
-
-    def add(self, row: dict[str, Any]) -> None:
-        """Add a row."""
-        if self._count == 0:
-            self._files.begin_episode(self._task)
-        self._sample({key: row[key] for key in row if key.startswith(IMAGES)})
-        self._waiting.append(row)
-        self._count += 1
-        if len(self._waiting) >= ROWS:
-            self._flush()
-
-    def _sample(self, images: dict[str, bytes]) -> None:
-        """Keep every k-th image, and double k when there are too many."""
-        if self._count % self._stride:
-            return
-        self._sampled.append(images)
-        if len(self._sampled) > SAMPLED:
-            self._sampled = self._sampled[::2]
-            self._stride *= 2
-
-    def _flush(self) -> None:
-        if not self._waiting:
-            return
-        if self._files.fps is None:
-            self._files.fps = _whole_rate(self._alignment)
-        columns = self._files.write(self._waiting)
-        for name, values in columns.items():
-            self._statistics.setdefault(name, Statistics()).add(values)
-        self._waiting.clear()
-
-    def finish(self) -> None:
-        """Write the buffered rows, compare their rate, and register the episode."""
-        self._flush()
-        assert self._files.fps is not None
-        self._alignment.judge(self._files.fps)
-        found = {name: one.result() for name, one in self._statistics.items()}
-        for name in self._sampled[0]:
-            found[name] = of_images([pixels(name, images[name]) for images in self._sampled])
-        self._files.end_episode(self._alignment.frames, found)
 
 
 def _whole_rate(alignment: Alignment) -> int:
@@ -352,25 +265,24 @@ def _whole_rate(alignment: Alignment) -> int:
     return fps
 
 
-def _is_text(value: object) -> bool:
-    """Whether it is text that encodes to UTF-8; undecodable bytes of a shell do not."""
-    return isinstance(value, str) and not any("\ud800" <= one <= "\udfff" for one in value)
+def _single(where: str, values: Any) -> np.ndarray:
+    """Values of a feature, shape (m, …), float32, if it holds them: no overflow, and no stamp that
+    it would round."""
+    try:
+        given = np.atleast_1d(np.asarray(values, np.float64))
+    except (TypeError, ValueError):
+        raise SkinError(f"{where}: must be an array of numbers; got {shown(values)}") from None
+    if not given.size:
+        raise SkinError(f"{where}: must have numbers; got none, shape {given.shape}")
+    with np.errstate(over="ignore"):
+        found = given.astype(np.float32)
+    if (lost := (np.abs(given) > EXACT) & (found != given)).any():
+        raise SkinError(f"{where}: must be a number that float32 holds exactly, where it is beyond "
+                        f"{EXACT}; got {given[lost][0]:.17g}")  # fmt: skip
+    return found
 
 
-def _check_name(where: str, name: str) -> None:
-    """Refuse an invalid name of a feature."""
-    if (
-        not _is_text(name) or not name or "/" in name
-        or name in COUNTED or name.startswith((*TAKEN, IMAGES))
-    ):  # fmt: skip
-        raise OptionError(
-            f"{where}: must have names without '/' that no other feature has; got {name!r}"
-        )
-
-
-def _features(
-    shapes: dict[str, tuple[int, ...]], unit_names: tuple[str, ...]
-) -> dict[str, Feature]:
+def _features(row: dict[str, Any], unit_names: tuple[str, ...]) -> dict[str, Feature]:
     """The columns, by name, as LeRobot declares them."""
     names: dict[str, Any] = {
         "observation.tactile.force": ["unit", "axis"],
@@ -379,17 +291,17 @@ def _features(
         "observation.tactile.test_ratio": list(unit_names),
         "observation.tactile.wrench": list(LOADS),
         "observation.tactile.contacts": ["contact", "column"],
+        "observation.tactile.counts": ["channel", "unit"],
         "observation.tactile.force_window": ["sample", "unit", "axis"],
         "observation.tactile.valid_window": ["sample", "unit"],
     }
     found = {}
-    for name, shape in shapes.items():
+    for name, value in row.items():
         if name.startswith(IMAGES):
-            found[name] = Feature("image", shape, ["height", "width", "channels"])
-        elif name.startswith(TAXELS):
-            found[name] = Feature("float32", shape, ["row", "column", "axis"])
-        elif name.startswith(TAXELS_VALID):
-            found[name] = Feature("bool", shape, ["row", "column"])
-        else:
-            found[name] = Feature(KINDS.get(name, "float32"), shape, names.get(name))
+            found[name] = Feature("image", value[1].shape, ["height", "width", "channels"])
+            continue
+        parts = names.get(name)
+        if name.startswith((TAXELS, TAXELS_VALID)):
+            parts = ["row", "column", "axis"][: value.ndim]
+        found[name] = Feature(value.dtype.name, value.shape, parts)
     return found

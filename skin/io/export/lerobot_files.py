@@ -1,4 +1,4 @@
-"""Files of a data set in the format LeRobot v3: rows, episodes, tasks, and metadata.
+"""Files of a data set in the format LeRobot v3: rows, episodes, tasks, statistics and metadata.
 
 As lerobot 0.4.4 writes and reads them: ``meta/info.json``, ``meta/stats.json``,
 ``meta/tasks.parquet``, ``meta/episodes/chunk-000/file-000.parquet`` and
@@ -8,6 +8,7 @@ As lerobot 0.4.4 writes and reads them: ``meta/info.json``, ``meta/stats.json``,
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,17 +16,19 @@ import numpy as np
 
 from skin.arrow import Arrow
 from skin.errors import SkinError
-from skin.io.export.statistics import aggregate
 
 __all__ = ["COUNTED", "Feature", "Files"]
 
 VERSION = "v3.0"
 CHUNK = 1000
 """Files per folder, as in lerobot."""
-FILE_MB = 100
-"""Size of a file of rows after which an episode starts a new one; as in lerobot."""
+FILE_MB = {"data_files_size_in_mb": 100, "video_files_size_in_mb": 200}
+"""As in lerobot, which appends episodes up to this size; here each episode has a file."""
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+THUMB = 32
+"""Pixels of the longer side of an image that its statistics are of [assumed]."""
 
 
 class Feature(NamedTuple):
@@ -63,19 +66,16 @@ class Files:
         self._tasks: dict[str, int] = {}
         self._episodes: list[dict[str, Any]] = []
         self._statistics: list[dict[str, dict[str, np.ndarray]]] = []
-        self._rows, self._first, self._file = 0, 0, 0
+        self._seen: dict[str, list[np.ndarray]] = {}
+        self._rows, self._first = 0, 0
         self._writer: Any = None
-        self._out: Any = None
 
-    def begin(self, features: dict[str, Feature]) -> None:
-        """Declare the columns of the rows."""
-        self._features = features | COUNTED
-
-    def check(self, where: str, shapes: dict[str, tuple[int, ...]]) -> None:
-        """Refuse a row whose columns or shapes differ from the first one's."""
+    def check(self, where: str, row: dict[str, Any]) -> None:
+        """Refuse a row whose columns or shapes differ from the first one's; an image is its file
+        and its pixels."""
+        shapes = {name: (value[1] if isinstance(value, tuple) else value).shape
+                  for name, value in row.items()}  # fmt: skip
         known = {name: one.shape for name, one in self._features.items() if name not in COUNTED}
-        if shapes == known:
-            return
         for name in sorted(known.keys() | shapes.keys()):
             if known.get(name) != shapes.get(name):
                 expected = f"of shape {known[name]}" if name in known else "left out"
@@ -83,88 +83,81 @@ class Files:
                 raise SkinError(f"{where}: {name}: must be {expected}, as in the first frame; got "
                                 f"{got}")  # fmt: skip
 
-    def begin_episode(self, task: str) -> None:
-        """Start an episode; the next rows belong to it."""
+    def begin_episode(self, task: str, features: dict[str, Feature]) -> None:
+        """Start an episode; the next rows belong to it. The first one declares the columns."""
+        self._features = self._features or features | COUNTED
         self._task = self._tasks.setdefault(task, len(self._tasks))
-        self._first = self._rows
-        if self._out is not None and self._out.tell() >= FILE_MB << 20:
-            self.close()
-            self._file += 1
-        if self._writer is None:
-            place = self._place()
-            path = self._folder / DATA.format(**place)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._out = path.open("wb")
-            self._writer = self._library.parquet.ParquetWriter(
-                self._out, self._schema(), compression="snappy"
-            )
+        self._first, self._seen = self._rows, {}
 
     def _place(self) -> dict[str, int]:
-        return {"chunk_index": self._file // CHUNK, "file_index": self._file % CHUNK}
+        chunk, file = divmod(len(self._episodes), CHUNK)
+        return {"chunk_index": chunk, "file_index": file}
 
-    def write(self, rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
-        """Write rows with consecutive indices; returns their indices by column, shape (m, …)."""
-        count, episode = len(rows), len(self._episodes)
+    def write(self, rows: list[dict[str, Any]]) -> None:
+        """Write rows with consecutive indices."""
+        count = len(rows)
         assert self.fps is not None
         frame = np.arange(self._rows - self._first, self._rows - self._first + count)
-        numbers = {
-            name: np.stack([row[name] for row in rows])
-            for name, one in self._features.items()
-            if name not in COUNTED and one.dtype != "image"
-        }
-        numbers |= {
-            "timestamp": (frame / self.fps).astype(np.float32)[:, np.newaxis],
-            "frame_index": frame[:, np.newaxis],
-            "episode_index": np.full((count, 1), episode),
-            "index": frame[:, np.newaxis] + self._first,
-            "task_index": np.full((count, 1), self._task),
-        }
-        arrays = []
+        counted = {
+            "timestamp": (frame / self.fps).astype(np.float32), "frame_index": frame,
+            "episode_index": np.full(count, len(self._episodes)), "index": frame + self._first,
+            "task_index": np.full(count, self._task),
+        }  # fmt: skip
+        arrays = {}
         for name, one in self._features.items():
             if one.dtype == "image":
-                files = [{"bytes": row[name], "path": None} for row in rows]
-                arrays.append(self._library.arrow.array(files, self._kind(one)))
+                files, images = zip(*(row[name] for row in rows), strict=True)
+                arrays[name] = self._images(files)
+                step = -(-max(one.shape) // THUMB)
+                seen = np.stack([image[::step, ::step] for image in images])
             else:
-                arrays.append(self._array(numbers[name], one))
-        table = self._library.arrow.Table.from_arrays(arrays, schema=self._schema())
+                seen = counted[name] if name in counted else np.stack([row[name] for row in rows])
+                seen = seen.reshape(count, *one.shape)
+                arrays[name] = self._array(seen, one)
+            self._seen.setdefault(name, []).append(seen)
+        table = self._library.arrow.table(arrays)
+        if self._writer is None:
+            path = self._folder / DATA.format(**self._place())
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = self._library.parquet.ParquetWriter(
+                path, table.schema, compression="snappy"
+            )
         self._writer.write_table(table)
         self._rows += count
-        return numbers
 
-    def end_episode(self, length: int, statistics: dict[str, dict[str, np.ndarray]]) -> None:
-        """Register an episode whose rows have been written."""
-        place = self._place()
+    def end_episode(self) -> None:
+        """Register the episode whose rows have been written."""
+        self.close()
+        place, length = self._place(), self._rows - self._first
         task = next(text for text, number in self._tasks.items() if number == self._task)
         row: dict[str, Any] = {
             "episode_index": len(self._episodes), "tasks": [task], "length": length,
             "data/chunk_index": place["chunk_index"], "data/file_index": place["file_index"],
-            "dataset_from_index": self._first, "dataset_to_index": self._first + length,
+            "dataset_from_index": self._first, "dataset_to_index": self._rows,
             "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
         }  # fmt: skip
-        for name, values in statistics.items():
+        found = {name: _statistics(np.concatenate(self._seen[name]), one.dtype == "image")
+                 for name, one in self._features.items()}  # fmt: skip
+        for name, values in found.items():
             row |= {f"stats/{name}/{key}": value.tolist() for key, value in values.items()}
         self._episodes.append(row)
-        self._statistics.append(statistics)
+        self._statistics.append(found)
 
     def finish(self, robot: str, tactile: dict[str, Any]) -> None:
         """Write the metadata."""
-        self.close()
         arrow, parquet = self._library
         (self._folder / EPISODES).parent.mkdir(parents=True)
         parquet.write_table(arrow.Table.from_pylist(self._episodes), self._folder / EPISODES)
         parquet.write_table(self._task_table(), self._folder / "meta/tasks.parquet")
-        names = self._statistics[0]
-        stats = {name: aggregate([one[name] for one in self._statistics]) for name in names}
-        self._json(
-            "stats", {name: {key: value.tolist() for key, value in values.items()}
-                      for name, values in stats.items()},
-        )  # fmt: skip
+        stats = {name: _together([one[name] for one in self._statistics])
+                 for name in self._features}  # fmt: skip
+        self._json("stats", {name: {key: value.tolist() for key, value in values.items()}
+                             for name, values in stats.items()})  # fmt: skip
         count = len(self._episodes)
         self._json("info", {
             "codebase_version": VERSION, "robot_type": robot, "total_episodes": count,
             "total_frames": self._rows, "total_tasks": len(self._tasks), "chunks_size": CHUNK,
-            "data_files_size_in_mb": FILE_MB, "video_files_size_in_mb": 2 * FILE_MB,
-            "fps": self.fps, "splits": {"train": f"0:{count}"}, "data_path": DATA,
+            **FILE_MB, "fps": self.fps, "splits": {"train": f"0:{count}"}, "data_path": DATA,
             "video_path": None,
             "features": {name: {"dtype": one.dtype, "shape": list(one.shape), "names": one.names}
                          for name, one in self._features.items()},
@@ -175,11 +168,10 @@ class Files:
         """Close the file of rows; may be called twice."""
         if self._writer is not None:
             self._writer.close()
-            self._out.close()
             self._writer = None
 
     def _json(self, name: str, value: dict[str, Any]) -> None:
-        text = json.dumps(value, indent=4, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(value, indent=4, allow_nan=False)
         (self._folder / "meta" / f"{name}.json").write_text(text, encoding="utf-8")
 
     def _task_table(self) -> Any:
@@ -200,27 +192,15 @@ class Files:
         )  # fmt: skip
         return table.replace_schema_metadata({"pandas": json.dumps(described)})
 
-    def _schema(self) -> Any:
-        return self._library.arrow.schema(
-            [(name, self._kind(one)) for name, one in self._features.items()]
-        )
-
-    def _kind(self, feature: Feature) -> Any:
-        """The type of a column, as the library `datasets` stores the feature."""
+    def _images(self, files: Iterable[bytes]) -> Any:
+        """A column of image files, as the library `datasets` stores them."""
         arrow = self._library.arrow
-        if feature.dtype == "image":
-            return arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
-        kind = arrow.from_numpy_dtype(np.dtype(feature.dtype))
-        if feature.shape == (1,):
-            return kind
-        if len(feature.shape) == 1:
-            return arrow.list_(kind, feature.shape[0])
-        for _ in feature.shape:
-            kind = arrow.list_(kind)
-        return kind
+        kind = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
+        return arrow.array([{"bytes": file, "path": None} for file in files], kind)
 
     def _array(self, values: np.ndarray, feature: Feature) -> Any:
-        """A column of arrays, shape (m, …), without a Python object for each number."""
+        """A column of arrays, shape (m, …), as the library `datasets` stores them, without a Python
+        object for each number."""
         arrow = self._library.arrow
         array = arrow.array(np.ascontiguousarray(values).reshape(-1))
         if feature.shape == (1,):
@@ -231,3 +211,38 @@ class Files:
             starts = arrow.array(np.arange(0, len(array) + 1, size), arrow.int32())
             array = arrow.ListArray.from_arrays(starts, array)
         return array
+
+
+def _statistics(values: np.ndarray, is_image: bool) -> dict[str, np.ndarray]:
+    """Statistics of an episode as LeRobot keeps them: along the last axis of frames, shape
+    (m, …, d), of images per colour, from 0 to 1, shape (3, 1, 1).
+
+    Values that are not finite do not count; all is 0 where no value is finite.
+    """
+    rows = values.reshape(-1, values.shape[-1]) / (255.0 if is_image else 1.0)
+    rows[~np.isfinite(rows)] = np.nan
+    rows[:, np.isnan(rows).all(axis=0)] = 0.0
+    found = {
+        "min": np.nanmin(rows, axis=0), "max": np.nanmax(rows, axis=0),
+        "mean": np.nanmean(rows, axis=0), "std": np.nanstd(rows, axis=0),
+    }  # fmt: skip
+    found |= zip(QUANTILES, np.nanquantile(rows, [*QUANTILES.values()], axis=0), strict=True)
+    if is_image:
+        found = {name: value.reshape(3, 1, 1) for name, value in found.items()}
+    return found | {"count": np.array([len(values)])}
+
+
+def _together(episodes: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Statistics of several episodes combined; quantiles are means weighted by frames."""
+    counts = np.array([one["count"][0] for one in episodes], float)
+    every = {name: np.stack([one[name] for one in episodes]) for name in episodes[0]}
+
+    def weighed(values: np.ndarray) -> np.ndarray:
+        return np.tensordot(counts / counts.sum(), values, axes=1)
+
+    mean = weighed(every["mean"])
+    return {
+        "min": every["min"].min(axis=0), "max": every["max"].max(axis=0), "mean": mean,
+        "std": np.sqrt(weighed(every["std"] ** 2 + (every["mean"] - mean) ** 2)),
+        "count": np.array([int(counts.sum())]),
+    } | {name: weighed(every[name]) for name in QUANTILES}  # fmt: skip

@@ -55,7 +55,7 @@ def test_a_log_of_a_skin_with_a_unit_off_is_all_valid(partly_off, tmp_path, caps
     assert main(["sim", "palm", "press", "--seconds", "0.2", "--record",
                  str(log)]) == 0  # fmt: skip
     assert main(["decode", partly_off, str(log), "--json"]) == 0
-    assert last_json(capsys)["valid_share"] == 1.0
+    assert last_json(capsys)["logs"][0]["valid_share"] == 1.0
     out = str(tmp_path / "out")
     assert main(["decode", partly_off, str(log), "-o", out, "--format", "npz", "--json"]) == 0
     assert last_json(capsys)["logs"][0]["valid_share"] == 1.0

@@ -79,14 +79,13 @@ def test_what_another_has_written_stays_and_is_named(name, held, tmp_path, capsy
     assert "that is there already" in told
 
 
-@pytest.mark.parametrize("name", ["part-notes.txt", "part-00007.txt", "part-1.npz"])
-def test_a_folder_of_partitions_keeps_the_files_of_others(name, tmp_path):
+def test_a_folder_of_tables_keeps_the_files_of_others(tmp_path):
     given = [*with_log(tmp_path, "decode"), "-o", str(tmp_path / "out"), "--format", "npz"]
     assert main(given) == 0
     (folder,) = (tmp_path / "out" / "cycles" / "skin=strip").iterdir()
-    (folder / name).write_text(NOTES)
-    assert main([*given, "--force"]) == 0
-    assert (folder / name).read_text() == NOTES
+    (folder / "notes.txt").write_text(NOTES)
+    assert main(given) == 0
+    assert (folder / "notes.txt").read_text() == NOTES
 
 
 def test_the_calibrations_of_a_skin_go_to_no_topology(tmp_path, capsys):

@@ -7,7 +7,6 @@ but the names of the columns.
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 from pathlib import Path
 
@@ -18,13 +17,14 @@ import skin
 from bus.logs import write
 from skin.cli import main
 from skin.contact.record import QUANTITIES, Event
-from skin.io.export import columns
-from skin.io.export.columns import CYCLES, suffix
+from skin.io.export import columns, write_tables
+from skin.io.export.columns import CYCLES
 from skin.io.messages.definitions import fields_of
 from tests.fixtures.live import frames_of
 from tests.house import columns as reference
 
 CYCLES_OF_LOG = 350
+FORMATS = ("parquet", "csv", "npz")
 READINGS = [one for one in columns.READINGS if one.name != "counts"]  # of other skins
 WANT = ("temperature", "force", "sigma", "test_ratio", "wrench", "centroid", "contacts", "slip")
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -86,15 +86,39 @@ def states(log):
 
 @pytest.fixture(scope="module")
 def folder(log, tmp_path_factory):
-    """The log in every form."""
+    """The log in every form: from a file, a folder, and Python."""
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
     folder = tmp_path_factory.mktemp("out")
-    for words in (["-o", "a.csv"], ["-o", "a.npz"], ["-o", "a.parquet"],
-                  ["-o", "parquet", "--want", *WANT],
-                  ["-o", "npz", "--format", "npz", "--want", *WANT]):  # fmt: skip
-        words[1] = str(folder / words[1])
-        assert main(["decode", str(log), "--topology", "palm", "--json", *words]) == 0
+    for format in FORMATS:
+        command = ["decode", str(log), "--topology", "palm", "--json", "-o"]
+        assert main([*command, str(folder / f"file.{format}")]) == 0
+        assert main([*command, str(folder / format), "--format", format]) == 0
+        decoded = skin.decode_log("palm", log, want=WANT)
+        assert write_tables(decoded, folder / f"python.{format}") == CYCLES_OF_LOG
     return folder
+
+
+def files(folder, table, format):
+    """A table from a file, a folder, and Python."""
+    name = format if table == "cycles" else f"{table}.{format}"
+    (of_folder,) = (folder / format / table).rglob(f"*.{format}")
+    return folder / f"file.{name}", of_folder, folder / f"python.{name}"
+
+
+def tables(folder, table, format):
+    """The columns of these, by name, as they are read."""
+    for file in files(folder, table, format):
+        if format == "parquet":
+            from pyarrow import parquet
+
+            yield parquet.read_table(file)
+        elif format == "npz":
+            with np.load(file, allow_pickle=False) as found:
+                yield dict(found)
+        else:
+            with file.open(newline="") as opened:
+                rows = list(csv.DictReader(opened))
+            yield {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def contacts_of(states):
@@ -116,106 +140,101 @@ def same(found, expected):
         assert found.tobytes() == expected.tobytes()
 
 
-def table(path):
-    """Columns of texts."""
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {name: [row[name] for row in rows] for name in rows[0]}
-
-
-def text(value, decimals):
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bool | np.bool_):
-        return str(int(value))
-    is_whole = isinstance(value, int | np.integer)
-    return str(int(value)) if is_whole else f"{float(value):.{decimals}f}"
-
-
-def test_contacts_in_parquet_are_those_of_the_states(states, folder):
-    from pyarrow import parquet
-
-    every, rows = contacts_of(states), parquet.read_table(folder / "a.parquet")["contacts"]
-    listed = rows.combine_chunks().flatten()
-    (file,) = (folder / "parquet" / "contacts").rglob("*.parquet")
-    one_table = parquet.read_table(file)
-    assert [len(row) for row in rows] == [len(state.contacts) for state in states]
-    assert [one.name for one in listed.type] == one_table.column_names[2:]
-    for one, _, name, unit in parts(QUANTITIES):
-        expected = np.array([of_contact(name, contact) for contact in every])
-        expected = expected.astype(str if one.words else one.dtype)
-        for found in (listed.field(name), one_table[name].combine_chunks()):
-            same(found.to_numpy(zero_copy_only=False), expected)
-        for field in (listed.type.field(name), one_table.schema.field(name)):
-            assert field.metadata == ({b"unit": unit.encode()} if unit else None)
-    assert one_table["cycle"].to_pylist() == [s.cycle for s in states for _ in s.contacts]
-
-
-def test_units_and_skin_in_parquet_are_those_of_the_states(states, folder):
-    from pyarrow import parquet
-
-    names = states[0].topology.unit_names
-    (file,) = (folder / "parquet" / "cycles").rglob("*.parquet")
-    for found in (parquet.read_table(folder / "a.parquet"), parquet.read_table(file)):
-        assert found["time"].cast("int64").to_pylist() == [one.stamp_ns for one in states]
-        assert found["closed_by"].to_pylist() == [str(one.closed_by) for one in states]
-        for _, _, name, unit in parts(READINGS):
-            expected = np.array([of_units(name, state) for state in states])
-            for i, of in enumerate(names):
-                same(found[f"{of}.{name}"].to_numpy(), expected[:, i])
-                metadata = found.schema.field(f"{of}.{name}").metadata
-                assert metadata == ({b"unit": unit.encode()} if unit else None)
-        for one, _, name, _ in parts(CYCLES):
-            head = f"{one.name.removesuffix('_sigma')}." if one.columns else ""
-            same(found[head + name].to_numpy(), np.array([OF_SKIN[name](s) for s in states]))
-
-
-def test_arrays_of_a_file_and_of_a_folder_are_those_of_the_states(states, folder):
-    every, names = contacts_of(states), {}
-    with np.load(folder / "a.npz") as one:
-        names[""] = dict(one)
-    for part in ("cycles", "contacts"):
-        (file,) = (folder / "npz" / part).rglob("*.npz")
-        with np.load(file) as one:
-            names[part] = dict(one)
-    for one, i, name, unit in parts(QUANTITIES):
-        array = one.name + (suffix(unit) if isinstance(one.unit, str) else "")
-        expected = np.array([of_contact(name, contact) for contact in every])
-        expected = expected.astype(str if one.words else one.dtype)
-        for found in (names[""][f"contact_{array}"], names["contacts"][array]):
-            same(found[:, i].copy() if one.columns else found, expected)
-    for one, i, name, unit in parts((*READINGS, *CYCLES)):
-        array = one.name + (suffix(unit) if isinstance(one.unit, str) else "")
-        reads = OF_SKIN.get(name) if one in CYCLES else lambda s, name=name: of_units(name, s)
-        expected = np.array([reads(state) for state in states])
-        for found in (names[""][array], names["cycles"][array]):
-            same(found[:, i].copy() if one.columns else found, expected)
-    index = np.repeat(np.arange(len(states)), [len(state.contacts) for state in states])
-    np.testing.assert_array_equal(names[""]["contact_cycle"], index)
-    np.testing.assert_array_equal(names["cycles"]["time"], [one.stamp_ns for one in states])
-
-
-def test_tables_of_text_are_those_of_the_states(states, folder):
-    units, wrench, contacts = (table(folder / f"a{part}.csv") for part in ("", ".wrench",
-                                                                          ".contacts"))  # fmt: skip
-    for one, _, name, unit in parts(READINGS):
-        values = itertools.chain.from_iterable(of_units(name, state) for state in states)
-        assert units[name + suffix(unit)] == [text(value, one.decimals) for value in values]
+def expected_columns(states, table):
+    """Name, unit of measure, values, and the type of each column of a table but its head."""
+    if table == "contacts":
+        every = contacts_of(states)
+        for one, _, name, unit in parts(QUANTITIES):
+            values = np.array([of_contact(name, contact) for contact in every])
+            yield name, unit, values.astype(str if one.words else one.dtype)
+        return
+    for _, _, name, unit in parts(READINGS):
+        values = np.array([of_units(name, state) for state in states])
+        for of, column in zip(states[0].topology.unit_names, values.T, strict=True):
+            yield f"{of}.{name}", unit, column
     for one, _, name, unit in parts(CYCLES):
-        values = [text(OF_SKIN[name](state), one.decimals) for state in states]
-        assert wrench[name + suffix(unit)] == values
-    for one, _, name, unit in parts(QUANTITIES):
-        head = "contact" if name == "id" else name + suffix(unit)
-        values = [text(of_contact(name, contact), one.decimals) for contact in contacts_of(states)]
-        assert contacts[head] == values
-    assert wrench["contacts"] == [str(len(state.contacts)) for state in states]
+        head = f"{one.name.removesuffix('_sigma')}." if one.columns else ""
+        yield head + name, unit, np.array([OF_SKIN[name](state) for state in states])
 
 
-def test_a_data_set_has_the_contacts_and_test_ratios_of_the_states(states, log, tmp_path):
+@pytest.mark.parametrize("table", ["cycles", "contacts"])
+def test_parquet_has_the_values_of_the_states(table, states, folder):
+    for found in tables(folder, table, "parquet"):
+        rows = [s for s in states for _ in (s.contacts if table == "contacts" else [s])]
+        assert found["time"].cast("int64").to_pylist() == [state.stamp_ns for state in rows]
+        assert found["cycle"].to_pylist() == [state.cycle for state in rows]
+        names = ["time", "cycle", *(["closed_by"] if table == "cycles" else [])]
+        for name, unit, values in expected_columns(states, table):
+            names.append(name)
+            same(found[name].to_numpy(), values)
+            metadata = found.schema.field(name).metadata
+            assert metadata == ({b"unit": unit.encode()} if unit else None)
+            assert not found.schema.field(name).nullable
+        assert found.column_names == names
+
+
+@pytest.mark.parametrize("table", ["cycles", "contacts"])
+def test_csv_has_the_names_and_values_of_parquet_with_all_digits(table, states, folder):
+    for found in tables(folder, table, "csv"):
+        for name, _, values in expected_columns(states, table):
+            read = found[name]
+            if values.dtype.kind == "f":
+                same(np.array(read, values.dtype), values)
+            else:
+                assert read == values.astype(str).tolist()
+    (columns_of_parquet, *_), (columns_of_csv, *_) = (
+        [*tables(folder, table, format)] for format in ("parquet", "csv")
+    )
+    assert list(columns_of_csv) == columns_of_parquet.column_names
+
+
+@pytest.mark.parametrize("table", ["cycles", "contacts"])
+def test_arrays_have_the_columns_of_a_quantity_side_by_side(table, states, folder):
+    every = contacts_of(states)
+    for found in tables(folder, table, "npz"):
+        assert found["_units"].tolist() == list(states[0].topology.unit_names)
+        assert found["time"].dtype == "datetime64[ns]"
+        of = QUANTITIES if table == "contacts" else (*READINGS, *CYCLES)
+        for one, i, name, _ in parts(of):
+            if table == "contacts":
+                values = np.array([of_contact(name, contact) for contact in every])
+                values = values.astype(str if one.words else one.dtype)
+            else:
+                reads = (
+                    OF_SKIN.get(name) if one in CYCLES else lambda s, name=name: of_units(name, s)
+                )
+                values = np.array([reads(state) for state in states])
+            array = found[one.name]
+            same(array[:, i].copy() if one.columns else array, values)
+
+
+def test_files_say_by_what_they_were_decoded(folder):
+    from pyarrow import parquet
+
+    for format in ("parquet", "npz"):
+        told = []
+        for file in files(folder, "cycles", format):
+            if format == "parquet":
+                metadata = parquet.read_schema(file).metadata
+                told.append({key.decode(): value.decode() for key, value in metadata.items()})
+            else:
+                with np.load(file) as found:
+                    told.append({name[1:]: str(found[name]) for name in found.files
+                                 if name.startswith("_")})  # fmt: skip
+        for one in told:
+            assert one["skin"] == "palm"
+            assert json.loads(one["options"])["sweeps"] == 1
+            assert json.loads(one["serials"]) is not None
+            hashes = [one["topology_sha256"], one["calibration_sha256"]]
+            assert hashes == [told[0]["topology_sha256"], told[0]["calibration_sha256"]]
+        assert told[0]["log"] == told[1]["log"] == "run.log"
+
+
+def test_a_data_set_has_the_contacts_and_test_ratios_of_the_states(
+    states, log, camera_folder, tmp_path
+):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    frames = tmp_path / "frames.csv"
-    stamps = [f"{state.stamp_ns},1" for state in states]
-    frames.write_text("\n".join(["stamp_ns,action.grip", *stamps]))
+    frames = camera_folder([state.stamp_ns for state in states])
     assert main(["export", "lerobot", str(log), "--topology", "palm", "--frames", str(frames),
                  "-o", str(tmp_path / "set"), "--task", "press", "--fps", "250"]) == 0  # fmt: skip
     rows = parquet.read_table(tmp_path / "set/data/chunk-000/file-000.parquet")

@@ -109,11 +109,11 @@ def test_a_state_of_another_skin_is_refused():
         grid(reading(topology.load("strip")))
 
 
-def test_a_data_set_has_the_images_of_its_samples(palm, states, tmp_path):
+def test_a_data_set_has_the_images_of_its_samples(palm, states, pipeline, tmp_path):
     pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     frames = [Frame(state.stamp_ns, {}, {"action": np.zeros(1)}) for state in states[100:200:10]]
     with Dataset(tmp_path / "set", palm, fps=25, window=2, taxels=["palm"]) as written:
-        written.add_episode(states, frames, "slide")
+        written.add_episode(states, frames, "slide", pipeline)
     rows = pq.read_table(tmp_path / "set/data/chunk-000/file-000.parquet")
     image = np.array(rows["observation.tactile.image.palm"].to_pylist(), np.float32)
     valid = np.array(rows["observation.tactile.image_valid.palm"].to_pylist())
@@ -126,12 +126,12 @@ def test_a_data_set_has_the_images_of_its_samples(palm, states, tmp_path):
     assert taxels == {"palm": np.arange(64).reshape(8, 8).tolist()}
 
 
-def test_the_command_takes_patches_and_names_the_ones_there_are(log, states, tmp_path, capsys):
+def test_the_command_takes_patches_and_names_the_ones_there_are(
+    log, states, camera_folder, tmp_path, capsys
+):
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    table = tmp_path / "frames.csv"
-    stamps = [state.stamp_ns for state in states[100:130:10]]
-    table.write_text("stamp_ns,action.a\n" + "".join(f"{one},0\n" for one in stamps))
-    command = ["export", "lerobot", str(log), "--topology", "palm", "--frames", str(table),
+    frames = camera_folder([state.stamp_ns for state in states[100:130:10]])
+    command = ["export", "lerobot", str(log), "--topology", "palm", "--frames", str(frames),
                "--task", "slide"]  # fmt: skip
     status = main([*command, "-o", str(tmp_path / "no"), "--taxel-image", "plam"])
     assert status == 2

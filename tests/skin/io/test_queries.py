@@ -10,26 +10,24 @@ import numpy as np
 import pytest
 
 import skin
-import topology
 from bus.logs import write
-from skin.io.bulk.decode_part import decode_part
-from skin.io.bulk.job import WANT, Job, parts_of
+from skin.io.bulk import WANT, decode_logs
+from tests.fixtures.live import frames_of
 
-TEXT = (Path(__file__).parents[4] / "docs" / "guides" / "bulk.md").read_text("utf-8")
-SLIPS, HEAVY, HOT, TROUBLE, HOURLY = re.findall(r"```sql\n(.*?)\n```", TEXT, re.DOTALL)
+TEXT = (Path(__file__).parents[3] / "docs" / "guides" / "bulk.md").read_text("utf-8")
+SLIPS, HEAVY, HOT, FAULTS, HOURLY = re.findall(r"```sql\n(.*?)\n```", TEXT, re.DOTALL)
 (POLARS,) = (code for code in re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL) if "pl." in code)
 NEWTON, CELSIUS = 5, 60
 
 
 @pytest.fixture(scope="module")
-def decoded(palm_frames, tmp_path_factory):
+def decoded(tmp_path_factory):
     """Folder and states of a slide in which one board is silent for a while."""
-    folder = tmp_path_factory.mktemp("decoded")
-    cycle = np.cumsum(palm_frames["id"] == 0x80)
-    silent = (palm_frames["id"] == palm_frames["id"][3]) & (cycle > 50) & (cycle < 90)
-    write(log := folder / "run.log", palm_frames[~silent])
-    job = Job(topology.load("palm"), folder, partition_cycles=120)
-    decode_part(job, parts_of([log])[0])
+    folder, frames = tmp_path_factory.mktemp("decoded"), frames_of("palm", "slide", 900)
+    cycle = np.cumsum(frames["id"] == 0x80)
+    silent = (frames["id"] == frames["id"][3]) & (cycle > 50) & (cycle < 90)
+    write(log := folder / "run.log", frames[~silent])
+    decode_logs("palm", [log], folder)
     return folder, [state.copy() for state in skin.decode_log("palm", log, want=WANT)]
 
 
@@ -82,7 +80,7 @@ def test_temperatures_and_trouble(decoded, ask):
     warm = {one["unit"]: one["most"] for one in ask(HOT.replace(str(CELSIUS), repr(limit)))}
     expected = {f"{names[i]}.temperature": hottest[i] for i in np.flatnonzero(hottest > limit)}
     assert warm == expected
-    assert {one["unit"] for one in ask(TROUBLE)} == {names[i] for i in np.flatnonzero(troubled)}
+    assert {one["unit"] for one in ask(FAULTS)} == {names[i] for i in np.flatnonzero(troubled)}
 
 
 def test_polars_answers_alike(decoded, monkeypatch):
@@ -96,4 +94,4 @@ def test_polars_answers_alike(decoded, monkeypatch):
     }
     assert found["hourly"]["slip_began"].sum() == len(slips)
     assert found["hot"].is_empty()
-    assert found["trouble"]["unit"].n_unique() == np.count_nonzero(troubled)
+    assert found["faults"]["unit"].n_unique() == np.count_nonzero(troubled)

@@ -1,26 +1,19 @@
-"""Images: forces of a patch as a taxel image, and those of cameras as encoded files in memory; the
-only file that imports Pillow."""
+"""Taxel images: the forces of a patch, unit by unit, as an image."""
 
 from __future__ import annotations
 
-import io
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from skin.errors import LibraryError, OptionError, SkinError, shown
+from skin.errors import OptionError, SkinError, shown
 
 if TYPE_CHECKING:
     from skin.state import Reading, State
     from topology import Topology
 
-__all__ = ["TaxelGrid", "TaxelImage", "encoded", "pixels"]
-
-KINDS = ("JPEG", "PNG")
-MODE = "RGB"
-MOST_PIXELS = 64_000_000
-"""Maximum size [assumed: more than any robot camera]: a small file may unpack to gigabytes."""
+__all__ = ["TaxelGrid", "TaxelImage"]
 
 _CELL = re.compile(r"r(\d+)c(\d+)")
 """The name of a unit in a patch of rows and columns."""
@@ -152,68 +145,3 @@ def _checked_cells(cells: Any, units: np.ndarray) -> np.ndarray:
     if used.size != np.unique(used).size:
         raise OptionError("cells: must have each unit once at most; got one in several cells")
     return np.where(checked < 0, -1, checked).astype(np.int64)
-
-
-def encoded(where: str, image: bytes | np.ndarray) -> tuple[bytes, tuple[int, int, int]]:
-    """The encoded file of an image, unchanged if it is one, and the shape of its pixels.
-
-    Parameters
-    ----------
-    where : str
-        Used in messages.
-    image : bytes or ndarray, shape (h, w, 3), uint8
-        A PNG or JPEG file of RGB; pixels become PNG, without loss.
-
-    Raises
-    ------
-    SkinError
-        It is neither, is truncated, or is not RGB.
-    LibraryError
-        Pillow is not installed.
-    """
-    if isinstance(image, bytes):
-        height, width, _ = pixels(where, image).shape
-        return image, (height, width, 3)
-    if not isinstance(image, np.ndarray):
-        raise SkinError(f"{where}: must be pixels or the bytes of a file; got {shown(image)}")
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
-        raise SkinError(f"{where}: must be pixels, shape (h, w, 3), uint8; got {image.shape}, "
-                        f"{image.dtype}")  # fmt: skip
-    out = io.BytesIO()
-    _library(where).fromarray(image).save(out, format="PNG", compress_level=3)
-    height, width, colours = image.shape
-    return out.getvalue(), (height, width, colours)
-
-
-def pixels(where: str, file: bytes) -> np.ndarray:
-    """Decoded pixels of an image file, shape (h, w, 3), uint8; see `encoded`."""
-    with _opened(where, file) as image:
-        # a data set declares three channels: other images have one, two or four
-        if image.mode != MODE:
-            raise SkinError(f"{where}: must be an image of {MODE}; got one of {image.mode}")
-        try:
-            return np.asarray(image)
-        except Exception as error:  # a damaged file may raise anything
-            raise SkinError(f"{where}: must be a whole image; got: {error}") from None
-
-
-def _opened(where: str, file: bytes) -> Any:
-    library = _library(where)
-    try:
-        image = library.open(io.BytesIO(file), formats=KINDS)
-    except (OSError, SyntaxError, ValueError, library.DecompressionBombError) as error:
-        raise SkinError(f"{where}: must be a PNG or JPEG file; got: {error}") from None
-    if image.width * image.height > MOST_PIXELS:
-        raise SkinError(f"{where}: must have {MOST_PIXELS} pixels at most; got {image.width} × "
-                        f"{image.height}")  # fmt: skip
-    return image
-
-
-def _library(where: str) -> Any:
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise LibraryError(
-            f"{where}: must have Pillow to be read; not installed: pip install 'f3t-skin[data]'"
-        ) from error
-    return Image
