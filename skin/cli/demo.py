@@ -56,8 +56,7 @@ def demo(
     import skin
     from skin.contact.record import SlipState
     from skin.errors import LibraryError, OptionError
-    from skin.view.picture import save_run
-    from skin.view.plots import PICTURE
+    from skin.view.picture import PICTURE, save_run
     from skin.view.terminal import LiveTable
     from topology import load
 
