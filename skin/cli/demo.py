@@ -52,8 +52,7 @@ def demo(
     """
     import skin
     from skin.errors import LibraryError, OptionError
-    from skin.view.picture import Run, save_run
-    from skin.view.plots import PICTURE
+    from skin.view.picture import PICTURE, Run, save_run
     from topology import builtin
 
     if not (Path(file).suffix or Path(file).exists() or get_close_matches(file, builtin, n=1)):

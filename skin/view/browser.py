@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from skin.errors import check_number
 from skin.sinks import WorkerSink
 from skin.state import State
-from skin.view.layout import described_layout
 from skin.view.server import check_installed
 from skin.view.snapshot import Snapshots, snapshot_dtype
 from skin.worker import RingBuffer
+from topology.packed import packed
 
 if TYPE_CHECKING:
     from skin.live import Skin
@@ -46,14 +46,15 @@ class View(WorkerSink):
         self.snapshots = Snapshots(self._ring, pipeline, timing, getattr(source, "transports", ()))
         self._calls, self._zeros = 0, _summary(pipeline)
         self.address: str = self.start("skin.view.process", self._ring, {
-            "host": host, "port": port, "layout": described_layout(topology),
-            "rate_hz": topology.cycle_rate_hz, "is_live": timing is not None,
+            "host": host, "port": port, "topology": packed(topology),
+            "is_live": timing is not None,
         }, "address")["address"]  # fmt: skip
 
     def state(self, state: State) -> None:
         """Take a snapshot when due, within the skin's loop; see `Sink.state`."""
         if self.failure is not None or not self.snapshots.look(state):
             return
+        self.missed = self.snapshots.missed
         self.look()
         pipeline, calls = self.pipeline, self._ring.calls
         if calls != self._calls:
@@ -63,19 +64,6 @@ class View(WorkerSink):
         elif (zeros := _summary(pipeline)) != self._zeros:
             self._zeros = zeros
             self._worker.send("zeros", text=_tare_report(pipeline))
-
-    @property
-    def lost(self) -> int:
-        """Snapshots dropped because the ring was full."""
-        return self.snapshots.missed
-
-    def left_out(self) -> int:
-        """Snapshots dropped so far."""
-        return self.snapshots.missed
-
-    def described_loss(self) -> str:
-        """The same as text."""
-        return f"{self.snapshots.missed} snapshots"
 
     @property
     def waiting(self) -> int:
@@ -141,10 +129,6 @@ def _tare_report(pipeline: Pipeline) -> str:
     """Units whose zeros were taken, and refused units with the reason."""
     assert pipeline.zeros is not None
     report = pipeline.zeros.report()
-    refused = report["refused"]
-    text = f"{len(report['tared'])} units tared"
-    if refused:
-        named = "; ".join(f"{name}: {why}" for name, why in list(refused.items())[:LISTED])
-        text += f", {len(refused)} refused: {named}"
-        text += f"; and {len(refused) - LISTED} more" if len(refused) > LISTED else ""
-    return text
+    named = [f"{name}: {why}" for name, why in report["refused"].items()]
+    text = f"{len(report['tared'])} units tared, {len(named)} refused"
+    return ": ".join([text, *(["; ".join(named[:LISTED])] if named else [])])

@@ -15,9 +15,8 @@ from skin.io.messages.record import contacts_of
 from skin.view.colour import valid
 
 __all__ = [
-    "SLIP_COLOURS", "Frame", "Pose", "camera", "contact_arrows", "contact_labels", "cross",
-    "directions", "disc", "frame_of", "picked", "quaternions", "radii", "rim", "tag_places",
-    "unit_arrows",
+    "SLIP_COLOURS", "Frame", "Pose", "camera", "contact_arrows", "contact_labels", "cross", "disc",
+    "frame_of", "quaternions", "radii", "tag_places", "unit_arrows",
 ]  # fmt: skip
 
 LEAST_MISFIT = 30.7
@@ -90,15 +89,15 @@ def disc(sides: int = 20) -> tuple[np.ndarray, np.ndarray]:
     Its top, at z = 0, faces -z, away from the skin.
     """
     angle = 2.0 * np.pi * np.arange(sides) / sides
-    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1)
-    vertices = np.concatenate([rim, rim + np.array([0.0, 0.0, 0.25]), np.zeros((1, 3))])
+    edge = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1)
+    vertices = np.concatenate([edge, edge + np.array([0.0, 0.0, 0.25]), np.zeros((1, 3))])
     here, there = np.arange(sides), (np.arange(sides) + 1) % sides
-    top = np.stack([np.full(sides, 2 * sides), there, here], axis=1)
-    side = np.concatenate([
+    faces = np.concatenate([
+        np.stack([np.full(sides, 2 * sides), there, here], axis=1),
         np.stack([here, there, there + sides], axis=1),
         np.stack([here, there + sides, here + sides], axis=1),
     ])  # fmt: skip
-    return vertices.astype(np.float32), np.concatenate([top, side]).astype(np.uint32)
+    return vertices.astype(np.float32), faces.astype(np.uint32)
 
 
 def cross() -> tuple[np.ndarray, np.ndarray]:
@@ -112,51 +111,9 @@ def cross() -> tuple[np.ndarray, np.ndarray]:
     return vertices.astype(np.float32), np.array(faces, np.uint32)
 
 
-def rim(sides: int = 32) -> tuple[np.ndarray, np.ndarray]:
-    """A ring around the top of the disc, vertices and faces alike."""
-    angle = 2.0 * np.pi * np.arange(sides) / sides
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    height = np.full((2 * sides, 1), -0.02)
-    vertices = np.hstack([np.concatenate([0.94 * circle, 1.05 * circle]), height])
-    here, there = np.arange(sides), (np.arange(sides) + 1) % sides
-    faces = np.concatenate([
-        np.stack([here, there, there + sides], axis=1),
-        np.stack([here, there + sides, here + sides], axis=1),
-    ])  # fmt: skip
-    return vertices.astype(np.float32), faces.astype(np.uint32)
-
-
-def picked(
-    origin: np.ndarray,
-    direction: np.ndarray,
-    points: np.ndarray,
-    axes: np.ndarray,
-    radius: np.ndarray,
-) -> int | None:
-    """The first unit whose disc a ray meets; None where it meets none.
-
-    Parameters
-    ----------
-    origin, direction : ndarray, shape (3,)
-    points : ndarray, shape (n, 3)
-        Middles of the discs.
-    axes : ndarray, shape (3, n)
-        Their z axes.
-    radius : ndarray, shape (n,)
-    """
-    along = direction @ axes
-    away = np.einsum("na,an->n", points - origin, axes)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = away / along
-    hits = origin + distance[:, np.newaxis] * direction
-    off = np.linalg.norm(hits - points, axis=1)
-    met = np.isfinite(distance) & (distance > 0.0) & (off <= radius)
-    return int(np.where(met, distance, np.inf).argmin()) if met.any() else None
-
-
 def tag_places(points: np.ndarray, pose: Pose, patch: np.ndarray, count: int) -> np.ndarray:
-    """Places for the names of patches, shape (p, 3): in the plane of a patch beyond its units, away
-    from the middle of the skin; below a patch in the middle.
+    """Places for the names of patches, shape (p, 3): beyond the units of a patch, away from the
+    middle of the skin, or below a patch in the middle; NaN for a patch without units.
 
     Parameters
     ----------
@@ -167,20 +124,15 @@ def tag_places(points: np.ndarray, pose: Pose, patch: np.ndarray, count: int) ->
         Number of patches, p.
     """
     whole = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    up = directions(pose)[1]
+    _, up = directions(pose)
     places = np.full((count, 3), np.nan, np.float32)
-    for at in range(count):
+    for at in np.unique(patch).tolist():
         own = points[patch == at]
-        if not len(own):
-            continue
         middle = own.mean(axis=0)
-        normal = pose.rotation[:, 2, patch == at].mean(axis=1)
-        normal /= max(float(np.linalg.norm(normal)), 1e-9)
         away = middle - whole
-        away -= (away @ normal) * normal
         if np.linalg.norm(away) < TAG_GAP:
-            away = (up @ normal) * normal - up
-        away /= max(float(np.linalg.norm(away)), 1e-9)
+            away = -up
+        away /= np.linalg.norm(away)
         places[at] = middle + away * (((own - middle) @ away).max() + TAG_GAP)
     return places
 
@@ -251,29 +203,24 @@ def contact_labels(record: np.void) -> list[str]:
     return texts
 
 
-def directions(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where most units face, up in the picture, and right, seen from there: unit vectors. A skin
-    that faces all around is seen from -y."""
+def directions(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    """Where most units face, and up in the picture, seen from there: unit vectors. A skin that
+    faces all around is seen from -y."""
     outward = -pose.rotation[:, 2].mean(axis=1)
-    length = float(np.linalg.norm(outward))
-    if length < ALL_AROUND:
-        return np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
-    outward /= length
+    if np.linalg.norm(outward) < ALL_AROUND:
+        outward = np.array([0.0, -1.0, 0.0])
+    outward /= np.linalg.norm(outward)
     up = np.array([0.0, 1.0, 0.0]) if abs(outward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     up -= (up @ outward) * outward
-    up /= np.linalg.norm(up)
-    return outward, up, np.cross(up, outward)
+    return outward, up / np.linalg.norm(up)
 
 
 def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Camera position, target and up direction: a view onto the side that most units face. The skin
-    is left of the middle, next to the panel."""
-    if float(np.linalg.norm(pose.rotation[:, 2].mean(axis=1))) < ALL_AROUND:
-        return np.array([0.7, -0.95, 0.55]), np.array([0.14, 0.1, 0.0]), np.array([0.0, 0.0, 1.0])
-    outward, up, side = directions(pose)
-    faces_up = abs(outward[2]) > 0.7
-    return (
-        0.84 * outward - 0.6 * up + 0.25 * side,
-        0.16 * side - 0.05 * up,
-        outward if faces_up else up,
-    )
+    """Camera position, target and up direction: a view onto the side that most units face, from
+    below and the right. The skin is left of the middle, next to the panel."""
+    outward, up = directions(pose)
+    right = np.cross(up, outward)
+    place = 0.84 * outward - 0.6 * up + 0.25 * right
+    if abs(outward[2]) > 0.7:  # it lies: what is up in the picture is far from the camera
+        return place, 0.16 * right - 0.05 * up, outward
+    return place + 1.1 * up, 0.16 * right - 0.05 * up, up

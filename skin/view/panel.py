@@ -1,8 +1,9 @@
-"""The panel next to the picture: choices, buttons, plots, health."""
+"""The panel next to the picture: the chosen unit, colours, health."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from html import escape
 from queue import SimpleQueue
 from typing import Any
@@ -10,17 +11,18 @@ from typing import Any
 import numpy as np
 
 from skin.cividis import CIVIDIS
+from skin.io.messages.record import contacts_of
+from skin.state import Status
 from skin.view.colour import INVALID_COLOUR, OFF_COLOUR, QUANTITIES
-from skin.view.health import Health
-from skin.view.layout import Layout
-from skin.view.scene import Scales, Shown
-from skin.view.unit_folder import History, UnitFolder, known, plot_of
+from skin.view.health import PALE, Health, table_html
+from skin.view.scene import Scales
+from skin.view.snapshot import RATE_HZ
+from topology import Topology
 
-__all__ = ["Panel", "legend_html"]
+__all__ = ["Panel", "legend_html", "plotted", "unit_html"]
 
-WORDS_S, PLOTS_S = 0.5, 0.2
-"""Intervals of updates of the text, and of the plots: more often is not readable [assumed]."""
-FORCE_INK, CONTACTS_INK = "#fee838", "#56b4e9"
+PLOTTED_S = 20.0
+"""Time span of the plot."""
 
 
 class Panel:
@@ -29,48 +31,43 @@ class Panel:
     Parameters
     ----------
     server : viser.ViserServer
-    layout : Layout
-    health : Health
+    topology : Topology
     is_live : bool
         Whether it is a live skin, whose zeros can be taken.
+
+    Attributes
+    ----------
+    unit : int or None
+        The chosen one.
     """
 
-    def __init__(self, server: Any, layout: Layout, health: Health, is_live: bool) -> None:
+    def __init__(self, server: Any, topology: Topology, is_live: bool) -> None:
         self.requests: SimpleQueue[tuple[str, Any]] = SimpleQueue()
-        self._health, self._history = health, History()
-        self._ends: tuple[object, ...] = ()
-        self._has_new_words = self._has_new_plots = False
-        self._words_due_s = self._plots_due_s = 0.0
-        self._is_live, self._came_s, self._links = is_live, 0.0, layout.links
+        self._names, self._is_live, self.unit = topology.unit_names, is_live, None
+        self._health = Health(
+            self._names, topology.cycle_rate_hz, topology.patch, topology.patch_names
+        )
+        self._recent: deque[np.void] = deque(maxlen=round(PLOTTED_S * RATE_HZ))
+        self._came_s = 0.0
         gui = server.gui
         self._banner = gui.add_html("")
-        self._unit = UnitFolder(gui, layout)
+        self._folder = gui.add_folder("Unit", visible=False)
+        with self._folder:
+            self._unit_words, self._plot = gui.add_html(""), _add_plot(gui)
+            close = gui.add_button("Close")
         with gui.add_folder("Colour"):
             self._quantity = gui.add_dropdown("quantity", tuple(QUANTITIES), initial_value="load")
             self._legend = gui.add_html("")
-            self._fit = gui.add_button("Fit the scale", hint="to the values shown now")
-            self._forces = gui.add_checkbox("force arrows", initial_value=True)
-            self._contacts = gui.add_checkbox("contacts", initial_value=True)
-            self._shows_links = gui.add_checkbox(
-                "links", initial_value=True, visible=layout.links is not None
-            )
-            self._names = gui.add_checkbox("names", initial_value=True)
-            self._camera = gui.add_button("Reset the camera")
+            fit = gui.add_button("Fit the scale", hint="to the values shown now")
+            camera = gui.add_button("Reset the camera")
         with gui.add_folder("Health"):
             self._words = gui.add_html("")
-            self._tare = gui.add_button(
+            tare = gui.add_button(
                 "Tare", hint="take the zeros of all untouched units again", visible=is_live
             )
             self._tare_text = gui.add_html("", visible=False)
-        with gui.add_folder("Last 20 s"):
-            self._force = plot_of(gui, "total force, N", ("total force, N", FORCE_INK))
-            self._count = plot_of(gui, "contacts", ("contacts", CONTACTS_INK))
-        for shown in (self._quantity, self._forces, self._contacts, self._shows_links, self._names):
-            shown.on_update(self._requests("draw"))
-        for button, request in (
-            (self._fit, "fit"), (self._tare, "tare"), (self._camera, "camera"),
-            (self._unit.close, "close"),
-        ):  # fmt: skip
+        self._quantity.on_update(self._requests("draw"))
+        for button, request in ((fit, "fit"), (tare, "tare"), (camera, "camera"), (close, "close")):
             button.on_click(self._requests(request))
 
     def _requests(self, request: str) -> Callable[[Any], None]:
@@ -78,15 +75,12 @@ class Panel:
         return lambda event: self.requests.put((request, event.client))
 
     @property
-    def shown(self) -> Shown:
-        """The selected display options."""
-        return Shown(
-            self._quantity.value, self._forces.value, self._contacts.value,
-            self._shows_links.value, self._names.value, self._unit.unit,
-        )  # fmt: skip
+    def quantity(self) -> str:
+        """That units are coloured by."""
+        return self._quantity.value
 
     def report_tare(self, text: str) -> None:
-        """Show the result of a tare."""
+        """Show what came of taking the zeros."""
         self._tare_text.visible = True
         self._tare_text.content = (
             f'<div style="padding:0.2em 0.9em;font-size:0.78em">{escape(text)}</div>'
@@ -94,75 +88,104 @@ class Panel:
 
     def choose(self, unit: int | None) -> None:
         """Show a unit, or none."""
-        self._unit.choose(unit)
-        self._has_new_words = self._has_new_plots = True
-        self._words_due_s = self._plots_due_s = 0.0
+        self.unit = unit
+        self._folder.visible = unit is not None
 
     def add(self, record: np.void, now_s: float) -> None:
         """A snapshot has come."""
         self._health.add(record)
-        self._history.add(record)
-        self._has_new_words = self._has_new_plots = True
+        self._recent.append(record.copy())
         self._came_s = now_s
 
-    def refresh(self, newest: np.void, now_s: float) -> None:
-        """Update the text and the plots, where there is something new and they are due."""
-        silent_s = now_s - self._came_s if self._is_live and self._came_s else 0.0
-        if now_s >= self._words_due_s:
-            self._words_due_s = now_s + WORDS_S
-            self._banner.content = self._health.banner_html(newest, silent_s)
-            if self._has_new_words:
-                self._has_new_words = False
-                faults = () if self._links is None else self._links.problems
-                self._words.content = self._health.html(newest, faults)
-        if self._has_new_plots and now_s >= self._plots_due_s:
-            self._has_new_plots, self._plots_due_s = False, now_s + PLOTS_S
-            self._unit.plot(self._history)
-            time_s, force, contacts = self._history.skin()
-            self._force.data = known(time_s, force)
-            self._count.data = (time_s, contacts)
+    def refresh(self, now_s: float, scales: Scales, faults: Sequence[tuple[str, str]] = ()) -> None:
+        """Show the newest snapshot; `faults` are those of links."""
+        newest = self._recent[-1]
+        silent_s = now_s - self._came_s if self._is_live else 0.0
+        self._banner.content = self._health.banner_html(newest, silent_s)
+        self._words.content = self._health.html(newest, faults)
+        self._legend.content = legend_html(self.quantity, scales)
+        if self.unit is not None:
+            self._unit_words.content = unit_html(newest, self.unit, self._names[self.unit])
+            self._plot.data = plotted(self._recent, self.unit)
 
-    def describe(self, record: np.void) -> None:
-        """Show the chosen unit."""
-        self._unit.show(record)
 
-    def scales(self, scales: Scales) -> None:
-        """Show the scales; no cost if they are unchanged."""
-        ends = scales.ends(self._quantity.value)
-        if ends != self._ends:
-            self._ends = ends
-            self._legend.content = legend_html(self._quantity.value, scales)
+def _add_plot(gui: Any) -> Any:
+    empty = np.array([-PLOTTED_S, 0.0])
+    axis = {"stroke": "#c1c7cf", "grid": {"stroke": "rgba(193,199,207,0.15)"}}
+    lines = tuple({"label": name, "stroke": ink, "width": 2} for name, ink in (
+        ("normal", "#fee838"), ("shear", "#56b4e9"), ("", "rgba(0,0,0,0)"), ("", "rgba(0,0,0,0)"),
+    ))  # fmt: skip
+    return gui.add_uplot(
+        (empty, *(0.0 * empty for _ in lines)), ({"label": "s"}, *lines), height=125,
+        title="normal force ± sigma, and shear, N", legend={"show": False}, padding=(10, 14, 0, 0),
+        scales={"x": {"time": False, "range": (-PLOTTED_S, 0.0)}},
+        axes=(axis, axis | {"size": 46}),
+        bands=({"series": (3, 4), "fill": "rgba(254,232,56,0.25)"},),
+    )  # fmt: skip
+
+
+def plotted(recent: Sequence[np.void], unit: int) -> tuple[np.ndarray, ...]:
+    """Seconds before the newest snapshot; normal force, shear, normal force plus and minus its
+    sigma, newton: each of shape (m,), where the force is known."""
+    stamp_ns = np.array([one["stamp_ns"] for one in recent])
+    force = np.array([one["force"][:, unit] for one in recent], float)
+    sigma = np.nan_to_num([one["force_sigma"][2, unit] for one in recent])
+    time_s, normal, shear = 1e-9 * (stamp_ns - stamp_ns[-1]), force[:, 2], np.hypot(*force.T[:2])
+    # the client has no scale for NaN
+    seen = np.isfinite(normal) & (time_s > -PLOTTED_S)
+    return tuple(each[seen] for each in (time_s, normal, shear, normal + sigma, normal - sigma))
+
+
+def unit_html(record: np.void, unit: int, name: str) -> str:
+    """A unit as text.
+
+    Force and its parts are in the unit's frame: z, the normal force, points into the skin.
+    """
+    force, sigma = record["force"][:, unit].astype(float), record["force_sigma"][:, unit]
+    size = float(np.linalg.norm(force))
+    along = force / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+    status = Status(int(record["status"][unit]))
+    temperature = float(record["temperature"][unit])
+    rows = [
+        ("unit", name, "#ff9ade"),
+        ("force", _with_sigma(size, float(np.linalg.norm(along * sigma))), ""),
+        *((f"f{axis}", _with_sigma(float(value), float(error)), "")
+          for axis, value, error in zip("xyz", force, sigma, strict=True)),
+        ("temperature", f"{temperature:.1f} °C" if np.isfinite(temperature) else "unknown", ""),
+        ("flags", ", ".join(str(flag.name).lower() for flag in status) or "none", PALE),
+    ]  # fmt: skip
+    if np.isfinite(ratio := record["test_ratio"][unit]):
+        rows.append(("test ratio", f"{ratio:.2f}; 1 is the limit", ""))
+    if 0 <= (contact := int(record["contact"][unit])) < int(record["contact_count"]):
+        rows.append(("contact", f"{contacts_of(record)['id'][contact]}", ""))
+    return table_html(rows)
+
+
+def _with_sigma(value: float, sigma: float) -> str:
+    if not np.isfinite(value):
+        return "unknown"
+    return f"{value:.2f} N" if np.isnan(sigma) else f"{value:.2f} ± {sigma:.2f} N"
 
 
 def legend_html(quantity: str, scales: Scales) -> str:
     """A bar with the ends, the middle and the unit of its scale, the colours of units that are not
     valid or switched off, and the scale of the arrows."""
-    chosen, scale = QUANTITIES[quantity], scales.of[quantity]
-    stops = ",".join(_css(colour) for colour in CIVIDIS[::4])
-    if quantity == "validity":
-        ticks = ["flagged, if it has no cross", "", "valid"]
-    else:
-        middle = 0.5 * (scale.low + scale.high)
-        ticks = [f"{value:g}" for value in (scale.low, middle, scale.high)]
-        ticks[2] += f" {chosen.unit}"
-    labels = "".join(f"<span>{escape(tick)}</span>" for tick in ticks)
-    disc = "display:inline-block;width:1.1em;height:1.1em;border-radius:50%"
-    invalid = (
-        f'<span style="{disc};background:{_css(INVALID_COLOUR)};color:#14181c;text-align:center;'
-        'line-height:1.1em;font-weight:700">×</span>'
-    )
-    off = f'<span style="{disc};vertical-align:text-bottom;background:{_css(OFF_COLOUR)}"></span>'
+    scale = scales.of[quantity]
+    ends = (scale.low, 0.5 * (scale.low + scale.high), scale.high)
+    ticks = "".join(f"<span>{value:g}</span>" for value in ends)
+    disc = '<span style="display:inline-block;width:1.1em;height:1.1em;border-radius:50%;background'
+    bar = ",".join(_css(colour) for colour in CIVIDIS[::4])
     return (
         '<div style="padding:0.3em 0.9em;font-size:0.78em">'
-        f'<div style="height:0.9em;border-radius:3px;background:linear-gradient(90deg,{stops})">'
-        f'</div><div style="display:flex;justify-content:space-between">{labels}</div>'
-        f"<div>{invalid} not valid: no reading, or flagged &ensp; "
-        f'<span style="white-space:nowrap">{off} switched off</span></div>'
+        f'<div style="height:0.9em;border-radius:3px;background:linear-gradient(90deg,{bar})">'
+        f'</div><div style="display:flex;justify-content:space-between">{ticks}</div>'
+        f"<div>{escape(QUANTITIES[quantity].unit)}</div>"
+        f'<div>{disc}:{_css(INVALID_COLOUR)}"></span> with a cross: not valid &ensp; '
+        f'{disc}:{_css(OFF_COLOUR)}"></span> switched off</div>'
         f'<div style="opacity:0.75">longest arrow of a unit {scales.unit.high:g} N, of a contact '
         f"{scales.contact.high:g} N</div></div>"
     )
 
 
-def _css(colour: Any) -> str:
-    red, green, blue = (int(part) for part in colour)
-    return f"rgb({red},{green},{blue})"
+def _css(colour: Sequence[int]) -> str:
+    return "rgb({},{},{})".format(*colour)

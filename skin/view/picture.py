@@ -1,18 +1,140 @@
-"""Picture of a run against its truth: forces over the array, wrench and centre over time."""
+"""Pictures for notebooks and reports: a map of forces, and a run against its truth.
+
+``pip install 'f3t-skin[plot]'`` brings matplotlib.
+"""
 
 from __future__ import annotations
 
-import io
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.view.plots import HUES, INK, MUTED, figure, force_map, plane, save_png, torn
+from skin.errors import CountsError, LibraryError
 from topology import Topology
+from topology.files import marked, whole_file
 
-__all__ = ["Chart", "Run", "charts_svg", "save_run"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["HUES", "INK", "PICTURE", "Run", "figure", "force_map", "plane", "save_run"]
+
+SOFTWARE = "f3t-skin"
+PICTURE = marked("a picture of this package", b"Software\0" + SOFTWARE.encode())
+"""Files that pictures may overwrite."""
+INK, MUTED = "#1b1f24", "#6b7280"
+HUES = ("#0072b2", "#d55e00", "#009e73")
+"""Colours for colour-blind readers (Okabe and Ito)."""
+TOUCHED = 0.02
+"""Smallest fraction of the scale at which a unit has an arrow [assumed]."""
+ARROW = 1.4
+"""Length of the longest arrow, in diameters of a unit [assumed]."""
+
+
+@contextmanager
+def figure(size: tuple[float, float]) -> Iterator[Any]:
+    """A figure of a size in inches, in this package's style.
+
+    Raises
+    ------
+    LibraryError
+        matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl
+    except ImportError as error:
+        raise LibraryError(
+            "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
+        ) from error
+    from matplotlib.figure import Figure
+
+    style: dict[Any, Any] = {
+        "font.size": 9, "axes.edgecolor": MUTED, "axes.labelcolor": INK, "xtick.color": MUTED,
+        "ytick.color": MUTED, "text.color": INK, "axes.spines.top": False,
+        "axes.spines.right": False,
+    }  # fmt: skip
+    with mpl.rc_context(style):
+        yield Figure(figsize=size, layout="constrained")
+
+
+def plane(topology: Topology) -> np.ndarray:
+    """The two axes of the skin frame along which a skin is widest, shape (2,), int, ascending."""
+    return np.sort(np.argsort(-np.ptp(topology.position, axis=1), kind="stable")[:2])
+
+
+def force_map(
+    axes: Axes,
+    topology: Topology,
+    force: np.ndarray,
+    *,
+    valid: np.ndarray | None = None,
+    centroid: np.ndarray | None = None,
+    most_n: float | None = None,
+    most_shear_n: float | None = None,
+) -> Any:
+    """Draw units in place, coloured by normal force, with arrows of tangential force.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    topology : Topology
+    force : ndarray, shape (3, n)
+        Newton, unit frames, as of `skin.Reading`.
+    valid : ndarray, shape (n,), bool, optional
+        Valid units; the others are empty circles with a cross.
+    centroid : ndarray, shape (3,), optional
+        Centre of pressure, metre, skin frame; a cross.
+    most_n, most_shear_n : float, optional
+        Normal force at the dark end of the scale, and tangential force of the longest arrow; the
+        largest of these forces if not given.
+
+    Returns
+    -------
+    matplotlib EllipseCollection
+        For a colour bar.
+
+    Raises
+    ------
+    CountsError
+        Forces of another shape.
+    """
+    from matplotlib.collections import EllipseCollection
+
+    if force.shape != (3, topology.n):
+        raise CountsError(f"force: must be of shape (3, {topology.n}); got {force.shape}")
+    trusted = np.ones(topology.n, bool) if valid is None else np.asarray(valid, bool)
+    trusted = trusted & np.isfinite(force).all(axis=0)
+    flat = plane(topology)
+    x, y = topology.position[flat] * 1e3
+    size = 2e3 * np.sqrt(topology.area / np.pi)
+    shear = np.einsum("ijn,jn->in", topology.rotation[:, :2], np.where(trusted, force[:2], 0.0))
+    top = max(float(force[2][trusted].max(initial=0.0)), 1.0) if most_n is None else most_n
+    longest = float(np.hypot(*shear[flat]).max(initial=0.2))
+    longest = longest if most_shear_n is None else most_shear_n
+    discs = EllipseCollection(
+        size, size, np.zeros(x.size), units="xy", offsets=np.stack([x, y], axis=1),
+        offset_transform=axes.transData, edgecolors="#d7dbe0", linewidths=0.6, cmap="YlGnBu",
+    )  # fmt: skip
+    discs.set_array(np.ma.masked_where(~trusted, force[2]))
+    discs.set_clim(0.0, top)
+    axes.add_collection(discs)
+    axes.plot(x[~trusted], y[~trusted], "x", color=HUES[1], markersize=6)
+    touched = trusted & (force[2] > TOUCHED * top)
+    scale = ARROW * float(np.median(size)) / longest
+    axes.quiver(
+        x[touched], y[touched], *(shear[flat][:, touched] * scale), angles="xy",
+        scale_units="xy", scale=1.0, color=HUES[1], width=0.008,
+    )  # fmt: skip
+    if centroid is not None:
+        axes.plot(*centroid[flat] * 1e3, "+", color=INK, markersize=11, markeredgewidth=1.6)
+    axes.margins(0.1)
+    axes.set(
+        aspect="equal", xlabel=f"{'xyz'[flat[0]]} / mm", ylabel=f"{'xyz'[flat[1]]} / mm",
+    )  # fmt: skip
+    return discs
 
 
 @dataclass
@@ -40,7 +162,8 @@ class Run:
 
 
 def save_run(path: Path, topology: Topology, run: Run) -> None:
-    """Draw `run` and write it to `path` as a PNG file, atomically.
+    """Draw `run` and write it to `path` as a PNG file, atomically; overwrites only a picture of
+    this package.
 
     Lines are broken where cycles are missing.
 
@@ -53,54 +176,29 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
         maps, lines = made.subfigures(2, 1, height_ratios=(1.1, 1.0))
         _draw_maps(maps, topology, run)
         _draw_lines(lines, _torn(run, 1.0 / topology.cycle_rate_hz))
-        save_png(made, path, dpi=120)
+        with whole_file(path, over=PICTURE) as file:
+            made.savefig(file, dpi=120, format="png", metadata={"Software": SOFTWARE})
 
 
-@dataclass
-class Chart:
-    """One chart: points and lines over one axis.
-
-    Attributes
-    ----------
-    title, x_label, y_label : str
-    points, lines : dict of str to (x, y)
-        Label to arrays, shape (t,).
-    """
-
-    title: str
-    x_label: str
-    y_label: str
-    points: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    lines: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-
-
-def charts_svg(charts: list[Chart], columns: int = 4) -> str:
-    """Charts side by side as the text of an SVG element; points are embedded as pixels.
-
-    Raises
-    ------
-    LibraryError
-        matplotlib is not installed.
-    """
-    rows = -(-len(charts) // columns)
-    with figure((3.3 * columns, 2.6 * rows)) as made:
-        for number, chart in enumerate(charts, start=1):
-            axes = made.add_subplot(rows, columns, number)
-            for hue, (label, (x, y)) in zip(HUES, chart.points.items(), strict=False):
-                axes.plot(x, y, ".", color=hue, markersize=2.5, label=label, rasterized=True)
-            for hue, (label, (x, y)) in zip((INK, MUTED), chart.lines.items(), strict=False):
-                axes.plot(x, y, color=hue, linewidth=1.2, label=label)
-            axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
-            axes.set_title(chart.title, fontsize=9)
-            if len(chart.points) + len(chart.lines) > 1:
-                axes.legend(frameon=False, fontsize=7, loc="best")
-        out = io.StringIO()
-        made.savefig(out, format="svg", dpi=110)
-    text = out.getvalue()
-    return text[text.index("<svg") :]
+def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
+    """The forces at three moments of the longest contact."""
+    chosen, axes = _moments(run), figure.subplots(1, 3)
+    top = max(float(run.force[chosen, 2].max()), 1.0)
+    longest = max(float(np.hypot(run.force[chosen, 0], run.force[chosen, 1]).max()), 0.2)
+    for axis, k in zip(axes, chosen, strict=True):
+        discs = force_map(
+            axis, topology, run.force[k], centroid=run.centroid[k], most_n=top, most_shear_n=longest
+        )
+        axis.set_title(f"t = {run.time_s[k]:.2f} s")
+    figure.colorbar(discs, ax=axes, shrink=0.85, label="normal load / N")
+    figure.suptitle(
+        f"{topology.name}: decoded forces (arrows: tangential, longest {longest:.2f} N; "
+        "+: centre of pressure)",
+        fontsize=10,
+    )
 
 
-def moments(run: Run) -> np.ndarray:
+def _moments(run: Run) -> np.ndarray:
     """Indices of three cycles to show, from the longest contact, shape (3,), int."""
     load = np.abs(run.true_wrench[:, :3]).sum(axis=1)
     touching = np.concatenate([[False], load > 0.5 * load.max(), [False]])
@@ -111,74 +209,35 @@ def moments(run: Run) -> np.ndarray:
     return np.linspace(start, end - 1, 5)[1:-1].astype(int)
 
 
-def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
-    axes = figure.subplots(1, 3)
-    chosen, flat = moments(run), plane(topology)
-    top = max(float(run.force[chosen, 2].max()), 1.0)
-    shear = np.einsum("ijn,tjn->tin", topology.rotation[:, :2], run.force[chosen, :2])
-    longest = max(float(np.sqrt((shear[:, flat] ** 2).sum(axis=1)).max()), 0.2)
-    discs = None
-    for axis, k in zip(axes, chosen, strict=True):
-        discs = force_map(
-            axis, topology, run.force[k], centroid=run.centroid[k], most_n=top, most_shear_n=longest
-        )
-        axis.set_title(f"t = {run.time_s[k]:.2f} s")
-    for axis in axes[1:]:
-        axis.set_ylabel("")
-    if discs is not None:
-        figure.colorbar(discs, ax=axes, shrink=0.85, label="normal load / N")
-    figure.suptitle(
-        f"{topology.name}: decoded forces (arrows: tangential, longest {longest:.2f} N; "
-        "+: centre of pressure)",
-        fontsize=10,
-    )
-
-
 def _torn(run: Run, period_s: float) -> Run:
-    """The run with its lines broken where cycles are missing."""
-    time_s, *others = (getattr(run, each.name) for each in fields(run))
-    return Run(*torn(time_s, period_s, *others))
+    """The run with a row of NaN, where lines end, at each gap of cycles.
+
+    Times are whole periods, so a threshold of one and a half periods separates gaps from rounding.
+    """
+    gaps = 1 + np.flatnonzero(np.diff(run.time_s) > 1.5 * period_s)
+    values = (getattr(run, each.name) for each in fields(run))
+    return Run(*(np.insert(each, gaps, np.nan, axis=0) for each in values))
 
 
 def _draw_lines(figure: Any, run: Run) -> None:
+    """Total force and centre of pressure over the truth, and their errors."""
     axes = figure.subplots(2, 2, sharex=True, height_ratios=(2.2, 1.0))
-    force = [f"F{a}" for a in "xyz"]
-    _compare(axes[:, 0], run.time_s, run.wrench[:, :3], run.true_wrench[:, :3], force, "N")
-    centre = [f"c{a}" for a in "xyz"]
-    loaded = np.abs(run.true_wrench[:, :3]).sum(axis=1) > 1.0
-    found = np.where(loaded[:, None], run.centroid, np.nan) * 1e3
-    truth = np.where(loaded[:, None], run.true_centroid, np.nan) * 1e3
-    _compare(axes[:, 1], run.time_s, found, truth, centre, "mm")
-    axes[0, 0].set_title("total force on the skin", fontsize=10)
-    axes[0, 1].set_title("centre of pressure (while the load exceeds 1 N)", fontsize=10)
-    for axis in axes[1]:
-        axis.set_xlabel("time / s")
-
-
-def _compare(
-    axes: tuple[Any, Any],
-    time_s: np.ndarray,
-    found: np.ndarray,
-    truth: np.ndarray,
-    names: list[str],
-    unit: str,
-) -> None:
-    upper, lower = axes
-    lost = np.isnan(np.concatenate([[np.nan], time_s, [np.nan]]))
-    alone = lost[:-2] & lost[2:]  # no line reaches a cycle between two gaps
-
-    def draw(axis: Any, values: np.ndarray, width: float, **style: Any) -> None:
-        axis.plot(
-            time_s, values, linewidth=width, marker=".", markersize=2.0 * width,
-            markeredgewidth=0.0, markevery=alone, **style,
-        )  # fmt: skip
-
-    for i, (name, hue) in enumerate(zip(names, HUES, strict=True)):
-        draw(upper, truth[:, i], 2.4, color=INK, alpha=0.25)
-        draw(upper, found[:, i], 1.1, color=hue, label=name)
-        draw(lower, found[:, i] - truth[:, i], 0.8, color=hue)
-    upper.plot([], [], color=INK, linewidth=2.4, alpha=0.25, label="truth")
-    upper.legend(frameon=False, ncols=4, loc="best", fontsize=8)
-    upper.set_ylabel(unit)
-    lower.axhline(0.0, color=MUTED, linewidth=0.6)
-    lower.set_ylabel(f"error / {unit}")
+    loaded = np.abs(run.true_wrench[:, :3]).sum(axis=1, keepdims=True) > 1.0
+    columns = (
+        ("total force on the skin", "F", "N", run.wrench[:, :3], run.true_wrench[:, :3]),
+        ("centre of pressure (while the load exceeds 1 N)", "c", "mm",
+         *(np.where(loaded, each, np.nan) * 1e3 for each in (run.centroid, run.true_centroid))),
+    )  # fmt: skip
+    for (upper, lower), (title, letter, unit, found, truth) in zip(axes.T, columns, strict=True):
+        upper.plot(run.time_s, truth, linewidth=2.4, color=INK, alpha=0.25)
+        for i, hue in enumerate(HUES):
+            # a dot as wide as the line shows a cycle between two gaps
+            style = {"color": hue, "marker": ".", "markersize": 2.0, "markeredgewidth": 0.0}
+            upper.plot(run.time_s, found[:, i], linewidth=1.1, label=f"{letter}{'xyz'[i]}", **style)
+            lower.plot(run.time_s, found[:, i] - truth[:, i], linewidth=0.8, **style)
+        upper.plot([], [], color=INK, linewidth=2.4, alpha=0.25, label="truth")
+        upper.legend(frameon=False, ncols=4, loc="best", fontsize=8)
+        upper.set_title(title, fontsize=10)
+        upper.set_ylabel(unit)
+        lower.axhline(0.0, color=MUTED, linewidth=0.6)
+        lower.set(xlabel="time / s", ylabel=f"error / {unit}")

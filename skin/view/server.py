@@ -6,19 +6,15 @@ import errno
 import functools
 import re
 import socket
-import sys
 from typing import Any
 
 from skin.errors import LibraryError, SkinError, shown
 
-__all__ = ["address_of", "check_installed", "free_port", "open_server"]
+__all__ = ["address_of", "check_installed", "open_server"]
 
-FIRST_PORT, PORTS = 8080, 100
-"""Ports that are tried where none is given."""
 LOOPBACK = re.compile(r"https?://(localhost|127(\.\d+){3}|\[::1\])(:\d+)?")
 """Origins of pages that may talk to a view on loopback. Pages of other origins in a browser on this
 machine could otherwise press its buttons."""
-MISSING = "view: must have viser; not installed: pip install 'f3t-skin[view]'"
 
 
 def check_installed() -> None:
@@ -31,16 +27,13 @@ def check_installed() -> None:
     """
     from importlib.util import find_spec
 
-    if "viser" in sys.modules:
-        is_there = sys.modules["viser"] is not None
-    else:
-        is_there = find_spec("viser") is not None
-    if not is_there:
-        raise LibraryError(MISSING)
+    if find_spec("viser") is None:
+        raise LibraryError("view: must have viser; not installed: pip install 'f3t-skin[view]'")
 
 
-def open_server(host: str, port: int | None, label: str, *, checks_origin: bool = False) -> Any:
-    """A viser server on a free port.
+def open_server(host: str, port: int | None, label: str) -> Any:
+    """A viser server; one on loopback refuses pages of other origins, as does any other server of
+    this process from then on.
 
     Parameters
     ----------
@@ -50,20 +43,14 @@ def open_server(host: str, port: int | None, label: str, *, checks_origin: bool 
         The first free one from 8080 on if not given; 0 for any.
     label : str
         Title of the panel.
-    checks_origin : bool
-        Refuse pages of other origins. Affects the whole process, from then on.
 
     Raises
     ------
     SkinError
         The port is in use, or the host is not an address of this machine.
-    LibraryError
-        viser is not installed.
     """
-    try:
-        import viser
-    except ImportError as error:
-        raise LibraryError(MISSING) from error
+    import viser
+    import websockets.asyncio.server as sockets
 
     class Server(viser.ViserServer):
         """Never exposed beyond this machine: a page cannot request it either."""
@@ -72,12 +59,10 @@ def open_server(host: str, port: int | None, label: str, *, checks_origin: bool 
             """Never: it would expose the skin to everybody with the link."""
             return None
 
-    chosen = free_port(host, port)
-    if checks_origin and is_loopback(host):
-        import websockets.asyncio.server as sockets
-
+    check_free(host, port)
+    if is_loopback(host):
         sockets.serve = functools.partial(sockets.serve, origins=[LOOPBACK, None])
-    server = Server(host=host, port=chosen, label=label, verbose=False)
+    server = Server(host=host, port=8080 if port is None else port, label=label, verbose=False)
     if port and server.get_port() != port:  # taken in between
         server.stop()
         raise SkinError(f"view: port: must be free; got {port}, in use")
@@ -87,40 +72,29 @@ def open_server(host: str, port: int | None, label: str, *, checks_origin: bool 
     return server
 
 
-def free_port(host: str, port: int | None) -> int:
-    """A port to listen on.
+def check_free(host: str, port: int | None) -> None:
+    """Raise where nothing can listen: viser would try other ports for ever.
 
     Raises
     ------
     SkinError
         The port is in use, or the host is not an address of this machine.
     """
-    tried = range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,)
-    for one in tried:
-        try:
-            family, kind, *_, place = socket.getaddrinfo(
-                host, one, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-            )[0]
-            with socket.socket(family, kind) as listener:
-                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                listener.bind(place)
-                listener.listen()
-                return listener.getsockname()[1]
-        except (OSError, UnicodeError) as error:
-            number = getattr(error, "errno", None)
-            if number == errno.EADDRINUSE:
-                continue
-            if number == errno.EACCES:
-                raise SkinError(f"view: port: must be open to this user; got {one}") from None
-            why = getattr(error, "strerror", None) or "no name of a host"
-            raise SkinError(
-                f"view: host: must be an address of this machine; got {shown(host)} ({why})"
-            ) from None
-    if port is None:
+    try:
+        family, *_, place = socket.getaddrinfo(
+            host, port or 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        socket.create_server(place, family=family).close()
+    except (OSError, UnicodeError) as error:
+        number = getattr(error, "errno", None)
+        if number == errno.EADDRINUSE:
+            raise SkinError(f"view: port: must be free; got {port}, in use") from None
+        if number == errno.EACCES:
+            raise SkinError(f"view: port: must be open to this user; got {port}") from None
+        why = getattr(error, "strerror", None) or "no name of a host"
         raise SkinError(
-            f"view: port: must be free; got {tried[0]} to {tried[-1]}, all of them in use"
-        )
-    raise SkinError(f"view: port: must be free; got {port}, in use")
+            f"view: host: must be an address of this machine; got {shown(host)} ({why})"
+        ) from None
 
 
 def is_loopback(host: str) -> bool:

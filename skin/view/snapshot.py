@@ -12,7 +12,7 @@ from bus.transport import Transport
 from skin.io.messages.record import RecordWriter, record_dtype
 from skin.state import State, Status
 from skin.worker import RingBuffer
-from topology import CHANNELS, Topology
+from topology import Topology
 
 if TYPE_CHECKING:
     from skin.live import Timing
@@ -22,27 +22,18 @@ __all__ = ["RATE_HZ", "Snapshots", "snapshot_dtype"]
 
 RATE_HZ = 30.0
 """Maximum rate of snapshots: that of an eye [assumed]."""
-WORKS = 256
-"""Cycles between two snapshots whose working time is recorded: up to 7.6 kHz."""
+PERIOD_NS = round(1e9 / RATE_HZ)
 
 
 def snapshot_dtype(topology: Topology, contacts: int) -> np.dtype[Any]:
-    """The record of a skin with so many contacts at most, with raw counts and working times in
-    microseconds. `whole` is 0 where `State.whole` is False."""
-    return record_dtype(
-        topology,
-        contacts,
-        (
-            ("works", "i8", ()), ("work_us", "f4", (WORKS,)), ("cycles", "i8", ()),
-            ("unsent", "i8", ()), ("counts", "i2", (len(CHANNELS), topology.n)),
-        ),
-    )  # fmt: skip
+    """The record of a skin with so many contacts at most, the number of cycles so far, and the
+    longest working time of a cycle since the last snapshot, µs. `whole` is 0 where `State.whole` is
+    False."""
+    return record_dtype(topology, contacts, (("cycles", "i8", ()), ("work_us", "f8", ())))
 
 
 class Snapshots:
     """Copies the state of a pipeline into a ring when a snapshot is due.
-
-    A cycle between two snapshots costs two readings of a clock and a number.
 
     Parameters
     ----------
@@ -68,9 +59,8 @@ class Snapshots:
         transports: Sequence[Transport] = (),
     ) -> None:
         self._writer = RecordWriter(ring.records, pipeline, transports, knows_poses=False)
-        self._ring, self._pipeline, self._timing = ring, pipeline, timing
-        self._work_us, self._works, self._cycles = np.zeros(WORKS, np.float32), 0, 0
-        self._period_ns, self._due_ns = round(1e9 / RATE_HZ), 0
+        self._ring, self._timing = ring, timing
+        self._longest_ns = self._cycles = self._due_ns = 0
         self.taken = self.missed = 0
         self._begin()
 
@@ -87,16 +77,14 @@ class Snapshots:
     def look(self, state: State) -> bool:
         """Process a cycle; True where a snapshot of it was due."""
         self._cycles += 1
-        if self._timing is not None and self._works < WORKS:
-            # working time of the cycle before, which includes its own call of this method
-            self._work_us[self._works] = 1e-3 * self._timing.work_ns
-            self._works += 1
+        if self._timing is not None:  # of the cycle before, which includes its call of this method
+            self._longest_ns = max(self._longest_ns, self._timing.work_ns)
         now_ns = time.monotonic_ns()
         if now_ns < self._due_ns:
             return False
-        self._due_ns += self._period_ns
+        self._due_ns += PERIOD_NS
         if self._due_ns <= now_ns:  # late: skipped snapshots are not made up
-            self._due_ns = now_ns + self._period_ns
+            self._due_ns = now_ns + PERIOD_NS
         at = self._ring.claim_slot()
         if at is None:
             self.missed += 1
@@ -107,11 +95,8 @@ class Snapshots:
         record = self._ring.records[at : at + 1]
         if state.whole is None:  # not wanted
             record["whole"] = 1
-        record["counts"] = self._pipeline.counts
-        record["cycles"], record["works"] = self._cycles, self._works
-        record["work_us"][0, : self._works] = self._work_us[: self._works]
-        record["unsent"] = 0 if self._timing is None else self._timing.unsent
+        record["cycles"], record["work_us"] = self._cycles, 1e-3 * self._longest_ns
         self._ring.publish()
-        self._works = 0
+        self._longest_ns = 0
         self.taken += 1
         return True

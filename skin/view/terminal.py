@@ -1,4 +1,4 @@
-"""A live table for a terminal: loads as a heat map, wrench, centre, temperature, health."""
+"""The live table in a terminal: units from above with their load, and numbers beside them."""
 
 from __future__ import annotations
 
@@ -22,17 +22,13 @@ __all__ = ["LiveTable", "unit_map"]
 
 REFRESH_S = 0.2
 """Interval of updates: readable, and the cycle must not wait for a terminal."""
-
 SHADES = " .:-=+*#%@"
-RAMP = (236, 23, 29, 35, 71, 107, 143, 179, 173, 167, 161)
-"""Colours of the 256-colour palette, from no load to full load."""
-
+RAMP = (236, 23, 29, 35, 71, 107, 143, 179, 173, 167)
+"""Colours of the 256-colour palette for them, from no load to full load."""
 FULL_SCALE_N = 6.0
 """Load of the brightest cell."""
-
-CONTACTS = 3
-"""Number of contacts shown."""
-
+CONTACTS = UNITS = 3
+"""Number of contacts, and of invalid units, shown."""
 CLEAR_DOWN = "\x1b[J"
 
 
@@ -54,27 +50,17 @@ def unit_map(topology: Topology, width: int = 64) -> tuple[np.ndarray, tuple[int
     shape : tuple of int
         Rows and columns of the map.
     """
-    centred = topology.position - topology.position.mean(axis=1, keepdims=True)
-    spread = np.ptp(centred, axis=1)
-    flat = np.sort(np.argsort(-spread, kind="stable")[:2])
-    x, y = centred[flat]
-    pitch = _pitch(topology)
+    from scipy.spatial import KDTree
+
+    spread = np.ptp(topology.position, axis=1)
+    x, y = topology.position[np.sort(np.argsort(-spread, kind="stable")[:2])]
+    places = topology.position.T
+    pitch = KDTree(places).query(places, k=2)[0][:, 1].min() if topology.n > 1 else 1.0
     column = np.rint((x - x.min()) / pitch).astype(int)
     row = np.rint((y.max() - y) / pitch).astype(int)
     if column.max() >= width:
         column = (column * (width - 1)) // column.max()
     return np.stack([row, column]), (int(row.max()) + 1, int(column.max()) + 1)
-
-
-def _pitch(topology: Topology) -> float:
-    """Shortest distance between two units, metre."""
-    if topology.n == 1:
-        return 1.0
-    first = np.repeat(np.arange(topology.n), np.diff(topology.neighbour_start))
-    if first.size == 0:
-        return float(np.ptp(topology.position, axis=1).max()) or 1.0
-    step = topology.position[:, first] - topology.position[:, topology.neighbour_index]
-    return float(np.sqrt((step**2).sum(axis=0)).min())
 
 
 class LiveTable:
@@ -94,14 +80,14 @@ class LiveTable:
         self._next = 0.0
         self._lines = 0
         self._work_us: deque[float] = deque(maxlen=1000)
-        self.live = self._stream.isatty()
+        self._is_live = self._stream.isatty()
         self._has_colour = not os.environ.get("NO_COLOR")  # https://no-color.org
 
     def show(self, state: State, work_ns: int) -> None:
         """Record a cycle's working time and redraw when due."""
         self._work_us.append(work_ns * 1e-3)
         now = time.monotonic()
-        if not self.live or now < self._next:
+        if not self._is_live or now < self._next:
             return
         self._next = now + REFRESH_S
         lines = self.lines(state)
@@ -114,58 +100,42 @@ class LiveTable:
 
     def lines(self, state: State) -> list[str]:
         """The table for one state, one string a line."""
-        side = self._numbers(state)
-        rows = self._heat(state)
-        height = max(len(rows), len(side))
-        blank = "  " * self._shape[1]
-        rows += [blank] * (height - len(rows))
-        side += [""] * (height - len(side))
+        rows, side = self._heat(state), self._numbers(state)
+        rows += ["  " * self._shape[1]] * (len(side) - len(rows))
+        side += [""] * (len(rows) - len(side))
         title = f"{self._topology.name}: {self._topology.n} units, cycle {state.cycle}"
         if state.overruns:
             title += f", {state.overruns} periods left out"
         return [title, *(f"  {a}   {b}" for a, b in zip(rows, side, strict=True))]
 
     def _heat(self, state: State) -> list[str]:
-        load = np.full(self._shape, np.nan)
-        bad = np.zeros(self._shape, bool)
-        row, column = self._cells
-        on = is_on(state.units.status)
-        bad[row, column] = (state.units.status & int(INVALID) != 0) & on
-        if (force := if_wanted(state.units, "force")) is not None:
-            load[row, column] = np.where(bad[row, column], 0.0, force[2])
-            load[row[~on], column[~on]] = np.nan
+        """The map: a shade for a load, `!` for an invalid unit, nothing where no unit is on."""
+        cells = np.full(self._shape, "  ", object)
+        on, force = is_on(state.units.status), if_wanted(state.units, "force")
+        bad = (state.units.status & int(INVALID) != 0) & on
+        load = np.zeros(on.size) if force is None else np.where(bad, 0.0, force[2])
         level = np.nan_to_num(load / FULL_SCALE_N).clip(0.0, 1.0)
-        shade = np.rint(level * (len(SHADES) - 1)).astype(int)
-        colour = np.rint(level * (len(RAMP) - 1)).astype(int)
-        lines = []
-        for i in range(self._shape[0]):
-            cells = []
-            for j in range(self._shape[1]):
-                if np.isnan(load[i, j]) and not bad[i, j]:
-                    cells.append("  ")
-                    continue
-                glyph = "!" if bad[i, j] else SHADES[shade[i, j]]
-                style = "41" if bad[i, j] else f"48;5;{RAMP[colour[i, j]]}"
-                cells.append(
-                    f"\x1b[97;{style}m{glyph} \x1b[0m" if self._has_colour else f"{glyph} "
-                )
-            lines.append("".join(cells))
-        return lines
+        shades = np.rint(level * (len(SHADES) - 1)).astype(int).tolist()
+        for row, column, i in zip(*self._cells.tolist(), range(on.size), strict=True):
+            if bad[i]:
+                glyph, style = "!", "41"
+            elif force is not None and on[i]:
+                glyph, style = SHADES[shades[i]], f"48;5;{RAMP[shades[i]]}"
+            else:
+                continue
+            text = f"\x1b[97;{style}m{glyph} \x1b[0m" if self._has_colour else f"{glyph} "
+            cells[row, column] = text
+        return ["".join(row) for row in cells]
 
     def _numbers(self, state: State) -> list[str]:
         units, counters = state.units, state.counters
         lines = []
         if (wrench := if_wanted(state, "wrench")) is not None:
-            force, moment = wrench[:3], wrench[3:] * 1e3
             part = "  not whole" if if_wanted(state, "whole") is False else ""
-            lines.append("force     " + " ".join(f"{v:+7.2f}" for v in force) + f"  N{part}")
-            lines.append("moment    " + " ".join(f"{v:+7.1f}" for v in moment) + "  mN·m")
+            lines.append(_row("force", wrench[:3], "7.2f", f"N{part}"))
+            lines.append(_row("moment", 1e3 * wrench[3:], "7.1f", "mN·m"))
         if (centroid := if_wanted(state, "centroid")) is not None:
-            if np.isnan(centroid).any():
-                lines.append("centre         –       –       –   mm")
-            else:
-                centre = " ".join(f"{v:+7.1f}" for v in centroid * 1e3)
-                lines.append(f"centre    {centre}  mm")
+            lines.append(_row("centre", 1e3 * centroid, "7.1f", "mm"))
         if if_wanted(state, "contacts") is not None:
             lines += self._contacts(state)
         if (temperature := if_wanted(units, "temperature")) is not None and units.valid.any():
@@ -177,7 +147,9 @@ class LiveTable:
         if self._work_us:
             p50, p99 = np.percentile(self._work_us, [50, 99])
             lines.append(f"cycle     {p50:7.1f} µs p50, {p99:.1f} µs p99")
-        return lines + self._trouble(state)
+        found = flagged(units.status, self._topology.unit_names, if_wanted(units, "test_ratio"))
+        lines += [f"! {unit}: {why}" for unit, why in found[:UNITS]]
+        return lines + [f"! and {len(found) - UNITS} more units"] * (len(found) > UNITS)
 
     def _contacts(self, state: State) -> list[str]:
         """Heaviest contacts, in a fixed number of lines."""
@@ -191,14 +163,12 @@ class LiveTable:
                 if not np.isnan(contact.margin):
                     least = "≥ " if contact.flags & Flag.NO_FRICTION else ""
                     line += f" margin {least}{100 * contact.margin:.0f} %"
-            if not contact.whole:
-                line += " not whole"
-            lines.append(line)
-        return lines + ["contact      –"] * (not lines) + [""] * (CONTACTS - max(1, len(lines)))
+            lines.append(line if contact.whole else f"{line} not whole")
+        return (lines or ["contact      –"]) + [""] * (CONTACTS - max(1, len(lines)))
 
-    def _trouble(self, state: State) -> list[str]:
-        found = flagged(
-            state.units.status, self._topology.unit_names, if_wanted(state.units, "test_ratio")
-        )
-        lines = [f"! {unit}: {why}" for unit, why in found[:3]]
-        return lines + ([f"! and {len(found) - 3} more units"] if len(found) > 3 else [])
+
+def _row(name: str, values: np.ndarray, form: str, unit: str) -> str:
+    """A name, three numbers, a unit; dashes where the numbers are unknown."""
+    known = not np.isnan(values).any()
+    numbers = " ".join(f"{value:+{form}}" if known else "      –" for value in values)
+    return f"{name:<9} {numbers}  {unit}"
