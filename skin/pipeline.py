@@ -412,9 +412,7 @@ class Pipeline:
             own[:] = given
         return self.state(cycle)
 
-    def move(
-        self, position: np.ndarray, rotation: np.ndarray, q: np.ndarray | None = None
-    ) -> None:
+    def move(self, position: np.ndarray, rotation: np.ndarray, q: np.ndarray | None = None) -> None:
         """Set the poses of the units for the cycles to come, and the joints that they are of where
         these are known; see `skin.live.Skin.move`."""
         if self.contacts is None:
