@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled.jit import compiled
+from skin.physics.force_law import at as law_at
 from skin.physics.force_law import force, inverse, scaled, stiffening
 from skin.sim.mechanics.springs import Springs, yields
 
@@ -87,9 +89,7 @@ class Winkler:
         body_mm_per_n : float
             Compliance of the body at each unit.
         """
-        law = tuple(self.springs.normal)
-        own_mm[:] = yields(np.maximum(depth_mm, 0.0), law, body_mm_per_n)
-        load[:] = force(own_mm, law)
+        _press(self.springs.normal, depth_mm, body_mm_per_n, load, own_mm)
 
     def drag(self, faces: Faces, *, body_mm_per_n: float = 0.0) -> None:
         """Tangential forces of faces that a body drags.
@@ -103,28 +103,48 @@ class Winkler:
         body_mm_per_n : float
             Compliance of the body at each unit.
         """
-        want, load, slipping = faces.want_mm, faces.load, faces.slipping
-        stiff = stiffening(faces.depth_mm, self.springs.gain_per_mm, self.springs.reference_mm)
-        law = scaled(tuple(self.springs.shear), stiff)
-        length = np.hypot(want[0], want[1])
-        stuck_n = force(yields(length, law, body_mm_per_n), law)
-        limit = load * np.where(slipping, faces.kinetic, faces.static)
-        for _ in range(2):  # a face that begins to slip drops to kinetic friction
-            force_n = np.where(load > 0.0, np.minimum(stuck_n, limit), 0.0)
-            own = inverse(force_n, law)
-            held = np.where(force_n < SHORT * limit, length, own + body_mm_per_n * force_n)
-            slip = np.where(limit > 0.0, length - held, 0.0)
-            begins = ~slipping & (slip > SLIP_MM)
-            limit = np.where(begins, load * faces.kinetic, limit)
-        slipping[:] = slip > SLIP_MM
-        along = want / np.where(length > 0.0, length, 1.0)
-        touched = load > 0.0
-        faces.traction[:] = force_n * along
-        faces.own_mm[:] = own * along
-        faces.held_mm[:] = held * touched * along
-        faces.slip_mm[:] = slip * along
+        _drag(self.springs, faces, body_mm_per_n)
 
     def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
         """Tangential displacement in mm of untouched faces, shape (2, m), by their indices (m,),
         under tractions on the others in newton, shape (2, n): none."""
         return np.zeros((2, units.size))
+
+
+def _press_python(normal, depth_mm, body, load, own_mm):
+    """`Winkler.press`, in place."""
+    for i in range(depth_mm.size):
+        law = law_at(normal, i)
+        own_mm[i] = yields(max(depth_mm[i], 0.0), law, body)
+        load[i] = force(own_mm[i], law)
+
+
+def _drag_python(springs, faces, body):
+    """`Winkler.drag`, in place."""
+    for i in range(faces.load.size):
+        load, kinetic_n = faces.load[i], faces.load[i] * faces.kinetic[i]
+        x, y = faces.want_mm[0, i], faces.want_mm[1, i]
+        length = np.sqrt(x * x + y * y)
+        stiff = stiffening(faces.depth_mm[i], springs.gain_per_mm[i], springs.reference_mm[i])
+        law = scaled(law_at(springs.shear, i), stiff)
+        stuck_n = force(yields(length, law, body), law) if load > 0.0 else 0.0
+        limit = kinetic_n if faces.slipping[i] else load * faces.static[i]
+        for _ in range(2):
+            force_n = min(stuck_n, limit)
+            own = inverse(force_n, law)
+            held = length if force_n < SHORT * limit else own + body * force_n
+            slip = length - held if limit > 0.0 else 0.0
+            if faces.slipping[i] or slip <= SLIP_MM:
+                break
+            faces.slipping[i] = True
+            limit = kinetic_n  # a face that begins to slip
+        faces.slipping[i] = slip > SLIP_MM
+        for a in range(2):
+            along = faces.want_mm[a, i] / length if length > 0.0 else 0.0
+            faces.traction[a, i], faces.own_mm[a, i] = force_n * along, own * along
+            faces.held_mm[a, i] = held * along if load > 0.0 else 0.0
+            faces.slip_mm[a, i] = slip * along
+
+
+_press = compiled(_press_python, fastmath=("contract",))
+_drag = compiled(_drag_python, fastmath=("contract",))

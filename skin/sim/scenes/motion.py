@@ -15,7 +15,7 @@ from skin.sim.scenes.script import Block, BodyTable, Cylinder, Plate, Shape, Sph
 from topology import Topology
 from topology.pose import from_axes, from_rpy
 
-__all__ = ["Motion", "Track", "frame_of", "largest_patch", "shape_of"]
+__all__ = ["Motion", "Track", "frame_of", "shape_of", "units_on"]
 
 TAU = 2.0 * math.pi
 
@@ -114,12 +114,13 @@ def largest_patch(topology: Topology) -> str:
     return topology.patch_names[int(np.argmax(np.bincount(topology.patch)))]
 
 
-def _units_on(topology: Topology, on: str | None) -> np.ndarray:
-    """Units of a patch, or one unit, by name; None: those of the largest patch."""
-    if on in topology.unit_names and on not in topology.patch_names:
-        return np.array([topology.unit_index(on)])
-    name = largest_patch(topology) if on is None else on
-    return np.flatnonzero(topology.patch == topology.patch_names.index(name))
+def units_on(topology: Topology, on: str) -> np.ndarray:
+    """Indices of the units of a patch, or of one unit, by name; `*`: all."""
+    if on == "*":
+        return np.arange(topology.n)
+    if on in topology.patch_names:
+        return np.flatnonzero(topology.patch == topology.patch_names.index(on))
+    return np.array([topology.unit_index(on)])
 
 
 def frame_of(topology: Topology, on: str | None) -> Pose:
@@ -138,7 +139,7 @@ def frame_of(topology: Topology, on: str | None) -> Pose:
     Pose
         Coordinates of the frame to coordinates of the skin.
     """
-    units = _units_on(topology, on)
+    units = units_on(topology, on or largest_patch(topology))
     position = topology.position[:, units]
     middle = position.mean(axis=1)
     nearest = units[int(np.argmin(np.sum((position - middle[:, np.newaxis]) ** 2, axis=0)))]
@@ -171,10 +172,10 @@ class Motion:
         def track(name: str, default: float | tuple) -> Track:
             return Track(name, table.keys, table.waves, default, period_s)
 
-        places = topology.patch_names if table.on == "*" else (table.on,)
-        self.frames = tuple(frame_of(topology, place) for place in places)
-        self.places = tuple(largest_patch(topology) if on is None else on for on in places)
-        patches = [topology.patch[_units_on(topology, place)[0]] for place in places]
+        on = table.on or largest_patch(topology)
+        self.places = topology.patch_names if on == "*" else (on,)
+        self.frames = tuple(frame_of(topology, place) for place in self.places)
+        patches = [topology.patch[units_on(topology, place)[0]] for place in self.places]
         self._passed = tuple(topology.patch != patch for patch in patches) if table.only_on else ()
         self._period_s = period_s
         self._lowest_m = np.array([0.0, 0.0, lowest_m(table.shape)])

@@ -24,7 +24,7 @@ from skin.sim.field import Field, SineField, StrayField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs, under
 from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
-from skin.sim.scenes.motion import Motion, Track, shape_of
+from skin.sim.scenes.motion import Motion, Track, shape_of, units_on
 from skin.sim.scenes.script import NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import ThermalChain
@@ -33,7 +33,7 @@ from skin.sim.unit import UnitSimulator
 from topology import Topology
 from topology.pose import from_rpy
 
-__all__ = ["DEEPEST_MM", "PlayedBody", "ScriptedScene", "loaded_units"]
+__all__ = ["DEEPEST_MM", "PlayedBody", "ScriptedScene"]
 
 DEEPEST_MM = 3.5
 """Largest depth: a film pressed deeper would lie on its chip."""
@@ -144,7 +144,7 @@ class _Weights:
     def __init__(self, script: SceneFile, index: int, topology: Topology, room_c: float) -> None:
         table, period_s = script.loads[index], script.period_s
         self._where = partial(script.where, "loads", index)
-        self.units = loaded_units(table.units, topology)
+        self.units = np.unique(np.concatenate([units_on(topology, on) for on in table.units]))
         self._most_n = float(Elastic(topology).normal(DEEPEST_MM)[self.units].min())
         self._force = Track("force_n", table.keys, table.waves, (0.0, 0.0, 0.0), period_s)
         self._temperature = Track("temperature_c", table.keys, (), room_c, period_s)
@@ -162,19 +162,6 @@ class _Weights:
 
     def temperature(self, time_s: float) -> float:
         return float(self._temperature(time_s))
-
-
-def loaded_units(names: tuple[str, ...], topology: Topology) -> np.ndarray:
-    """Indices of units by names of units and patches; `*` for all."""
-    chosen = np.zeros(topology.n, bool)
-    for name in names:
-        if name == "*":
-            chosen[:] = True
-        elif name in topology.patch_names:
-            chosen |= topology.patch == topology.patch_names.index(name)
-        else:
-            chosen[topology.unit_index(name)] = True
-    return np.flatnonzero(chosen)
 
 
 class ScriptedScene:

@@ -9,8 +9,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skin.sim.grasping import rays
 from skin.sim.grasping.mesh import mesh_crossing, triangles
+from skin.sim.mechanics import rays
 
 SIZES = {
     rays.SPHERE: (0.02, 0.0, 0.0),
