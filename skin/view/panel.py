@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from queue import SimpleQueue
 from typing import Any
@@ -23,6 +23,8 @@ __all__ = ["Panel", "legend_html", "plotted", "unit_html"]
 
 PLOTTED_S = 20.0
 """Time span of the plot."""
+Forces = tuple[int, np.ndarray, np.ndarray]
+"""Stamp in ns, force of each unit and sigma of its normal force, newton."""
 
 
 class Panel:
@@ -47,7 +49,8 @@ class Panel:
         self._health = Health(
             self._names, topology.cycle_rate_hz, topology.patch, topology.patch_names
         )
-        self._recent: deque[np.void] = deque(maxlen=round(PLOTTED_S * RATE_HZ))
+        self._recent: deque[Forces] = deque(maxlen=round(PLOTTED_S * RATE_HZ))
+        self._newest: Any = None
         self._came_s = 0.0
         gui = server.gui
         self._banner = gui.add_html("")
@@ -94,12 +97,14 @@ class Panel:
     def add(self, record: np.void, now_s: float) -> None:
         """A snapshot has come."""
         self._health.add(record)
-        self._recent.append(record.copy())
+        forces = record["force"].copy(), record["force_sigma"][2].copy()
+        self._recent.append((int(record["stamp_ns"]), *forces))
+        self._newest = record.copy()
         self._came_s = now_s
 
     def refresh(self, now_s: float, scales: Scales, faults: Sequence[tuple[str, str]] = ()) -> None:
         """Show the newest snapshot; `faults` are those of links."""
-        newest = self._recent[-1]
+        newest = self._newest
         silent_s = now_s - self._came_s if self._is_live else 0.0
         self._banner.content = self._health.banner_html(newest, silent_s)
         self._words.content = self._health.html(newest, faults)
@@ -124,12 +129,12 @@ def _add_plot(gui: Any) -> Any:
     )  # fmt: skip
 
 
-def plotted(recent: Sequence[np.void], unit: int) -> tuple[np.ndarray, ...]:
+def plotted(recent: Iterable[Forces], unit: int) -> tuple[np.ndarray, ...]:
     """Seconds before the newest snapshot; normal force, shear, normal force plus and minus its
     sigma, newton: each of shape (m,), where the force is known."""
-    stamp_ns = np.array([one["stamp_ns"] for one in recent])
-    force = np.array([one["force"][:, unit] for one in recent], float)
-    sigma = np.nan_to_num([one["force_sigma"][2, unit] for one in recent])
+    stamps, forces, sigmas = zip(*recent, strict=True)
+    stamp_ns, force = np.array(stamps), np.array([each[:, unit] for each in forces], float)
+    sigma = np.nan_to_num([each[unit] for each in sigmas])
     time_s, normal, shear = 1e-9 * (stamp_ns - stamp_ns[-1]), force[:, 2], np.hypot(*force.T[:2])
     # the client has no scale for NaN
     seen = np.isfinite(normal) & (time_s > -PLOTTED_S)

@@ -12,6 +12,7 @@ from threading import Thread
 import pytest
 
 import skin
+from bus.logs import write
 from skin.cli import main
 from tests.fixtures.patience import LONG_S
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,10 +12,9 @@ import trimesh
 from skin.state import Status
 from skin.view.colour import INVALID_COLOUR, OFF_COLOUR, rendered
 from skin.view.drawing import Frame, Pose
-from skin.view.layout import described_layout, layout_of
 from skin.view.links import Links
-from skin.view.scene import CHOSEN_COLOUR, RIM_COLOUR, Scales, Scene, described_force
-from skin.view.scene import Shown as Chosen
+from skin.view.panel import unit_html
+from skin.view.scene import CHOSEN_COLOUR, RIM_COLOUR, Scales, Scene
 from tests.fixtures.asked import Asked
 from tests.fixtures.robots import GRIPPER, write_gripper
 from tests.fixtures.shown import Shown
@@ -30,8 +32,8 @@ def snapshot_of(shown, **of_state):
 def drawn(shown, chosen=None, **of_state):
     """A scene of a state, and the server that was asked for it."""
     asked, (record, pose) = Asked(), snapshot_of(shown, **of_state)
-    scene = Scene(asked, layout_of(described_layout(shown.topology)), pose)
-    scene.draw(record, pose, chosen or Chosen(), Scales())
+    scene = Scene(asked, shown.topology, pose, print)
+    scene.draw(record, pose, Scales(), unit=chosen)
     return asked, scene
 
 
@@ -46,45 +48,48 @@ def test_without_a_robot_there_are_no_links(shown):
     assert scene.points.shape == (24, 3)
 
 
-def test_names_of_patches_and_axes_are_there_until_they_are_switched_off(shown):
-    shown.topology.patch = np.arange(24) // 12
-    shown.topology.patch_names = ("lower", "upper", "of no unit")
-    for names in (True, False):
-        asked, _ = drawn(shown, Chosen(names=names))
-        nodes = asked.scene.nodes
-        assert [nodes[f"/patches/{k}"].text for k in (0, 1)] == ["lower", "upper"]
-        assert "/patches/2" not in nodes
-        assert [nodes[f"/axes/{name}"].text for name in "xyz"] == ["x", "y", "z"]
-        assert {nodes[name].visible for name in ("/axes", "/axes/x", "/patches/1")} == {names}
-        away = nodes["/axes"].position - np.float32(0.0)
-        assert (away[:2] < asked.scene.nodes["/units"].given[4].min(axis=0)[:2]).any()
+def test_names_of_patches_and_axes_are_there(shown):
+    shown.topology = replace(
+        shown.topology, patch=np.arange(24) // 12, patch_names=("lower", "upper", "of no unit")
+    )
+    asked, _ = drawn(shown)
+    nodes = asked.scene.nodes
+    assert [nodes[f"/patches/{k}"].text for k in (0, 1)] == ["lower", "upper"]
+    assert "/patches/2" not in nodes
+    assert [nodes[f"/axes/{name}"].text for name in "xyz"] == ["x", "y", "z"]
+    assert (nodes["/axes"].position < nodes["/units"].batched_positions.min(axis=0)).all()
 
 
-def test_the_chosen_unit_has_a_rim_of_its_own_and_its_force(shown):
-    force = np.zeros((3, 24))
-    force[:, 7] = 0.3, -0.4, 1.2
-    asked, scene = drawn(shown, Chosen(unit=7), force=force)
-    rims, label = asked.scene.nodes["/rims"], asked.scene.nodes["/chosen"]
+def test_the_chosen_unit_has_a_rim_of_its_own(shown):
+    asked, scene = drawn(shown, 7)
+    rims = asked.scene.nodes["/rims"]
     expected = np.repeat(rendered(RIM_COLOUR)[None], 24, axis=0)
     expected[7] = rendered(CHOSEN_COLOUR)
     np.testing.assert_array_equal(rims.batched_colors, expected)
     assert rims.batched_scales[7, 0] > rims.batched_scales[6, 0]
-    assert label.visible
-    assert label.text == "u7  1.30 ± 0.01 N"
-    scene.draw(*snapshot_of(shown, force=force), Chosen(), Scales())
-    assert not label.visible
+    scene.draw(*snapshot_of(shown), Scales())
     assert (rims.batched_colors == rendered(RIM_COLOUR)).all()
 
 
-def test_the_sigma_of_a_force_is_that_along_it(shown):
+def test_a_click_on_a_disc_chooses_its_unit(shown):
+    asked, clicked = Asked(), []
+    Scene(asked, shown.topology, snapshot_of(shown)[1], clicked.append)
+    asked.scene.nodes["/units"].clicked(SimpleNamespace(instance_index=5))
+    assert clicked == [5]
+
+
+def test_a_unit_is_described_with_the_sigma_along_its_force(shown):
     record, _ = snapshot_of(shown)
     record["force"][:, 3], record["force_sigma"][:, 3] = (0.0, 3.0, 4.0), (9.0, 0.5, 0.25)
     expected = np.hypot(0.6 * 0.5, 0.8 * 0.25)
-    assert described_force(record, 3) == f"5.00 ± {expected:.2f} N"
+    text = unit_html(record, 3, "thumb/u3")
+    assert "thumb/u3" in text
+    assert f"5.00 ± {expected:.2f} N" in text
+    assert "3.00 ± 0.50 N" in text
     record["force_sigma"][:, 3] = np.nan
-    assert described_force(record, 3) == "5.00 N"
+    assert "5.00 N" in unit_html(record, 3, "u3")
     record["force"][:, 3] = np.nan
-    assert described_force(record, 3) == "no force"
+    assert "unknown" in unit_html(record, 3, "u3")
 
 
 def test_units_switched_off_are_grey_and_those_never_heard_have_a_cross(shown):
@@ -104,14 +109,8 @@ def test_four_thousand_units_are_drawn_by_as_many_nodes_as_ten():
     assert len(many.scene.all) == len(few.scene.all)
 
 
+ROOM = Frame(np.zeros(3), 1.0)
 # Links: the gripper of the fixtures, whose fingers slide.
-
-
-def on_gripper(tmp_path, model=GRIPPER):
-    """Topology of a gripper, and a layout as the view's process has it."""
-    skin = load(write_gripper(tmp_path, model))
-    layout = layout_of(described_layout(skin))
-    return skin, layout
 
 
 def pose_at(skin, robot, close, q):
@@ -125,27 +124,31 @@ def pose_at(skin, robot, close, q):
     return Pose(np.float32(position), np.float32(skin.rotation), np.array(q))
 
 
+def links_of(folder, model=GRIPPER, frame=ROOM):
+    """The links of a gripper, its nodes by their names, and the robot."""
+    robot, asked = load(write_gripper(folder, model)).robot, Asked()
+    links = Links(asked.scene, robot, frame)
+    return links, {robot.link_names[int(k[7:])]: v for k, v in asked.scene.nodes.items()}, robot
+
+
 def test_links_are_where_the_joints_are_and_hidden_where_these_are_unknown(tmp_path):
-    _, layout = on_gripper(tmp_path)
-    robot, asked = layout.links.robot, Asked()
     frame = Frame(np.array([0.01, 0.02, 0.03]), 5.0)
-    links = Links(asked.scene, layout.links, frame)
+    links, nodes, robot = links_of(tmp_path, frame=frame)
     links.move(np.array([0.02]))
     expected = robot.forward(np.array([0.02]))
-    for link in range(3):
-        node = asked.scene.nodes[f"/links/{link}"]
+    for link, node in enumerate(nodes.values()):
         assert node.kind == "add_mesh_simple"
         np.testing.assert_allclose(
             node.position, 5.0 * (expected[link, :3, 3] - frame.middle), atol=1e-4
         )
         np.testing.assert_allclose(np.abs(node.wxyz), [1.0, 0.0, 0.0, 0.0], atol=1e-4)
-    size = np.ptp(asked.scene.nodes["/links/1"].given[1], axis=0)
+    size = np.ptp(nodes["left"].given[1], axis=0)
     np.testing.assert_allclose(size, 5.0 * np.array([0.01, 0.05, 0.06]), rtol=1e-5)
-    corners = links.extent / 5.0 + frame.middle
+    corners = links.points() / 5.0 + frame.middle
     np.testing.assert_allclose(corners[:8].min(axis=0), [-0.05, -0.025, -0.02], atol=1e-6)
     for q, visible in ((np.nan, False), (0.01, True)):
         links.move(np.array([q]))
-        assert asked.scene.nodes["/links/0"].visible is visible
+        assert nodes["left"].visible is visible
 
 
 def test_a_mesh_is_drawn_with_its_place_and_scale(tmp_path):
@@ -156,13 +159,12 @@ def test_a_mesh_is_drawn_with_its_place_and_scale(tmp_path):
         '<mesh filename="tip.stl" scale="0.001 0.001 0.001"/></geometry></visual>',
         1,
     )
-    _, layout = on_gripper(tmp_path, mesh)
-    left = layout.links.robot.link_names.index("left")
-    vertices, faces = layout.links.meshes[left]
+    links, nodes, _ = links_of(tmp_path, mesh)
+    vertices, faces = nodes["left"].given[1:3]
     np.testing.assert_allclose(vertices.min(axis=0), [0.095, -0.01, -0.02], atol=1e-6)
     np.testing.assert_allclose(vertices.max(axis=0), [0.105, 0.01, 0.02], atol=1e-6)
     assert (len(vertices), len(faces)) == (8, 12)
-    assert layout.links.problems == []
+    assert links.problems == []
 
 
 @pytest.mark.parametrize("content", [None, b"no mesh at all"])
@@ -170,42 +172,21 @@ def test_a_link_whose_mesh_cannot_be_read_is_axes_and_named(tmp_path, content, c
     if content is not None:
         (tmp_path / "tip.stl").write_bytes(content)
     broken = GRIPPER.replace('<box size="0.01 0.05 0.06"/>', '<mesh filename="tip.stl"/>', 1)
-    _, layout = on_gripper(tmp_path, broken)
-    ((name, why),) = layout.links.problems
+    links, nodes, _ = links_of(tmp_path, broken)
+    ((name, why),) = links.problems
     assert name == "left"
     assert "tip.stl: must be a mesh" in why
     assert "view: link 'left': " in capsys.readouterr().err
-    asked = Asked()
-    links = Links(asked.scene, layout.links, Frame(np.zeros(3), 1.0))
-    links.move(np.zeros(1))
-    kinds = {name: node.kind for name, node in asked.scene.nodes.items()}
-    left = layout.links.robot.link_names.index("left")
-    assert kinds.pop(f"/links/{left}") == "add_frame"
-    assert set(kinds.values()) == {"add_mesh_simple"}
+    assert nodes.pop("left").kind == "add_frame"
+    assert {node.kind for node in nodes.values()} == {"add_mesh_simple"}
 
 
-def test_a_link_without_a_shape_is_axes(tmp_path):
-    bare = GRIPPER.replace("<collision><origin", "<inertial><origin").replace(
-        '<geometry><box size="0.1 0.05 0.02"/></geometry></collision>',
-        '<mass value="1"/></inertial>',
-    )
-    _, layout = on_gripper(tmp_path, bare)
-    asked = Asked()
-    Links(asked.scene, layout.links, Frame(np.zeros(3), 1.0))
-    assert asked.scene.nodes["/links/0"].kind == "add_frame"
-    assert layout.links.problems == []
-
-
-def test_a_scene_moves_its_links_and_hides_them(tmp_path):
-    skin, layout = on_gripper(tmp_path)
-    pose = pose_at(skin, layout.links.robot, 0.0, [0.0])
-    record, asked = snapshots(1, skin.n)[0], Asked()
-    scene = Scene(asked, layout, pose)
-    for links in (True, False, True):
-        scene.draw(record, pose, Chosen(links=links), Scales())
-        assert asked.scene.nodes["/links/0"].visible is links
+def test_a_scene_moves_its_links(tmp_path):
+    skin = load(write_gripper(tmp_path))
+    pose, record, asked = pose_at(skin, skin.robot, 0.0, [0.0]), snapshots(1, skin.n)[0], Asked()
+    scene = Scene(asked, skin, pose, print)
     before = np.array(asked.scene.nodes["/links/1"].position)
-    scene.draw(record, pose_at(skin, layout.links.robot, 0.03, [0.03]), Chosen(), Scales())
+    scene.draw(record, pose_at(skin, skin.robot, 0.03, [0.03]), Scales())
     moved = asked.scene.nodes["/links/1"].position - before
     np.testing.assert_allclose(moved, [0.03 * scene.frame.scale, 0.0, 0.0], atol=1e-5)
     assert len(scene.points) == skin.n + 3 * 8

@@ -13,8 +13,9 @@ import pytest
 
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.view import process, show
-from skin.view.server import LOOPBACK, address_of, check_installed, free_port, is_loopback
+from skin.view.server import LOOPBACK, address_of, check_free, check_installed, is_loopback
 from tests.fixtures.shown import Shown
+from topology.packed import packed
 
 
 @pytest.fixture
@@ -26,20 +27,12 @@ def taken():
 
 def test_a_port_in_use_is_refused(taken):
     with pytest.raises(SkinError, match=f"^view: port: must be free; got {taken}, in use$"):
-        free_port("127.0.0.1", taken)
-
-
-def test_without_a_port_the_next_free_one_is_taken(monkeypatch, taken):
-    monkeypatch.setattr("skin.view.server.FIRST_PORT", taken)
-    assert taken < free_port("127.0.0.1", None) < taken + 100
-    monkeypatch.setattr("skin.view.server.PORTS", 1)
-    with pytest.raises(SkinError, match=f"got {taken} to {taken}, all of them in use"):
-        free_port("127.0.0.1", None)
+        check_free("127.0.0.1", taken)
 
 
 def test_a_host_elsewhere_is_refused():
     with pytest.raises(SkinError, match=re.escape("must be an address of this machine; got '192.")):
-        free_port("192.0.2.1", 0)
+        check_free("192.0.2.1", None)
 
 
 def test_a_port_is_a_number_of_16_bits():
@@ -77,9 +70,7 @@ def test_a_browser_that_leaves_as_the_view_ends_touches_no_server(monkeypatch):
     server = MagicMock()
     server.on_client_disconnect = lambda callback: heard.setdefault("left", callback)
     monkeypatch.setattr(process, "open_server", lambda *_, **__: server)
-    layout = {"area": [1e-4], "title": "strip", "names": ["a"], "patch": [0],
-              "patch_names": ["strip"], "robot": None}  # fmt: skip
-    asked = {"layout": layout, "host": "127.0.0.1", "port": 1, "rate_hz": 250.0,
+    asked = {"topology": packed(Shown().topology), "host": "127.0.0.1", "port": 1,
              "is_live": False}  # fmt: skip
     ring = SimpleNamespace(dtype=np.dtype([("stamp_ns", "i8")]))
     viewer = process.Viewer(SimpleNamespace(request=asked, ring=ring))

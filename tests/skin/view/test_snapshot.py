@@ -9,16 +9,15 @@ import pytest
 
 import skin
 from skin.contact.record import Flag
-from skin.io.messages.record import COUNTERS, contacts_of
+from skin.io.messages.record import contacts_of
 from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.state import Status, if_wanted
 from skin.view import snapshot
-from skin.view.colour import QUANTITIES
 from skin.view.drawing import contact_labels
-from skin.view.health import Health, flagged
+from skin.view.health import Health
+from skin.view.panel import plotted
 from skin.view.snapshot import Snapshots, snapshot_dtype
-from skin.view.unit_folder import History
 from skin.worker import RingBuffer, described
 from tests.fixtures.robots import write_gripper
 from tests.fixtures.shown import Shown
@@ -59,7 +58,6 @@ def test_a_snapshot_says_what_the_state_says(want, clock):
         assert taken.look(state)
         one, expected = drained(ring)[1:], np.zeros(1, ring.dtype)
         fill(expected, state)
-        given = palm.pipeline.counts.copy()
     names = ("stamp_ns", "cycle", "counters", "force", "force_sigma", "temperature", "test_ratio",
              "status", "contact", "wrench", "contact_count")  # fmt: skip
     for name in names:
@@ -67,7 +65,6 @@ def test_a_snapshot_says_what_the_state_says(want, clock):
     assert [a.tobytes() for a in contacts_of(one[0])] == [
         a.tobytes() for a in contacts_of(expected[0])
     ]
-    np.testing.assert_array_equal(one["counts"][0], given)
     assert one["whole"].all()
     assert len(contact_labels(one[0])) == len(if_wanted(state, "contacts") or ())
     rows = dict(Health(palm.topology.unit_names, 250.0).rows(one[0]))
@@ -84,8 +81,7 @@ def test_contacts_and_a_wrench_that_are_not_whole_say_so():
     state.contacts[0].record["flags"] |= int(Flag.UNSEEN)
     fill(record, state)
     assert [text.endswith("   not whole") for text in contact_labels(record[0])] == [True]
-    rows = dict(Health(palm.topology.unit_names, 250.0).rows(record[0]))
-    assert rows["wrench"].startswith("not whole")
+    assert "not whole" in Health(palm.topology.unit_names, 250.0).banner_html(record[0])
 
 
 def test_the_other_process_reads_the_same_record():
@@ -102,8 +98,7 @@ def test_there_are_30_snapshots_a_second_at_most(clock):
     assert counted.taken == 30
     records = drained(ring)[1:]
     assert np.diff(records["cycles"]).tolist()[:4] == [9, 8, 8, 9]
-    assert records["works"].sum() == records["cycles"][-1]
-    assert (records["work_us"][0, :1] == 50.0).all()
+    assert (records["work_us"] == 50.0).all()
 
 
 def test_a_late_loop_takes_no_snapshots_in_a_row_to_catch_up(clock):
@@ -179,69 +174,16 @@ def test_joints_are_known_although_a_recorder_has_the_poses_set_again(tmp_path):
     assert pipeline.q.tolist() == [0.01]
 
 
-def test_health_has_the_test_ratio_of_the_worst_unit_and_of_those_that_are_flagged():
-    record = snapshots(1, 4)
-    record["test_ratio"], record["whole"] = [0.2, np.nan, 3.456, 0.9], True
-    record["status"][0, 1:3] = int(Status.NEVER), int(Status.MAGNETIC_ANOMALY)
-    health = Health("abcd", 250.0)
-    rows = dict(health.rows(record[0]))
-    assert rows["test ratio"] == "3.46 at most (c); 1 is the limit"
-    assert "wrench" not in rows
-    assert flagged(record["status"][0], "abcd", record["test_ratio"][0]) == [
-        ("b", "never"), ("c", "magnetic_anomaly, test ratio 3.46")
-    ]  # fmt: skip
-    assert "magnetic_anomaly, test ratio 3.46" in health.html(record[0])
-    assert QUANTITIES["test ratio"].values(record[0])[2] == np.float32(3.456)
-
-
-def records_of(count, step_s=0.034, n=4):
-    records = snapshots(count, n)
-    records["stamp_ns"] = 10**18 + np.round(1e9 * step_s * np.arange(count)).astype(np.int64)
-    records["cycle"] = records["cycles"] = np.arange(count)
-    return records
-
-
-def test_plots_show_the_last_seconds_of_the_skin_and_of_a_unit():
-    history, records = History(), records_of(1000)
-    records["wrench"][:, :3] = np.outer(np.arange(1000), [0.0, 3.0, 4.0])
-    records["contact_count"] = np.arange(1000) % 3
-    records["force"][:, :, 2] = np.outer(np.arange(1000), [3.0, 4.0, 7.0])
-    records["force_sigma"][:, 2, 2] = np.nan
-    for record in records:
-        history.add(record)
-    time_s, force, contacts = history.skin()
+def test_a_plot_shows_the_last_seconds_of_a_unit():
+    recent = [
+        (round(3.4e7 * k), np.outer(np.float32([3.0, 4.0, 7.0]), [0.0, k]), np.array([0.1, np.nan]))
+        for k in range(1000)
+    ]
+    recent[-2][1][:] = np.nan
+    time_s, normal, shear, high, low = plotted(recent, 1)
     assert time_s[-1] == 0.0
     assert -20.0 < time_s[0] < -19.9
-    np.testing.assert_allclose(force[-5:], 5.0 * np.arange(995, 1000))
-    assert contacts[-3:].tolist() == [1.0, 2.0, 0.0]
-    seen_s, normal, sigma, shear, _ = history.unit(2)
-    np.testing.assert_array_equal(seen_s, time_s)
-    np.testing.assert_allclose(normal[-2:], [6986.0, 6993.0])
-    np.testing.assert_allclose(shear[-2:], [4990.0, 4995.0])
-    assert (sigma == 0.0).all()
-
-
-def test_health_names_units_and_why():
-    status = np.zeros(30, np.uint16)
-    status[3], status[10:] = int(Status.NEVER), int(Status.STALE | Status.UNTARED)
-    names = [f"a<b>{i}" for i in range(30)]
-    assert flagged(status, names)[:2] == [("a<b>3", "never"), ("a<b>10", "stale")]
-    health, records = Health(names, 250.0), snapshots(60, 30)
-    records["stamp_ns"] = 10**18 + 40_000_000 * np.arange(60)
-    records["cycles"], records["cycle"] = 10 * np.arange(60), 10 * np.arange(60)
-    records["counters"][:, COUNTERS.index("data")] = 100 * np.arange(60)
-    records["counters"][:, COUNTERS.index("lost")] = 17
-    records["works"], records["work_us"][:, 0] = 1, np.arange(60)
-    records["status"] = status
-    for record in records:
-        health.add(record)
-    rows = dict(health.rows(records[-1]))
-    assert rows["units"] == "9 of 30 valid"
-    assert rows["losses"] == "lost 17"
-    assert rows["frames"] == "5900, 2500/s"
-    assert rows["cycles"] == "591, 250 Hz of 250, 25 Hz shown"
-    p50, p99 = np.percentile(np.arange(60), [50, 99])
-    assert rows["cycle time"] == f"{p50:.0f} µs p50, {p99:.0f} µs p99"
-    page = health.html(records[-1])
-    assert "a&lt;b&gt;3" in page
-    assert "and 9 more units" in page
+    np.testing.assert_allclose(normal[-2:], [6979.0, 6993.0])  # what is unknown is left out
+    np.testing.assert_allclose(shear[-2:], [4985.0, 4995.0])
+    np.testing.assert_array_equal(high, low)
+    np.testing.assert_allclose(np.subtract(*plotted(recent, 0)[3:]), 0.2)
