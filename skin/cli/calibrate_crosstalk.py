@@ -72,8 +72,8 @@ def calibrate_crosstalk(
     estimate = StrayEstimate(loaded)
     most_s = seconds or 2.0 * WINDOW_S * int(taken.sum()) + 2.0 * UNTOUCHED_S
     with skin.open(
-        loaded, want="temperature", auto_tare=False, sync=sync, pace=not simulate,
-        simulate=_Finger(loaded.n) if simulate else None,
+        loaded, options=skin.Options(want="temperature", auto_tare=False), sync=sync,
+        pace=not simulate, simulate=_Finger(loaded.n) if simulate else None,
     ) as opened:  # fmt: skip
         hear = partial(listen, opened, iter(opened))
         print(f"hands off for {UNTOUCHED_S:g} s …", file=sys.stderr, flush=True)

@@ -157,7 +157,8 @@ def open_skin(
     bus: str | None,
     sync: Literal["host", "bus"],
     simulate: tuple[str, ...] | None,
-    **how: Any,
+    auto_tare: bool = True,
+    record: Path | None = None,
 ) -> Iterator[Skin]:
     """The skin that a command runs, with what is worth knowing said before its first cycle."""
     import skin
@@ -173,9 +174,10 @@ def open_skin(
         scene = simulate[0] if simulate else True
     loaded = load(file, bus)
     if not scene:
-        for hint in hints(file, loaded, will_tare=how.get("auto_tare", True)):
+        for hint in hints(file, loaded, will_tare=auto_tare):
             print(f"note: {hint}", file=sys.stderr)
-    with skin.open(loaded, sync=sync, simulate=scene, **how) as opened:
+    how = skin.Options(auto_tare=auto_tare)
+    with skin.open(loaded, options=how, sync=sync, simulate=scene, record=record) as opened:
         note_scene(opened.nodes and opened.nodes.scene)
         yield opened
 

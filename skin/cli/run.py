@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from skin.cli import options
 from skin.cli.table import end
 from skin.cli.tally import Tally
-
-if TYPE_CHECKING:
-    from bus.logs import Recording
 
 __all__ = ["run"]
 
@@ -53,16 +49,12 @@ def run(
     a log. Exits with 1 if no unit ever answered, or no reading was valid.
     """
     from skin.view.terminal import LiveTable
+    from topology.files import NO_KIND
 
     options.check_seconds(seconds)
-    is_log = record is not None and record.suffix != ".mcap"
-    log = options.frame_log(record if is_log else None, file)
-    with ExitStack() as ended:
-        with _gone_if_refused(log, record):
-            opened = ended.enter_context(options.open_skin(
-                file, bus=bus, sync=sync, simulate=simulate, auto_tare=auto_tare, log=log,
-                record=None if is_log else record,
-            ))  # fmt: skip
+    options.check_folder("--record", record, NO_KIND)
+    how = {"auto_tare": auto_tare, "record": record}
+    with options.open_skin(file, bus=bus, sync=sync, simulate=simulate, **how) as opened:
         topology = opened.topology
         table, tally = LiveTable(topology), Tally(topology)
         with suppress(KeyboardInterrupt):
@@ -84,15 +76,3 @@ def run(
             report["recorded"] = recorder.report()
     end(report, json)
     return 0 if report["units_heard"] and report["valid_share"] != 0.0 else 1
-
-
-@contextmanager
-def _gone_if_refused(log: Recording | None, path: Path | None) -> Iterator[None]:
-    """Leave no log of a skin that cannot be opened."""
-    try:
-        yield
-    except BaseException:
-        if log is not None and path is not None:
-            log.close()
-            path.unlink()
-        raise

@@ -65,8 +65,9 @@ def tare(
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
     scene = SceneFile(format=1, name="untouched", seconds=2.0 * seconds) if simulate else None
     with skin.open(
-        loaded, want="temperature", auto_tare=False, sync=sync, simulate=scene, pace=not simulate
-    ) as opened:
+        loaded, options=skin.Options(want="temperature", auto_tare=False), sync=sync,
+        simulate=scene, pace=not simulate,
+    ) as opened:  # fmt: skip
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
         counts, status = listen(opened, iter(opened), seconds)
         if unsent := opened.timing.unsent:

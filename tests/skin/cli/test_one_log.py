@@ -99,7 +99,8 @@ def recorded(tmp_path_factory):
     """A recording of a run, and the forces that it had."""
     pytest.importorskip("mcap", reason="mcap is not installed")
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
-    with skin.open("strip", simulate="press", pace=False, record=path, sweeps=0) as strip:
+    how = skin.Options(sweeps=0)
+    with skin.open("strip", simulate="press", pace=False, record=path, options=how) as strip:
         force = np.stack([state.units.force for state in itertools.islice(strip, 120)])
     return path, force
 

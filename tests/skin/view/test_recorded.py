@@ -12,7 +12,6 @@ from threading import Thread
 import pytest
 
 import skin
-from bus.logs import write
 from skin.cli import main
 from tests.fixtures.patience import LONG_S
 

@@ -19,7 +19,8 @@ STAMP = "must be from 0 to 9223372036854775807 ns on the clock of the skin; got 
 def recorded(file, **options):
     """States of a run, and its recording."""
     pytest.importorskip("mcap", reason="mcap is not installed")
-    with skin.open("strip", simulate=True, pace=False, record=file, **options) as strip:
+    how = skin.Options(**options)
+    with skin.open("strip", simulate=True, pace=False, record=file, options=how) as strip:
         return [state.copy() for state in itertools.islice(strip, 200)]
 
 

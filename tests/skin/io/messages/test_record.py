@@ -15,7 +15,8 @@ from tests.naive.record import fill
 )
 def test_a_state_stands_in_its_record_as_numpy_would_copy_it(options):
     """The pipeline's own state, and one that has other arrays."""
-    with skin.open("strip", simulate="press", pace=False, **options) as live:
+    how = skin.Options(**options)
+    with skin.open("strip", simulate="press", pace=False, options=how) as live:
         kept = next(state for state in live if np.nanmax(state.units.force[2]) > 1.0).copy()
         kept.units.force[:] = 7.0
         kept.whole = False

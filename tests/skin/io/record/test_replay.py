@@ -96,8 +96,9 @@ def test_a_scene_with_faults_is_replayed_to_the_bit(options, tmp_path):
     loaded, file = topology.load("strip"), tmp_path / "run.mcap"
     ends, nodes = faulty(loaded)
     with skin.open(
-        loaded, transports=ends, record=file, deadline_s=0.001, pace=False, **options
-    ) as strip:
+        loaded, transports=ends, record=file, deadline_s=0.001, pace=False,
+        options=skin.Options(**options),
+    ) as strip:  # fmt: skip
         live = [state.copy() for state in itertools.islice(strip, 250)]
     nodes.close()
     closed_by = {state.closed_by for state in live}
