@@ -39,7 +39,6 @@ LEAST_SLOTS = 64
 EVENTS = 24
 """Events per slot; further ones go into the next slot."""
 SPARE_FRAMES = 8
-MODULE = "skin.io.record.process"
 
 
 class Event(IntEnum):
@@ -130,7 +129,8 @@ class Recorder(WorkerSink):
         self.lost_cycles = self.lost_frames = 0
         self._closed = False
         self._report: dict[str, Any] = {}
-        self.start(MODULE, self._ring, _request(self.file, pipeline), "open", niceness=0)
+        request = _request(self.file, pipeline)
+        self.start("skin.io.record.process", self._ring, request, "open", niceness=0)
 
     # -- called by the loop ------------------------------------------------------------------------
 

@@ -378,6 +378,7 @@ def test_bytes_are_those_of_rosbags_whatever_the_frame_is_called(palm, state, re
     fill(record, replace(state, contacts=state.contacts * 2))
     messages = SkinMessages(described(palm), "publishing", name=frame, frame=frame)
     record["moved"] = 1
+    record["pose"] = np.concatenate([palm.position, palm.rotation.reshape(9, -1)])
     found = dict([*messages.layout(1), *messages.moves(record[0], 2),
                   *messages.of_state(record[0])])  # fmt: skip
     assert len(found) == 9
