@@ -28,50 +28,54 @@ __all__ = ["decode"]
 FILES = (".csv", ".npz", ".parquet")
 
 
+Paths = Annotated[
+    tuple[str, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(
+        metavar="[TOPOLOGY] LOG [LOG ...]",
+        help="topology file, or the name of a ready-made one, and recorded CAN logs or "
+        "recordings; logs alone with --topology, recordings alone by their own",
+    ),
+]
+TopologyFile = Annotated[
+    str | None,
+    options.quiet(f"{options.FILE_HELP}; then all that comes first are logs", metavar="FILE"),
+]
+Output = Annotated[
+    Path | None,
+    options.quiet(
+        "where to write: a folder for any number of logs; of one log FILE.parquet, .csv or .npz "
+        "(arrays)",
+        metavar="DIR|FILE",
+        aliases=["-o"],
+    ),
+]
+Want = Annotated[
+    tuple[str, ...],
+    options.quiet(
+        "what to decode; forces, temperatures, contacts and slip otherwise; of recordings as "
+        "their runs",
+        metavar="NAME [NAME ...]",
+    ),
+]
+Jobs = Annotated[int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")]
+Format = Annotated[Literal["parquet", "csv", "npz"], tyro.conf.arg(help="of the files in a folder")]
+
+
 def decode(
-    paths: Annotated[
-        tuple[str, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(
-            metavar="[TOPOLOGY] LOG [LOG ...]",
-            help="topology file, or the name of a ready-made one, and recorded CAN logs or "
-            "recordings; logs alone with --topology, recordings alone by their own",
-        ),
-    ],
+    paths: Paths,
     /,
     *,
-    topology: Annotated[
-        str | None,
-        options.quiet(f"{options.FILE_HELP}; then all that comes first are logs", metavar="FILE"),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        options.quiet(
-            "where to write: a folder for any number of logs; of one log FILE.parquet, .csv or "
-            ".npz (arrays)",
-            metavar="DIR|FILE",
-            aliases=["-o"],
-        ),
-    ] = None,
-    want: Annotated[
-        tuple[str, ...],
-        options.quiet("what to decode; forces, temperatures, contacts and slip otherwise; of "
-                      "recordings as their runs", metavar="NAME [NAME ...]"),
-    ] = (),
+    topology: TopologyFile = None,
+    output: Output = None,
+    want: Want = (),
     sweeps: options.Sweeps = None,
     dtype: options.DType = None,
-    jobs: Annotated[
-        int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")
-    ] = 1,
-    format: Annotated[
-        Literal["parquet", "csv", "npz"], tyro.conf.arg(help="of the files in a folder")
-    ] = "parquet",
+    jobs: Jobs = 1,
+    format: Format = "parquet",
     map: options.Map = (),
-    force: Annotated[
-        bool, options.quiet("decode logs into a folder that have not changed, too")
-    ] = False,
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …) and recordings of `skin record`.
 
     Each log gives three tables, with the columns of docs/reference/columns.md in every format: a
@@ -91,7 +95,7 @@ def decode(
     from skin.io.export.tables import beside
 
     loaded, logs = _named(paths, topology)
-    how = {"channels": options.mapped(map, *logs).get("channels"), "force": force}
+    mapped = options.mapped(map, *logs)
     asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
     check_number("--jobs", jobs, 1, 256, whole=True)
     if output is not None and output.suffix and not output.is_dir():
@@ -104,13 +108,13 @@ def decode(
             options.check_folder("--output", output)
         with _pool(min(jobs, len(logs))) as executor:
             report = decode_logs(loaded, logs, output, executor=executor, format=format,
-                                 on_log=None if json else _show, **how, **asked)  # fmt: skip
+                                 on_log=None if json else _show, **mapped, **asked)  # fmt: skip
         return _end(report | {"output": str(output.resolve())}, json)
     if len(logs) > 1:
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
     options.check_folder("--output", output)
     places = None if output is None else beside(output)
-    one = decode_one(loaded, logs[0], places, options=asked, **how)
+    one = decode_one(loaded, logs[0], places, options=asked, **mapped)
     written = str(output.resolve()) if output is not None and one["cycles"] else None
     if not json:
         _show(one)

@@ -32,61 +32,66 @@ def export(
     raise OptionError.unknown("skin export", kind, SUBCOMMANDS)
 
 
+Logs = Annotated[
+    tuple[Path, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="LOG [LOG ...]", help="recordings (.mcap) or CAN logs, an episode each"),
+]
+TopologyFile = Annotated[
+    str | None,
+    options.quiet(f"{options.FILE_HELP}: of logs; recordings have their own", metavar="FILE"),
+]
+Frames = Annotated[
+    tuple[Path, ...],
+    tyro.conf.arg(
+        metavar="DIR [DIR ...]",
+        help="frames of the camera, for each log: a folder of <stamp_ns>.png or .jpg",
+    ),
+]
+Output = Annotated[
+    Path, tyro.conf.arg(metavar="DIR", help="folder to write, new or empty", aliases=["-o"])
+]
+Tasks = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(metavar="TEXT [TEXT ...]", help="what was done: for all logs, or for each"),
+]
+Fps = Annotated[
+    int | None,
+    options.quiet(
+        "frames a second of the camera; otherwise as they come", metavar="INT", constructor=int
+    ),
+]
+Window = Annotated[int, tyro.conf.arg(metavar="INT", help="samples of the skin in a window")]
+TaxelImages = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(
+        metavar="PATCH [PATCH ...]",
+        help="patches of rows and columns whose forces are also written as an image",
+    ),
+]
+Offset = Annotated[
+    float,
+    tyro.conf.arg(metavar="SECONDS", help="what the clock of the log shows more than the camera's"),
+]
+
+
 def lerobot(
-    logs: Annotated[
-        tuple[Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(
-            metavar="LOG [LOG ...]", help="recordings (.mcap) or CAN logs, an episode each"
-        ),
-    ],
+    logs: Logs,
     /,
     *,
-    topology: Annotated[
-        str | None,
-        options.quiet(f"{options.FILE_HELP}: of logs; recordings have their own", metavar="FILE"),
-    ] = None,
-    frames: Annotated[
-        tuple[Path, ...],
-        tyro.conf.arg(
-            metavar="DIR [DIR ...]",
-            help="frames of the camera, for each log: a folder of <stamp_ns>.png or .jpg",
-        ),
-    ],
-    output: Annotated[
-        Path,
-        tyro.conf.arg(metavar="DIR", help="folder to write, new or empty", aliases=["-o"]),
-    ],
-    task: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="TEXT [TEXT ...]", help="what was done: for all logs, or for each"),
-    ],
-    fps: Annotated[
-        int | None,
-        options.quiet("frames a second of the camera; otherwise as they come", metavar="INT",
-                      constructor=int),
-    ] = None,
-    window: Annotated[
-        int, tyro.conf.arg(metavar="INT", help="samples of the skin in a window")
-    ] = 8,
-    taxel_image: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(
-            metavar="PATCH [PATCH ...]",
-            help="patches of rows and columns whose forces are also written as an image",
-        ),
-    ] = (),
-    offset_s: Annotated[
-        float,
-        tyro.conf.arg(
-            metavar="SECONDS", help="what the clock of the log shows more than the camera's"
-        ),
-    ] = 0.0,
+    topology: TopologyFile = None,
+    frames: Frames,
+    output: Output,
+    task: Tasks,
+    fps: Fps = None,
+    window: Window = 8,
+    taxel_image: TaxelImages = (),
+    offset_s: Offset = 0.0,
     map: options.Map = (),
     sweeps: options.Sweeps = None,
     dtype: options.DType = None,
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Write recordings, or CAN logs, and the frames of a camera as a LeRobot v3 data set.
 
     Each frame has the newest sample of the skin that is not later, and the window before it; what

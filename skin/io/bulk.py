@@ -56,8 +56,7 @@ OnLog = Callable[[dict[str, Any]], object]
 def decode_logs(
     source: Topology | str | Path, logs: Iterable[str | os.PathLike[str]],
     out: str | os.PathLike[str], *, executor: Executor | None = None, format: str = "parquet",
-    force: bool = False, channels: Mapping[str, str] | None = None, on_log: OnLog | None = None,
-    **options: Any,
+    channels: Mapping[str, str] | None = None, on_log: OnLog | None = None, **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """Decode recorded logs, and recordings of `skin record`, into tables in a folder.
 
@@ -74,8 +73,7 @@ def decode_logs(
         (``distributed.Client(…).get_executor()``), whose machines share topology, logs and folder.
         Without it logs are decoded in this process, with threads that read and write.
     format : "parquet", "csv" or "npz"
-    force : bool
-        Whether to decode logs again whose Parquet files say the same provenance.
+        Logs whose Parquet files say the same provenance are not decoded again.
     channels : mapping of str to str, optional
         As of `skin.decode_log`.
     on_log : function, optional
@@ -108,7 +106,7 @@ def decode_logs(
     keys = _keys(map(Path, logs))
     calls = {
         log: partial(
-            _attempt, loaded, log, places_in(Path(out), loaded.name, key, format), force=force,
+            _attempt, loaded, log, places_in(Path(out), loaded.name, key, format),
             channels=channels, threads=None if executor is None else False, options=options,
         )
         for key, log in keys.items()
@@ -144,7 +142,7 @@ def _reports(
             log = futures[future]
             try:
                 yield log, future.result()
-            except Exception as error:  # a process that dies, or whatever a cluster raises
+            except Exception as error:  # a process that dies; a cluster may raise anything
                 yield log, _failed(log, f"{log}: must be decoded by a worker; got {error!r}")
     finally:
         for future in futures:
@@ -166,7 +164,7 @@ def _failed(log: Path, message: str) -> dict[str, Any]:
 
 
 def decode_one(
-    topology: Topology, log: Path, places: Mapping[str, Path] | None, *, force: bool = False,
+    topology: Topology, log: Path, places: Mapping[str, Path] | None, *,
     channels: Mapping[str, str] | None = None, threads: bool | None = None,
     options: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
@@ -178,7 +176,7 @@ def decode_one(
     log : Path
     places : mapping of str to Path, or None
         Of the tables, see `skin.io.export.tables`; None: nothing is written.
-    force, channels, options
+    channels, options
         As of `decode_logs`.
     threads : bool, optional
         Whether threads read, decode and write at the same time; if not given, where there is more
@@ -208,12 +206,12 @@ def decode_one(
         played = decode_log(topology, log, channels=channels, **{"want": WANT} | dict(options))
         blocks = played.blocks(threads=threads)
     used = played.pipeline.options
-    told = provenance_of(played.topology, used) | _provenance_of_log(log, channels)
-    if places is not None and not force and (before := report_in(places["faults"], told)):
+    provenance = provenance_of(played.topology, used) | _provenance_of_log(log, channels)
+    if places is not None and (before := report_in(places["faults"], provenance)):
         return before | {"log": str(log), "state": "unchanged"}
     tally = _Tally(topology)
     with ExitStack() as files:
-        tables = None if places is None else Tables(_with_folders(places), topology, told, files)
+        tables = None if places is None else Tables(places, topology, provenance, files)
         for block in prefetch(blocks, BLOCKS_AHEAD) if threads else blocks:
             tally.add(block)
             if tables is not None:
@@ -273,12 +271,6 @@ def places_in(out: Path, skin: str, key: str, format: str) -> dict[str, Path]:
         table: out / table / f"skin={quote(skin, safe='')}" / f"log={key}" / f"{table}.{format}"
         for table in ("cycles", "contacts", "faults")
     }
-
-
-def _with_folders(places: Mapping[str, Path]) -> Mapping[str, Path]:
-    for path in places.values():
-        path.parent.mkdir(parents=True, exist_ok=True)
-    return places
 
 
 def _keys(logs: Iterable[Path]) -> dict[str, Path]:

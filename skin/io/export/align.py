@@ -111,7 +111,7 @@ class Sampler:
         self._window, self._rows, self._max_age_ns = window, contacts, max_age_ns
         self._cycles: deque[_Cycle] = deque(maxlen=window)
         self._coming = self._read(states)
-        self._ahead = next(self._coming, None)
+        self._next = next(self._coming, None)
 
     def _read(self, states: Iterable[State]) -> Iterator[_Cycle]:
         for state in states:
@@ -125,10 +125,10 @@ class Sampler:
         SkinError
             Time or numbers of cycles run back, or a quantity is missing.
         """
-        while self._ahead is not None and self._ahead.state.stamp_ns <= stamp_ns:
-            self._check(self._ahead.state)
-            self._cycles.append(self._ahead)
-            self._ahead = next(self._coming, None)
+        while self._next is not None and self._next.state.stamp_ns <= stamp_ns:
+            self._check(self._next.state)
+            self._cycles.append(self._next)
+            self._next = next(self._coming, None)
 
     def _check(self, state: State) -> None:
         needed = {name: if_wanted(state.units, name) for name in ("temperature", "force")}

@@ -4,7 +4,7 @@ Written with pyarrow; lerobot itself is not needed. A row is a camera frame with
 sample of the skin and the window of samples before it. Values that are not valid are NaN, and
 ``observation.tactile.valid`` is False. With the counts of each sample, the serial numbers of the
 units and the hashes of their calibrations, a data set that was taken by a wrong calibration can be
-decoded anew. See docs/guides/connect.md for the features.
+decoded again. See docs/guides/connect.md for the features.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Protocol, cast
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -86,9 +86,12 @@ def write_tables(
     """
     check_path("file", file, OptionError)
     source: Pipeline = cast("Any", states).pipeline if pipeline is None else pipeline
-    told, of_log = provenance_of(source.topology, source.options), getattr(states, "blocks", None)
+    provenance, of_log = (
+        provenance_of(source.topology, source.options),
+        getattr(states, "blocks", None),
+    )
     with ExitStack() as files:
-        tables = Tables(beside(Path(file)), source.topology, told, files)
+        tables = Tables(beside(Path(file)), source.topology, provenance, files)
         for block in blocks_of(states, source) if of_log is None else of_log():
             tables.add(block)
         tables.finish()
@@ -103,7 +106,7 @@ class Tables:
     places : mapping of str to Path
         Path of each table; the ending is the format, of `FORMATS`.
     topology : Topology
-    told : mapping of str to str
+    provenance : mapping of str to str
         Provenance: metadata of Parquet files, arrays ``_name`` in an .npz; CSV has no place for it.
     files : ExitStack
         Moves the files to their places when it closes; after an error it removes them.
@@ -115,10 +118,10 @@ class Tables:
     """
 
     def __init__(
-        self, places: Mapping[str, Path], topology: Topology, told: Mapping[str, str],
+        self, places: Mapping[str, Path], topology: Topology, provenance: Mapping[str, str],
         files: ExitStack,
     ) -> None:  # fmt: skip
-        self._places, self._told, self._files = places, dict(told), files
+        self._places, self._provenance, self._files = places, dict(provenance), files
         self._format = places["cycles"].suffix.removeprefix(".")
         check_choice("format", self._format, FORMATS)
         if self._format == "parquet":
@@ -145,8 +148,8 @@ class Tables:
         self._flush()
         if not self.cycles:
             return
-        self._told[REPORT] = json.dumps(report, sort_keys=True)
-        self._open["faults"].write(faults(self._faults.finished()), self._told)
+        self._provenance[REPORT] = json.dumps(report, sort_keys=True)
+        self._open["faults"].write(faults(self._faults.finished()), self._provenance)
         for writer in self._open.values():
             writer.close()
         for table in TABLES.keys() - self._open.keys():  # of other options
@@ -159,12 +162,13 @@ class Tables:
         if not self._open:
             for table in TABLES if blocks[0].contacts is not None else ("faults", "cycles"):
                 self._begin(table)
-        self._open["cycles"].write(cycles(blocks), self._told)
+        self._open["cycles"].write(cycles(blocks), self._provenance)
         if "contacts" in self._open:
-            self._open["contacts"].write(contacts(blocks), self._told)
+            self._open["contacts"].write(contacts(blocks), self._provenance)
 
     def _begin(self, table: str) -> None:
         path, how = self._places[table], dict[str, Any](mode="wb")
+        path.parent.mkdir(parents=True, exist_ok=True)
         if self._format == "csv":
             how = {"mode": "w", "newline": "", "encoding": "utf-8"}
         file = self._files.enter_context(whole_file(path, over=_kind(table, self._format), **how))
@@ -172,7 +176,7 @@ class Tables:
         self._open[table] = writers[self._format](file, self._units)
 
 
-def report_in(path: Path, told: Mapping[str, str]) -> dict[str, Any] | None:
+def report_in(path: Path, provenance: Mapping[str, str]) -> dict[str, Any] | None:
     """The report of a finished log, in the footer of its Parquet table of faults; None if there is
     none, or one of another provenance."""
     if path.suffix != ".parquet" or not path.is_file():
@@ -184,7 +188,7 @@ def report_in(path: Path, told: Mapping[str, str]) -> dict[str, Any] | None:
         report = json.loads(known.pop(REPORT))
     except Exception:  # a damaged file may raise anything
         return None
-    return report if known == told else None
+    return report if known == provenance else None
 
 
 def _kind(table: str, format: str) -> Kind:
@@ -197,11 +201,6 @@ def _kind(table: str, format: str) -> Kind:
 # -- formats ---------------------------------------------------------------------------------------
 
 
-class _Writer(Protocol):
-    def write(self, values: Iterable[Values], told: Mapping[str, str]) -> None: ...
-    def close(self) -> None: ...
-
-
 class _Parquet:
     """Row groups, with the units of measure and the provenance in the metadata."""
 
@@ -209,7 +208,7 @@ class _Parquet:
         self._file, self._library = file, arrow_for(file.name, "written")
         self._writer: Any = None
 
-    def write(self, values: Iterable[Values], told: Mapping[str, str]) -> None:
+    def write(self, values: Iterable[Values], provenance: Mapping[str, str]) -> None:
         arrow, fields, arrays = self._library.arrow, [], []
         for name, unit, column in _columns(values):
             found = arrow.array(column)
@@ -219,7 +218,7 @@ class _Parquet:
             # a nullable column costs half as much time again, for levels that are all alike
             fields.append(arrow.field(name, found.type, nullable=False, metadata=notes))
             arrays.append(found)
-        table = arrow.Table.from_arrays(arrays, schema=arrow.schema(fields, dict(told)))
+        table = arrow.Table.from_arrays(arrays, schema=arrow.schema(fields, dict(provenance)))
         if self._writer is None:
             self._writer = self._begun(table.schema)
         self._writer.write_table(table)
@@ -244,7 +243,7 @@ class _Csv:
     def __init__(self, file: IO[Any], units: np.ndarray) -> None:
         self._rows, self._has_head = csv.writer(file), False
 
-    def write(self, values: Iterable[Values], told: Mapping[str, str]) -> None:
+    def write(self, values: Iterable[Values], provenance: Mapping[str, str]) -> None:
         names, _, columns = zip(*_columns(values), strict=True)
         if not self._has_head:
             self._rows.writerow(names)
@@ -261,18 +260,23 @@ class _Arrays:
     """One array for each quantity, without pickle; the whole table is kept until it is closed."""
 
     def __init__(self, file: IO[Any], units: np.ndarray) -> None:
-        self._file, self._units, self._told = file, units, dict[str, str]()
+        self._file, self._units, self._provenance = file, units, dict[str, str]()
         self._parts: dict[str, list[np.ndarray]] = {}
 
-    def write(self, values: Iterable[Values], told: Mapping[str, str]) -> None:
-        self._told = dict(told)
+    def write(self, values: Iterable[Values], provenance: Mapping[str, str]) -> None:
+        self._provenance = dict(provenance)
         for one in values:
             self._parts.setdefault(one.of.name, []).append(one.array())
 
     def close(self) -> None:
         arrays = {name: np.concatenate(parts) for name, parts in self._parts.items()}
-        told = {f"_{name}": np.array(text) for name, text in self._told.items()}
-        np.savez_compressed(self._file, allow_pickle=False, **arrays, _units=self._units, **told)
+        provenance = {f"_{name}": np.array(text) for name, text in self._provenance.items()}
+        np.savez_compressed(
+            self._file, allow_pickle=False, **arrays, _units=self._units, **provenance
+        )
+
+
+_Writer = _Parquet | _Csv | _Arrays
 
 
 def _columns(values: Iterable[Values]) -> Iterator[tuple[str, str, np.ndarray]]:
