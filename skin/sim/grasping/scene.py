@@ -307,7 +307,7 @@ def _with_distant_links(topology: Topology) -> Topology:
 
 def _objects(objects: Any) -> list[GraspObject | str]:
     alone = isinstance(objects, GraspObject | str) or not isinstance(objects, Iterable)
-    given = [objects] if alone else list(objects)
+    given: list[Any] = [objects] if alone else [*objects]
     for thing in given:
         if not isinstance(thing, GraspObject | str):
             raise OptionError(
