@@ -306,8 +306,9 @@ def _with_distant_links(topology: Topology) -> Topology:
 
 
 def _objects(objects: Any) -> list[GraspObject | str]:
-    alone = isinstance(objects, GraspObject | str) or not isinstance(objects, Iterable)
-    given = [objects] if alone else list(objects)
+    if isinstance(objects, GraspObject | str) or not isinstance(objects, Iterable):
+        objects = [objects]
+    given = list(objects)
     for thing in given:
         if not isinstance(thing, GraspObject | str):
             raise OptionError(

@@ -71,9 +71,12 @@ def grasp(
     ...     world.truth.object_names, int((world.truth.touched_by == 0).sum())
     (('cube',), 32)
     """
-    if topology is not None and isinstance(model, Topology):
+    if topology is None:
+        own, file = model, None
+    elif isinstance(model, Topology):
         raise OptionError(f"model: must be an MJCF or URDF file; got {shown(model)}")
-    own, file = (model, None) if topology is None else (topology, model)
+    else:
+        own, file = topology, model
     scene = grasp_scene(
         own, objects, model=file, episode=episode, seed=seed, noise=noise, step_s=step_s,
         self_touch=self_touch,

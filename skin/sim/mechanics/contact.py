@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -210,7 +211,8 @@ class Mechanics:
         step_m = -math.copysign(FIRST_M, found)
         while abs(end := start + step_m) <= FURTHEST_M:
             if excess(end) * found <= 0.0:
-                return float(brentq(excess, start, end, xtol=1e-15))
+                found_m: Any = brentq(excess, start, end, xtol=1e-15)
+                return float(found_m)
             start, step_m = end, 2.0 * step_m
         return None
 

@@ -34,7 +34,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -95,17 +95,17 @@ class Recorder:
         if not rows:
             return
         scene = self.scene
+        arrays: dict[str, Any] = {
+            "format": np.int64(FORMAT),
+            "topology": scene.topology.name,
+            "scene": scene.script.name,
+            "cycle_rate_hz": np.float64(scene.topology.cycle_rate_hz),
+            "unit_names": np.array(scene.topology.unit_names),
+            "body_names": np.array([body.name for body in scene.bodies], str),
+            **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
+        }
         with whole_file(self.path, over=TRUTH) as file:
-            np.savez(
-                file,
-                format=np.int64(FORMAT),
-                topology=scene.topology.name,
-                scene=scene.script.name,
-                cycle_rate_hz=np.float64(scene.topology.cycle_rate_hz),
-                unit_names=np.array(scene.topology.unit_names),
-                body_names=np.array([body.name for body in scene.bodies], str),
-                **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
-            )
+            np.savez(file, **arrays)
 
 
 def _row(scene: ScriptedScene, truth: Truth) -> dict[str, np.ndarray]:

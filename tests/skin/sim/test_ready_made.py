@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -39,6 +42,7 @@ bus = "main"
 layout = "f3t-fd64"
 first_id = 0x100
 """
+PLAYED = Path(__file__).parents[2] / "golden" / "scenes" / "played.csv"
 SHORT = ("demo", "edge", "merge", "press", "pull8", "tap", "tool", "twist")
 
 
@@ -60,6 +64,33 @@ def test_every_scene_fits_every_hand(name, hand):
     for body in script.bodies:
         expected = hand.patch_names if body.on == "*" else (largest,)
         assert scene.touches[body.name] == expected
+
+
+def test_ready_made_scenes_play_as_they_always_did():
+    """Wrench on the palm, sums of depths and displacements, mean gel temperature, at 1, 2 and 3 s.
+
+    `UPDATE_GOLDEN=1` writes them anew, for a look at the difference before it is committed.
+    """
+    palm, rows = topology.load("palm"), []
+    for name in names:
+        scene = open_scene(name, palm)
+        for time_s in (1.0, 2.0, 3.0):
+            truth = scene.at(time_s)
+            sums = (
+                truth.depth_mm.sum(),
+                *truth.displacement_mm.sum(axis=1),
+                truth.temperature.mean(),
+            )
+            values = (time_s, *truth.wrench, *sums)
+            rows.append([name, *(f"{value + 0.0:.6f}" for value in values)])
+    if os.environ.get("UPDATE_GOLDEN"):
+        PLAYED.write_text("\n".join(map(",".join, rows)) + "\n", "utf-8")
+    golden = [line.split(",") for line in PLAYED.read_text("utf-8").splitlines()]
+    assert [row[:2] for row in rows] == [row[:2] for row in golden]
+    for row, expected in zip(rows, golden, strict=True):
+        np.testing.assert_allclose(
+            np.array(row[1:], float), np.array(expected[1:], float), atol=3e-6, err_msg=row[0]
+        )
 
 
 @pytest.mark.parametrize("name", SHORT)
