@@ -16,14 +16,17 @@ from skin.cli.table import columns, progress
 if TYPE_CHECKING:
     from skin.calibrate.bench.run import Outcome
 
-__all__ = ["SUBCOMMANDS", "calibrate", "check", "plan"]
+__all__ = ["SUBCOMMANDS", "calibrate", "check", "crosstalk", "plan"]
 
 SUBCOMMANDS = {
     "plan": "skin.cli.calibrate:plan",
     "check": "skin.cli.calibrate:check",
-    "crosstalk": "skin.cli.calibrate_crosstalk:calibrate_crosstalk",
+    "crosstalk": "skin.cli.calibrate:crosstalk",
 }
 """Words that stand for commands of their own: module and function."""
+
+UNTOUCHED_S = 2.0
+"""Of the tare, at the beginning of the log of a touched skin."""
 
 Bench = Annotated[
     Path, tyro.conf.Positional, tyro.conf.arg(metavar="BENCH", help="BENCH file of the recordings")
@@ -49,8 +52,8 @@ def calibrate(
     """Fit units to the recordings of a bench and write their calibration file.
 
     Also: `skin calibrate plan FILE` prints what to record, `skin calibrate check FILE BENCH` scores
-    an old calibration on new recordings, `skin calibrate crosstalk FILE` learns the stray fields of
-    neighbours from a finger. docs/guides/calibrate.md has the formats.
+    an old calibration on new recordings, `skin calibrate crosstalk FILE LOG STENCIL` learns the
+    stray fields of neighbours from a finger. docs/guides/calibrate.md has the formats.
 
     Recordings are judged first, and what was found is checked on them at the end. If anything is
     wrong, it is named, nothing is written and the exit status is 1.
@@ -173,6 +176,66 @@ def check(
                  for name, entry in checked.items()}  # fmt: skip
         print(json_text.dumps({"calibration": str(calibration), "units": units}))
     return int(bool(faults))
+
+
+def crosstalk(
+    file: options.File,
+    log: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG", help="recorded log of that skin")
+    ],
+    stencil: Annotated[
+        Path,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="STENCIL.npz", help="file to write what was learned to"),
+    ],
+    /,
+    *,
+    output: options.Calibration = None,
+    write: options.Write = False,
+    map: options.Map = (),
+    json: options.Json = False,
+) -> int:
+    """Learn the stray field of every film from a log of a touched skin (`skin run FILE --record`).
+
+    Nothing touches the skin for the first two seconds of it. Then each unit is pressed and sheared
+    for a second, in all directions, and its neighbours are left alone. Zeros are written to the
+    calibration files. Exit status 1, and nothing is written, if the skin could not be tared or no
+    press was seen.
+    """
+    import numpy as np
+
+    from skin.calibrate.bench.file import KINDS
+    from skin.calibrate.bench.neighbours import Touched, learn_stencil
+    from skin.calibrate.bench.series import read_counts
+    from skin.calibrate.tare import calibration_files, chosen
+    from skin.cli.tare import refused
+    from skin.compiling import announcer
+    from skin.errors import ScanError
+    from skin.physics.stencil import STENCIL_FILE
+
+    options.check_folder("STENCIL", stencil, STENCIL_FILE)
+    announcer()
+    loaded = options.load(file, allow_no_calibration=True)
+    calibration_files(loaded, chosen(loaded), output)  # refused before, not after
+    try:
+        counts = read_counts(loaded, log, options.mapped(map, log).get("channels"))
+        touched = (counts.time_s >= UNTOUCHED_S).astype(int)
+        kinds = np.array([KINDS.index("tare"), KINDS.index("neighbours")])
+        learned = learn_stencil(loaded, Touched(counts, kinds[touched], touched))
+    except ScanError as error:
+        return refused(str(error), loaded, json)
+    files = learned.zeros.write(output)
+    learned.stencil.save(stencil)
+    print(f"{stencil}: stray fields within {learned.sigma_ut:.1f} µT")
+    written = options.named_in_file(loaded, files, write)
+    if learned.missing:
+        print(f"not pressed: {', '.join(learned.missing)}")
+    if json:
+        report = {"topology": loaded.name, "units": loaded.n, "missing": learned.missing,
+                  "refused": [], "sigma_ut": learned.sigma_ut,
+                  "stencil": str(stencil.resolve())}  # fmt: skip
+        print(json_text.dumps(report | written))
+    return 0
 
 
 def _table(outcome: Outcome) -> str:

@@ -13,15 +13,6 @@ from skin.cli.tally import Tally
 
 __all__ = ["run"]
 
-Record = Annotated[
-    Path | None,
-    options.quiet(
-        "write a new recording of frames and states (.mcap), or a log of what the buses carry "
-        "(.log, .log.gz, .blf)",
-        metavar="FILE",
-    ),
-]
-
 
 def run(
     file: options.File,
@@ -31,7 +22,14 @@ def run(
     bus: options.Bus = None,
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
-    record: Record = None,
+    record: Annotated[
+        Path | None,
+        options.quiet(
+            "write a new recording of frames and states (.mcap), or a log of what the buses carry "
+            "(.log, .log.gz, .blf)",
+            metavar="FILE",
+        ),
+    ] = None,
     auto_tare: Annotated[
         bool,
         options.quiet(

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from skin.cli import options
-from skin.cli.run import Record
 from skin.cli.table import end
 
 if TYPE_CHECKING:
@@ -48,7 +47,11 @@ def sim(
     truth: Annotated[
         str | None, options.quiet("write down the truth about every cycle", metavar="FILE.npz")
     ] = None,
-    record: Record = None,
+    record: Annotated[
+        Path | None,
+        options.quiet("write a new log of what the buses carry (.log, .log.gz, .blf)",
+                      metavar="FILE"),
+    ] = None,
     json: options.Json = False,
 ) -> int:  # fmt: skip
     """Put simulated units on the buses of a topology; they answer the SYNC of any host.

@@ -50,7 +50,7 @@ def _text(value: Any) -> str:
         more = f" and {len(value) - SHOWN} more" if len(value) > SHOWN else ""
         return (", ".join(map(_text, value[:SHOWN])) or "none") + more
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
     return "none" if value is None else str(value)
 
 

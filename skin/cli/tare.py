@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json as json_text
 import sys
-from collections.abc import Iterator
 from itertools import islice
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,10 +14,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from skin.live import Skin
-    from skin.state import State
     from topology import Topology
 
-__all__ = ["listen", "refused", "tare"]
+__all__ = ["refused", "tare"]
 
 SHOWN = 16
 
@@ -69,7 +67,7 @@ def tare(
         simulate=scene, pace=not simulate,
     ) as opened:  # fmt: skip
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
-        counts, status = listen(opened, iter(opened), seconds)
+        counts, status = _listen(opened, seconds)
         if unsent := opened.timing.unsent:
             print(f"note: {unsent} SYNCs were not taken by the buses", file=sys.stderr)
     try:
@@ -97,13 +95,13 @@ def refused(message: str, topology: Topology, json: bool) -> int:
     return 1
 
 
-def listen(opened: Skin, states: Iterator[State], seconds: float) -> tuple[np.ndarray, np.ndarray]:
+def _listen(opened: Skin, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Counts, shape (t, c, n), and flags, shape (t, n), of the next cycles of an open skin."""
     import numpy as np
 
     pipeline = opened.pipeline
     counts, status = [pipeline.counts[np.newaxis][:0]], [pipeline.status[np.newaxis][:0]]
-    for _ in islice(states, max(1, round(seconds * opened.topology.cycle_rate_hz))):
+    for _ in islice(opened, max(1, round(seconds * opened.topology.cycle_rate_hz))):
         counts.append(pipeline.counts[np.newaxis].copy())
         status.append(pipeline.status[np.newaxis].copy())
     return np.concatenate(counts), np.concatenate(status)

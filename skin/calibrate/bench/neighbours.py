@@ -1,7 +1,7 @@
 """What films add at their neighbours' chips, from a recording of the skin while it is touched.
 
-As `skin calibrate crosstalk` has it from a live skin: the tare measures what resting neighbours
-add, and a unit that is pressed next to untouched ones the rest.
+The tare measures what resting neighbours add, and a unit that is pressed next to untouched ones the
+rest.
 """
 
 from __future__ import annotations
@@ -12,20 +12,28 @@ import numpy as np
 
 from bus.status import Status
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.series import Series
+from skin.calibrate.bench.series import Counts, Series
 from skin.calibrate.learn import StrayEstimate
-from skin.calibrate.tare import tare
+from skin.calibrate.tare import Tare, tare
 from skin.calibrate.touch import LEAST, TouchTest
 from skin.errors import ScanError
 from skin.physics.stencil import Stencil
 from topology import Topology
 
-__all__ = ["Learned", "learn_stencil"]
+__all__ = ["Learned", "Touched", "learn_stencil"]
 
 WINDOW_S = 0.9
 """Of what is looked at together, about a press [assumed]."""
 ENOUGH = 40
 """Readings under a press that determine a unit: those of the shortest window."""
+
+
+class Touched(NamedTuple):
+    """What of a `Series` is needed: of a log that has no reference."""
+
+    counts: Counts
+    kind: np.ndarray
+    segment: np.ndarray
 
 
 class Learned(NamedTuple):
@@ -38,21 +46,24 @@ class Learned(NamedTuple):
         One sigma of what a chip reads of its neighbours, µT, mean over units.
     missing : tuple of str
         Units that were not pressed: of them the film that all share is known.
+    zeros : Tare
+        To be used with this stencil.
     """
 
     stencil: Stencil
     sigma_ut: float
     missing: tuple[str, ...]
+    zeros: Tare
 
 
-def learn_stencil(known: Topology, series: Series) -> Learned:
+def learn_stencil(known: Topology, series: Series | Touched) -> Learned:
     """Learn the stray fields of a skin from its ``tare`` and ``neighbours`` segments.
 
     Parameters
     ----------
     known : Topology
         With the calibration of its units.
-    series : Series
+    series : Series or Touched
         Counts of the whole skin; units that were never heard are not used.
 
     Raises
@@ -72,10 +83,10 @@ def learn_stencil(known: Topology, series: Series) -> Learned:
     found = tare(known, counts[rest], status[rest], leave_out=silent)
     estimate = StrayEstimate(known)
     tared = estimate.tared(found)
-    skin = found.leaving_out(tared.rest_ut).applied()
+    zeros = found.leaving_out(tared.rest_ut)
     # who was never heard reads as anything
     still = counts[rest][heard[rest][:, found.taken].all(axis=1)]
-    test = TouchTest(skin, estimate, tared, still)
+    test = TouchTest(zeros.applied(), estimate, tared, still)
     for window in _windows(series):
         test(counts[window], status[window])
     if not test.pressed.any():
@@ -83,10 +94,10 @@ def learn_stencil(known: Topology, series: Series) -> Learned:
                         "got none that was")  # fmt: skip
     missing = np.flatnonzero(found.taken & (test.pressed < ENOUGH))
     names = tuple(known.unit_names[unit] for unit in missing)
-    return Learned(estimate.stencil(), float(estimate.sigma_ut().mean()), names)
+    return Learned(estimate.stencil(), float(estimate.sigma_ut().mean()), names, zeros)
 
 
-def _windows(series: Series) -> list[np.ndarray]:
+def _windows(series: Series | Touched) -> list[np.ndarray]:
     """Cycles of each window of the ``neighbours`` segments."""
     found = []
     touched = series.kind == KINDS.index("neighbours")

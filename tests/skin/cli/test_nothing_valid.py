@@ -133,8 +133,6 @@ def test_simulated_zeros_never_replace_those_of_a_real_bus(tmp_path, capsys):
     file = written(tmp_path)
     assert main(["tare", str(file), "--simulate"]) == 2
     assert "--output: must be given with --simulate" in capsys.readouterr().err
-    assert main(["calibrate", "crosstalk", str(file), str(tmp_path / "s.npz"),
-                 "--simulate"]) == 2  # fmt: skip
     assert sorted(path.name for path in tmp_path.iterdir()) == ["hand.toml"]
     zeros = tmp_path / "zeros.toml"
     assert main(["tare", str(file), "--simulate", "-o", str(zeros)]) == 0

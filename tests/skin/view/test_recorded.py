@@ -45,8 +45,8 @@ def test_a_log_that_is_damaged_is_told_and_ends_with_1(log, tmp_path, capsys):
     assert f"{file}:{len(lines) // 3 + 1}: " in capsys.readouterr().err
 
 
-def test_a_log_of_another_skin_is_told_and_ends_with_1(log, capsys):
-    assert main(["view", "hand", str(log), "--seconds", "1"]) == 1
+def test_a_log_of_another_skin_is_refused(log, capsys):
+    assert main(["view", "hand", str(log), "--seconds", "1"]) == 2
     assert "run.log: must hold" in capsys.readouterr().err
 
 
