@@ -102,7 +102,7 @@ def measure(n: int, spells: int) -> dict:
     counts = counts_of(skin, PRESSED)
     pipeline = Pipeline(skin)
     pipeline.warmup()
-    timing = SimpleNamespace(work_ns=0, unsent=0)
+    timing = SimpleNamespace(work_ns=0)
     source = SimpleNamespace(topology=skin, pipeline=pipeline, timing=timing)
     work: dict[str, list[float]] = {"with": [], "without": []}
     spent = {"view": 0.0, "loop": 0.0, "fed": 0.0}

@@ -16,7 +16,6 @@ from skin.state import Status, if_wanted
 from skin.view import snapshot
 from skin.view.drawing import contact_labels
 from skin.view.health import Health
-from skin.view.panel import plotted
 from skin.view.snapshot import Snapshots, snapshot_dtype
 from skin.worker import RingBuffer, described
 from tests.fixtures.robots import write_gripper
@@ -172,18 +171,3 @@ def test_joints_are_known_although_a_recorder_has_the_poses_set_again(tmp_path):
     pipeline.attach(Recorder())
     pipeline.move_joints({"close": 0.01})
     assert pipeline.q.tolist() == [0.01]
-
-
-def test_a_plot_shows_the_last_seconds_of_a_unit():
-    recent = [
-        (round(3.4e7 * k), np.outer(np.float32([3.0, 4.0, 7.0]), [0.0, k]), np.array([0.1, np.nan]))
-        for k in range(1000)
-    ]
-    recent[-2][1][:] = np.nan
-    time_s, normal, shear, high, low = plotted(recent, 1)
-    assert time_s[-1] == 0.0
-    assert -20.0 < time_s[0] < -19.9
-    np.testing.assert_allclose(normal[-2:], [6979.0, 6993.0])  # what is unknown is left out
-    np.testing.assert_allclose(shear[-2:], [4985.0, 4995.0])
-    np.testing.assert_array_equal(high, low)
-    np.testing.assert_allclose(np.subtract(*plotted(recent, 0)[3:]), 0.2)
