@@ -39,9 +39,7 @@ class Panel:
     def __init__(self, server: Any, topology: Topology, is_live: bool) -> None:
         self.requests: SimpleQueue[tuple[str, Any]] = SimpleQueue()
         self._names, self._is_live, self.unit = topology.unit_names, is_live, None
-        self._health = Health(
-            self._names, topology.cycle_rate_hz, topology.patch, topology.patch_names
-        )
+        self._health = Health(topology)
         self._came_s = 0.0
         gui = server.gui
         self._banner = gui.add_html("")

@@ -66,7 +66,7 @@ def test_a_snapshot_says_what_the_state_says(want, clock):
     ]
     assert one["whole"].all()
     assert len(contact_labels(one[0])) == len(if_wanted(state, "contacts") or ())
-    rows = dict(Health(palm.topology.unit_names, 250.0).rows(one[0]))
+    rows = dict(Health(palm.topology).rows(one[0]))
     assert ("test ratio" in rows) == (if_wanted(state.units, "test_ratio") is not None)
 
 
@@ -80,7 +80,7 @@ def test_contacts_and_a_wrench_that_are_not_whole_say_so():
     state.contacts[0].record["flags"] |= int(Flag.UNSEEN)
     fill(record, state)
     assert [text.endswith("   not whole") for text in contact_labels(record[0])] == [True]
-    assert "not whole" in Health(palm.topology.unit_names, 250.0).banner_html(record[0])
+    assert "not whole" in Health(palm.topology).banner_html(record[0])
 
 
 def test_the_other_process_reads_the_same_record():
