@@ -99,6 +99,7 @@ class Scene:
         self._normals = self._arrows("/contacts/normals", NORMAL_COLOUR, 0.004)
         self._wrenches = self._arrows("/contacts/forces", np.zeros((0, 3), np.uint8), 0.008)
         self._labels: list[Any] = []
+        self._chosen: int | None = None
         self._tags = {
             at: self._scene.add_label(
                 f"/patches/{at}", topology.patch_names[at], anchor="center-center",
@@ -137,11 +138,13 @@ class Scene:
         if pose is not self._pose:
             self._place(pose)
         self._colour(record, quantity, scales)
-        size = np.full_like(self._radius, RIM)
-        if unit is not None:
-            size[unit] = CHOSEN_RIM
-        self._rims.batched_scales = _cubes(size * self._radius)
-        self._rims.batched_colors = self._rim_colours(unit)
+        if unit != self._chosen:
+            self._chosen = unit
+            size = np.full_like(self._radius, RIM)
+            if unit is not None:
+                size[unit] = CHOSEN_RIM
+            self._rims.batched_scales = _cubes(size * self._radius)
+            self._rims.batched_colors = self._rim_colours(unit)
         self._put(
             self._forces,
             drawing.unit_arrows(record, pose, self.frame, self._radius, scales.unit.high),
@@ -186,7 +189,7 @@ class Scene:
             self._labels.append(
                 self._scene.add_label(name, BLANK, visible=False, anchor="bottom-center")
             )
-        texts = drawing.contact_labels(record) if words else []
+        texts = [drawing.contact_label(one) for one in contacts_of(record)] if words else []
         for k, label in enumerate(self._labels):
             if words:
                 label.visible = k in tails
