@@ -26,7 +26,7 @@ from benchmarks.trust_quick import QuickPlant
 from benchmarks.trust_skin import BAG, Player, Skin, skin_of
 from fig4c_adaptive_grasp import DOWNWARDS, DROPPED_M, PAPER_WEIGHT_N, SIDEWAYS
 from shared.people import knots_between, loads_at
-from skin.behaviours.decision import Decision
+from skin.behaviours import Decision
 from skin.behaviours.grip import GripControl, GripParameters
 
 __all__ = ["Cell", "Fixed", "Trial", "run_trial", "thing_of"]

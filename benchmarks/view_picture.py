@@ -120,7 +120,6 @@ def _shoot(
                 if now_ns[0] > 1e9 * end_s:
                     break
             time.sleep(1.0)
-            browser.press("Pause")
             with _going_on(states, step):
                 time.sleep(4.0)
                 browser.close_notes()

@@ -10,23 +10,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import betaln, log_ndtr
 
-from skin.behaviours.decision import KEPT, Decision
+from skin.behaviours import KEPT, Decision
 from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.pads import unit_vector
-from skin.errors import OptionError, check_kind, check_number, shown
 from skin.state import State
 from topology import Topology
 
-__all__ = ["HELD", "TOUCH", "Gesture", "Gestures", "Kind"]
+__all__ = ["Gesture", "Gestures"]
 
 LOOK_S = 0.02
 """Interval at which the confidence is computed during a gesture [assumed]."""
+SURE = 0.95
+"""Confidence at which a gesture is reported before it has ended [assumed]."""
 EDGE = 0.005
 """Fractions are kept this far from 0 and 1: noise resolves no less [assumed]."""
 UNKNOWN_RAD = math.pi / math.sqrt(3.0)
@@ -36,8 +37,7 @@ AWAY = 0.38
 [derived]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Kind:
+class Kind(NamedTuple):
     """Densities of one kind of gesture.
 
     Attributes
@@ -56,14 +56,6 @@ class Kind:
     normal: tuple[float, float] = (1.0, 1.0)
     moment: tuple[float, float] = (1.0, 1.0)
     moved: tuple[float, float] = (1.0, 30.0)
-
-    def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            values = getattr(self, name)
-            if not isinstance(values, tuple | list) or len(values) != 2:
-                raise OptionError(f"kind: {name}: must be 2 numbers; got {shown(values)}")
-            for i, value in enumerate(values):
-                check_number(f"kind: {name}[{i}]", value, 1e-6, 1e6)
 
 
 LONG = (0.6, 0.6)
@@ -106,8 +98,7 @@ TOUCH = {
 """For a finger on a skin [assumed]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gesture:
+class Gesture(NamedTuple):
     """An action of a person.
 
     Attributes
@@ -160,10 +151,6 @@ class Gestures:
     towards : tuple of 3 float, optional
         Skin frame: direction of the person, by which a push differs from a pull. Without it, all
         are pulls.
-    held, touch : dict of str to Kind
-        Densities on a held object, and on a bare skin.
-    least_confidence : float
-        At which a gesture is reported before it has ended.
 
     Attributes
     ----------
@@ -177,7 +164,7 @@ class Gestures:
     Raises
     ------
     OptionError
-        A parameter is out of range.
+        A direction has no length, or a patch does not exist.
 
     Examples
     --------
@@ -194,24 +181,13 @@ class Gestures:
         *,
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
         towards: tuple[float, float, float] | None = None,
-        held: Mapping[str, Kind] = HELD,
-        touch: Mapping[str, Kind] = TOUCH,
-        least_confidence: float = 0.95,
     ) -> None:
-        check_number("gestures: least_confidence", least_confidence, 0.5, 1.0)
-        for name, kinds in (("held", held), ("touch", touch)):
-            check_kind(f"gestures: {name}", kinds, dict)
-            if not kinds:
-                raise OptionError(f"gestures: {name}: must be one kind or more; got none")
-            for kind, densities in kinds.items():
-                check_kind(f"gestures: {name} {kind!r}", densities, Kind)
         self.disturbance = Disturbance(topology, pads)
         self.decisions: deque[Decision] = deque(maxlen=KEPT)
         self.right, self.up = _plane(self.disturbance.pads.normal, unit_vector("gestures: up", up))
         self._towards = (
             np.zeros(3) if towards is None else unit_vector("gestures: towards", towards)
         )
-        self._kinds, self._least = {True: dict(held), False: dict(touch)}, least_confidence
         self._next_s = 0.0
         self._reported_kind = ""
 
@@ -229,7 +205,7 @@ class Gestures:
             return None
         self._next_s = seen.time_s + LOOK_S
         gesture = self._classify()
-        is_sure = gesture.confidence >= self._least and gesture.kind != self._reported_kind
+        is_sure = gesture.confidence >= SURE and gesture.kind != self._reported_kind
         if not seen.ended and not is_sure:
             return None
         self._reported_kind = "" if seen.ended else gesture.kind
@@ -242,7 +218,7 @@ class Gestures:
     def _classify(self) -> Gesture:
         """Bayes' rule over the features of the disturbance."""
         seen = self.disturbance
-        kinds = self._kinds[seen.held]
+        kinds = HELD if seen.held else TOUCH
         logs = _log_odds(list(kinds.values()), seen)
         odds = np.exp(logs - logs.max())
         odds = dict(zip(kinds, (odds / odds.sum()).tolist(), strict=True))

@@ -22,7 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
-from skin.behaviours.decision import KEPT, Decision
+from skin.behaviours import KEPT, Decision
 from skin.behaviours.demand import FAST_S, SLOW_S, Demand
 from skin.behaviours.friction import LEAST_RATIO, LOWER, Friction
 from skin.behaviours.pads import PadLoads, Pads
@@ -72,8 +72,8 @@ BOUND_SIGMAS, STEP = 4.0, 0.03
 """Sigmas of noise off a ratio that bounds friction, and the least step to the next one."""
 LEAST_N = 1e-3
 """Newton, lower bound of a divisor [numeric]."""
-REPORTED_GAIN, REPORTED_RISE = 1.1, 0.05
-"""Gain of the command, and relative rise of the grip at a slip, that are reported [assumed]."""
+REPORTED_RISE = 0.05
+"""Relative rise of the grip at a slip that is reported [assumed]."""
 ARM_CYCLES, ARM_M = 10, 0.015
 """Interval of updates of the arm of the torsion, which changes with the contact [numeric]; mean
 distance of the load from its centre, without a contact [assumed: a pad of 4 x 4]."""
@@ -264,7 +264,7 @@ class GripControl:
         self.wanted_n = max(self.parameters.first_grip_n, self.wanted_n)
         self._posterior = Friction(self.parameters.least_friction, self._period_s)
         self._read_posterior()
-        self.is_tested, self._reports_gain = False, False
+        self.is_tested = False
         self._probes = self.parameters.probe
         self._floor_n = self._rested_s = self._hung_n = self._most_ratio = 0.0
         self._probe.restart()
@@ -319,9 +319,6 @@ class GripControl:
         self._sent_n += follow * (sent_n - self._sent_n)
         self._felt_n += follow * (self.load_n - self._felt_n)
         self.gain = min(max(self._sent_n / max(self._felt_n, LEAST_N), 1.0), MOST_GAIN)
-        if self.gain > REPORTED_GAIN and not self._reports_gain:
-            self._reports_gain = True
-            self._decide("sends more", f"felt are {self._felt_n:.2f} N of {self._sent_n:.2f} N")
 
     def _grasp(self, elapsed_s: float, felt: np.ndarray) -> None:
         """Hold once all pads touch; where some are silent for long, all that are heard."""

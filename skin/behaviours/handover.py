@@ -23,7 +23,7 @@ from itertools import takewhile
 import numpy as np
 from scipy.special import betaln, log_ndtr
 
-from skin.behaviours.decision import KEPT, Decision
+from skin.behaviours import KEPT, Decision
 from skin.behaviours.disturbance import HELD_N, Disturbance
 from skin.behaviours.pads import unit_vector
 from skin.errors import check_number
@@ -59,6 +59,11 @@ BUMP_NEAR = 1.0 - 2.0 * math.asin(NEAR) / math.pi
 STILL = 4.5
 """Sigmas of a force that show a motion [derived: noise alone in three components reaches it once
 per half a minute of tests]."""
+SURE = 0.995
+"""Probability of a hand at which it is taken: a wrong release is two hundred times as bad as a
+delay [assumed]."""
+LEAST_N = 0.35
+"""Smallest weight that can be handed over [assumed: five sigma of two pads]."""
 EDGE = 0.005
 """A fraction is kept this far from 0 and 1 [assumed]."""
 
@@ -92,11 +97,6 @@ class Handover:
         Patches of the gripper; all if not given.
     up : tuple of 3 float
         Against gravity, skin frame.
-    least_confidence : float
-        Probability of a hand at which it is taken; by default a wrong release is two hundred times
-        as bad as a delay.
-    least_n : float
-        Smallest weight that can be handed over; by default five sigma of two pads.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Handover:
     Raises
     ------
     OptionError
-        A parameter is out of range.
+        The direction has no length, or a patch does not exist.
 
     Examples
     --------
@@ -131,12 +131,7 @@ class Handover:
         pads: Iterable[str] | None = None,
         *,
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
-        least_confidence: float = 0.995,
-        least_n: float = 0.35,
     ) -> None:
-        check_number("handover: least_confidence", least_confidence, 0.5, 1.0)
-        check_number("handover: least_n", least_n, 1e-6, 1e3)
-        self._least, self._least_n = least_confidence, least_n
         self._up = unit_vector("handover: up", up)
         self.disturbance = Disturbance(topology, pads)
         self.decisions: deque[Decision] = deque(maxlen=KEPT)
@@ -162,7 +157,7 @@ class Handover:
             The weight is invalid.
         """
         if weight_n is not None:
-            check_number("handover: weight_n", weight_n, self._least_n, 1e3)
+            check_number("handover: weight_n", weight_n, LEAST_N, 1e3)
         self._begin(Phase.GIVING)
         self._most_n = math.inf if weight_n is None else float(weight_n)
 
@@ -215,7 +210,7 @@ class Handover:
         if not seen.active:
             self._rest = self._rest + min(seen.rest.doubt, 1.0) * (now - self._rest)
         weight_n = self.weight_n
-        if not seen.rest.settled or weight_n < self._least_n:
+        if not seen.rest.settled or weight_n < LEAST_N:
             self.support = math.nan
             return
         more_n = (weight_n - self._rest.sum()) / now.size
@@ -233,7 +228,7 @@ class Handover:
         odds = {name: PRIORS[name] * math.exp(value) for name, value in logs.items()}
         total = sum(odds.values())
         self.probabilities = {name: value / total for name, value in odds.items()}
-        if self.probabilities["hand"] >= self._least:
+        if self.probabilities["hand"] >= SURE:
             sure = f"{self.probabilities['hand']:.3f} sure: {self.support:.0%} of {weight_n:.2f} N"
             self._enter(Phase.TAKEN, f"{sure} borne for {age_s:.3f} s")
 
@@ -266,7 +261,7 @@ class Handover:
         now = seen.rest.load[:3] + seen.force_n
         weight_n = -float(now @ self._up)
         moved = math.dist(now, self._still_n) > STILL * seen.sigma_n()
-        if moved or not seen.held or weight_n < self._least_n:
+        if moved or not seen.held or weight_n < LEAST_N:
             self._still_s, self._still_n = 0.0, now
         self._still_s += self._period_s
         if self._still_s >= STILL_S:

@@ -91,13 +91,10 @@ class Pads:
         self.names = _patches(topology, names)
         patches = np.array([topology.patch_names.index(name) for name in self.names])
         self._of_pad = (topology.patch == patches[:, np.newaxis]).astype(float)
-        self.move(topology.position, topology.rotation)
         self._gain = min(1.0, 1.0 / (SHARE_S * topology.cycle_rate_hz))
         self._share, self._usual_n = np.full(topology.n, np.nan), np.full(topology.n, np.nan)
         self._no_sigma = np.full((3, topology.n), np.nan, np.float32)
-
-    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Set the poses of the units, shapes (3, n) and (3, 3, n), as `Skin.move` does."""
+        position, rotation = topology.position, topology.rotation
         arms = np.cross(position[:, np.newaxis], rotation, axis=0)
         # Sums over the units of each pad are products with one matrix each.
         wrench = np.concatenate([rotation, arms])[:, np.newaxis] * self._of_pad[:, np.newaxis]

@@ -15,7 +15,7 @@ from skin.io.messages.record import contacts_of
 from skin.view.colour import valid
 
 __all__ = [
-    "SLIP_COLOURS", "Frame", "Pose", "camera", "contact_arrows", "contact_labels", "cross", "disc",
+    "SLIP_COLOURS", "Frame", "Pose", "camera", "contact_arrows", "contact_label", "cross", "disc",
     "frame_of", "quaternions", "radii", "tag_places", "unit_arrows",
 ]  # fmt: skip
 
@@ -184,23 +184,16 @@ def contact_arrows(record: np.void, frame: Frame, full_n: float) -> tuple[np.nda
     return forces, normals, HUES[contacts["slip"][known]], known
 
 
-def contact_labels(record: np.void) -> list[str]:
-    """Label of each contact: identity, load, slip state, margin, and whether one of its units is
+def contact_label(contact: np.void) -> str:
+    """A CONTACT record as text: identity, load, slip state, margin, and whether one of its units is
     silent."""
-    texts = []
-    for contact in contacts_of(record):
-        text = f"contact {contact['id']}   {contact['load']:.2f} N"
-        slip = SlipState(int(contact["slip"]))
-        if slip:
-            text += f"   {slip.name.lower()}" + (" slip" if slip > SlipState.STICK else "")
-        margin = float(contact["margin"])
-        if np.isfinite(margin):
-            least = "≥ " if contact["flags"] & Flag.NO_FRICTION else ""
-            text += f"   margin {least}{100 * margin:.0f} %"
-        if contact["flags"] & Flag.UNSEEN:
-            text += "   not whole"
-        texts.append(text)
-    return texts
+    text = f"contact {contact['id']}   {contact['load']:.2f} N"
+    if slip := SlipState(int(contact["slip"])):
+        text += f"   {slip.name.lower()}" + (" slip" if slip > SlipState.STICK else "")
+    if np.isfinite(margin := float(contact["margin"])):
+        least = "≥ " if contact["flags"] & Flag.NO_FRICTION else ""
+        text += f"   margin {least}{100 * margin:.0f} %"
+    return text + "   not whole" * bool(contact["flags"] & Flag.UNSEEN)
 
 
 def directions(pose: Pose) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ from bus.state import BusState
 from skin.io.messages.record import BUS_STATES, COUNTERS
 from skin.state import INVALID, Status
 from skin.view.colour import is_on
+from topology import Topology
 
 __all__ = ["Health", "flagged", "table_html"]
 
@@ -63,29 +64,11 @@ def flagged(
 
 
 class Health:
-    """Summary of snapshots.
+    """Summary of the snapshots of a skin, whose patches may be blind as a whole."""
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the units.
-    nominal_hz : float
-        Nominal cycle rate, by the topology.
-    patch : ndarray, shape (n,), int, optional
-        Patch of each unit, for patches that are blind as a whole; one patch if not given.
-    patch_names : sequence of str
-    """
-
-    def __init__(
-        self,
-        names: Sequence[str],
-        nominal_hz: float,
-        patch: np.ndarray | None = None,
-        patch_names: Sequence[str] = ("the skin",),
-    ) -> None:
-        self._names, self._nominal_hz = names, nominal_hz
-        self._patch = np.zeros(len(names), np.intp) if patch is None else patch
-        self._patch_names = patch_names
+    def __init__(self, topology: Topology) -> None:
+        self._names, self._nominal_hz = topology.unit_names, topology.cycle_rate_hz
+        self._patch, self._patch_names = topology.patch, topology.patch_names
         self._recent: deque[_Recent] = deque()
 
     def add(self, snapshot: np.void) -> None:

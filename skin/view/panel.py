@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from queue import SimpleQueue
 from typing import Any
@@ -16,15 +15,9 @@ from skin.state import Status
 from skin.view.colour import INVALID_COLOUR, OFF_COLOUR, QUANTITIES
 from skin.view.health import PALE, Health, table_html
 from skin.view.scene import Scales
-from skin.view.snapshot import RATE_HZ
 from topology import Topology
 
-__all__ = ["Panel", "legend_html", "plotted", "unit_html"]
-
-PLOTTED_S = 20.0
-"""Time span of the plot."""
-Forces = tuple[int, np.ndarray, np.ndarray]
-"""Stamp in ns, force of each unit and sigma of its normal force, newton."""
+__all__ = ["Panel", "unit_html"]
 
 
 class Panel:
@@ -46,17 +39,13 @@ class Panel:
     def __init__(self, server: Any, topology: Topology, is_live: bool) -> None:
         self.requests: SimpleQueue[tuple[str, Any]] = SimpleQueue()
         self._names, self._is_live, self.unit = topology.unit_names, is_live, None
-        self._health = Health(
-            self._names, topology.cycle_rate_hz, topology.patch, topology.patch_names
-        )
-        self._recent: deque[Forces] = deque(maxlen=round(PLOTTED_S * RATE_HZ))
-        self._newest: Any = None
+        self._health = Health(topology)
         self._came_s = 0.0
         gui = server.gui
         self._banner = gui.add_html("")
         self._folder = gui.add_folder("Unit", visible=False)
         with self._folder:
-            self._unit_words, self._plot = gui.add_html(""), _add_plot(gui)
+            self._unit_words = gui.add_html("")
             close = gui.add_button("Close")
         with gui.add_folder("Colour"):
             self._quantity = gui.add_dropdown("quantity", tuple(QUANTITIES), initial_value="load")
@@ -97,48 +86,18 @@ class Panel:
     def add(self, record: np.void, now_s: float) -> None:
         """A snapshot has come."""
         self._health.add(record)
-        forces = record["force"].copy(), record["force_sigma"][2].copy()
-        self._recent.append((int(record["stamp_ns"]), *forces))
-        self._newest = record.copy()
         self._came_s = now_s
 
-    def refresh(self, now_s: float, scales: Scales, faults: Sequence[tuple[str, str]] = ()) -> None:
+    def refresh(
+        self, newest: np.void, now_s: float, scales: Scales, faults: Sequence[tuple[str, str]]
+    ) -> None:
         """Show the newest snapshot; `faults` are those of links."""
-        newest = self._newest
         silent_s = now_s - self._came_s if self._is_live else 0.0
         self._banner.content = self._health.banner_html(newest, silent_s)
         self._words.content = self._health.html(newest, faults)
         self._legend.content = legend_html(self.quantity, scales)
         if self.unit is not None:
             self._unit_words.content = unit_html(newest, self.unit, self._names[self.unit])
-            self._plot.data = plotted(self._recent, self.unit)
-
-
-def _add_plot(gui: Any) -> Any:
-    empty = np.array([-PLOTTED_S, 0.0])
-    axis = {"stroke": "#c1c7cf", "grid": {"stroke": "rgba(193,199,207,0.15)"}}
-    lines = tuple({"label": name, "stroke": ink, "width": 2} for name, ink in (
-        ("normal", "#fee838"), ("shear", "#56b4e9"), ("", "rgba(0,0,0,0)"), ("", "rgba(0,0,0,0)"),
-    ))  # fmt: skip
-    return gui.add_uplot(
-        (empty, *(0.0 * empty for _ in lines)), ({"label": "s"}, *lines), height=125,
-        title="normal force ± sigma, and shear, N", legend={"show": False}, padding=(10, 14, 0, 0),
-        scales={"x": {"time": False, "range": (-PLOTTED_S, 0.0)}},
-        axes=(axis, axis | {"size": 46}),
-        bands=({"series": (3, 4), "fill": "rgba(254,232,56,0.25)"},),
-    )  # fmt: skip
-
-
-def plotted(recent: Iterable[Forces], unit: int) -> tuple[np.ndarray, ...]:
-    """Seconds before the newest snapshot; normal force, shear, normal force plus and minus its
-    sigma, newton: each of shape (m,), where the force is known."""
-    stamps, forces, sigmas = zip(*recent, strict=True)
-    stamp_ns, force = np.array(stamps), np.array([each[:, unit] for each in forces], float)
-    sigma = np.nan_to_num([each[unit] for each in sigmas])
-    time_s, normal, shear = 1e-9 * (stamp_ns - stamp_ns[-1]), force[:, 2], np.hypot(*force.T[:2])
-    # the client has no scale for NaN
-    seen = np.isfinite(normal) & (time_s > -PLOTTED_S)
-    return tuple(each[seen] for each in (time_s, normal, shear, normal + sigma, normal - sigma))
 
 
 def unit_html(record: np.void, unit: int, name: str) -> str:

@@ -24,7 +24,7 @@ LOOK_S = 0.85 / RATE_HZ
 waiting, of which one would be skipped, and rarely none, since polling costs a tenth of a
 picture."""
 WORDS_S = 0.2
-"""Interval of updates of all text, and of the plot: more often is not readable [assumed]."""
+"""Interval of updates of all text: more often is not readable [assumed]."""
 
 
 class Viewer(Service):
@@ -49,18 +49,8 @@ class Viewer(Service):
             "address": lambda: {"address": self.address},
             "zeros": self._panel.report_tare,
         }
-        self._connect()
-
-    def _connect(self) -> None:
-        """Leave requests for `look`: callbacks run in threads of the server, and a new client
-        starts from the camera of the last one."""
-        server, requests = self._server, self._panel.requests
-        server.on_client_connect(lambda client: requests.put(("draw", client)))
-
-        @server.on_client_disconnect
-        def left(client: Any) -> None:
-            camera = client.camera
-            requests.put(("left", (camera.position, camera.look_at, camera.up_direction)))
+        # callbacks run in threads of the server: requests wait for `look`
+        self._server.on_client_connect(lambda client: self._panel.requests.put(("draw", client)))
 
     def take(self, records: np.ndarray) -> None:
         """Store the snapshots of the ring."""
@@ -106,19 +96,16 @@ class Viewer(Service):
             if has_words:
                 self._words_due_s = now_s + WORDS_S
                 faults = () if scene.links is None else scene.links.problems
-                panel.refresh(now_s, scales, faults)
+                panel.refresh(self._newest, now_s, scales, faults)
         self._server.flush()  # now, without waiting for the server's own clock
 
     def _handle_requests(self) -> bool:
         """Handle requests of browsers; True where that changes the picture."""
-        panel, is_changed = self._panel, False
+        panel = self._panel
+        is_changed = not panel.requests.empty()
         while not panel.requests.empty():
             request, of = panel.requests.get()
-            is_changed = is_changed or request != "left"
-            if request == "left":
-                first = self._server.initial_camera
-                first.position, first.look_at, first.up = of
-            elif request == "close":
+            if request == "close":
                 panel.choose(None)
             elif request == "unit":
                 panel.choose(of)

@@ -30,7 +30,7 @@ CHOSEN_COLOUR = np.array([255, 92, 205], np.uint8)
 RIM, CHOSEN_RIM, BELOW = 1.06, 1.25, 0.02
 """Radius of rims, and their depth below the disc, over its radius."""
 AXES = 0.07
-"""Length of the axes at the corner of the skin."""
+"""Length of the axes (x red, y green, z blue)."""
 BLANK = "contact 0   0.00 N   stick   margin 00 %"
 """Text of a label without a contact: the client sizes its box by the first text."""
 LIFT = 0.03
@@ -88,17 +88,18 @@ class Scene:
         self.links = None
         if topology.robot is not None:
             self.links = Links(self._scene, topology.robot, self.frame)
-        self._rims = self._batch("/rims", drawing.disc(), RIM * self._radius)
-        self._rims.batched_colors = self._rim_colours(None)
-        self._discs = self._batch("/units", drawing.disc(), self._radius)
+        colours = self._rim_colours(None)
+        self._rims = self._batch("/rims", drawing.disc(), RIM * self._radius, colours)
+        self._discs = self._batch("/units", drawing.disc(), self._radius, colours)
         self._discs.on_click(lambda event: choose(event.instance_index))
-        self._crosses = self._batch("/flags", drawing.cross(), np.full_like(radius, NOWHERE))
-        self._crosses.batched_colors = CROSS_COLOUR
+        hidden = np.full_like(radius, NOWHERE)
+        self._crosses = self._batch("/flags", drawing.cross(), hidden, CROSS_COLOUR)
         shaft = min(0.006, 0.16 * float(self._radius.mean()))
         self._forces = self._arrows("/forces", FORCE_COLOUR, shaft)
         self._normals = self._arrows("/contacts/normals", NORMAL_COLOUR, 0.004)
         self._wrenches = self._arrows("/contacts/forces", np.zeros((0, 3), np.uint8), 0.008)
         self._labels: list[Any] = []
+        self._chosen: int | None = None
         self._tags = {
             at: self._scene.add_label(
                 f"/patches/{at}", topology.patch_names[at], anchor="center-center",
@@ -107,7 +108,11 @@ class Scene:
             for at in np.unique(topology.patch).tolist()
         }  # fmt: skip
         self._place(pose)
-        self._add_axes()
+        # of the skin frame, at the lowest corner of all that is drawn
+        self._scene.add_frame(
+            "/axes", axes_length=AXES, axes_radius=0.035 * AXES, origin_radius=0.0,
+            position=self.points.min(axis=0) - self._radius.max() - 0.5 * AXES,
+        )  # fmt: skip
         view = server.initial_camera
         view.position, view.look_at, view.up = self._view()
         view.near, view.far = 0.01, 50.0
@@ -133,11 +138,13 @@ class Scene:
         if pose is not self._pose:
             self._place(pose)
         self._colour(record, quantity, scales)
-        size = np.full_like(self._radius, RIM)
-        if unit is not None:
-            size[unit] = CHOSEN_RIM
-        self._rims.batched_scales = _cubes(size * self._radius)
-        self._rims.batched_colors = self._rim_colours(unit)
+        if unit != self._chosen:
+            self._chosen = unit
+            size = np.full_like(self._radius, RIM)
+            if unit is not None:
+                size[unit] = CHOSEN_RIM
+            self._rims.batched_scales = _cubes(size * self._radius)
+            self._rims.batched_colors = self._rim_colours(unit)
         self._put(
             self._forces,
             drawing.unit_arrows(record, pose, self.frame, self._radius, scales.unit.high),
@@ -182,7 +189,7 @@ class Scene:
             self._labels.append(
                 self._scene.add_label(name, BLANK, visible=False, anchor="bottom-center")
             )
-        texts = drawing.contact_labels(record) if words else []
+        texts = [drawing.contact_label(one) for one in contacts_of(record)] if words else []
         for k, label in enumerate(self._labels):
             if words:
                 label.visible = k in tails
@@ -207,26 +214,15 @@ class Scene:
         for at, tag in self._tags.items():
             tag.position = places[at]
 
-    def _add_axes(self) -> None:
-        """The axes of the skin frame, at the lowest corner of all that is drawn."""
-        scene, away = self._scene, float(self._radius.max()) + 0.5 * AXES
-        scene.add_frame(
-            "/axes", axes_length=AXES, axes_radius=0.035 * AXES, origin_radius=0.0,
-            position=self.points.min(axis=0) - away,
-        )  # fmt: skip
-        for at, name in enumerate("xyz"):
-            scene.add_label(
-                f"/axes/{name}", name, position=1.25 * AXES * np.eye(3)[at],
-                anchor="center-center", font_screen_scale=0.8,
-            )  # fmt: skip
-
-    def _batch(self, name: str, mesh: tuple[np.ndarray, np.ndarray], size: np.ndarray) -> Any:
+    def _batch(
+        self, name: str, mesh: tuple[np.ndarray, np.ndarray], size: np.ndarray, colours: Any
+    ) -> Any:
         """A mesh for each unit, of sizes, shape (n,)."""
         n = size.size
         return self._scene.add_batched_meshes_simple(
             name, *mesh, np.tile(np.float32([1.0, 0.0, 0.0, 0.0]), (n, 1)),
             np.zeros((n, 3), np.float32), batched_scales=_cubes(size), lod="off", side="double",
-            batched_colors=np.full((n, 3), 90, np.uint8), cast_shadow=False,
+            batched_colors=colours, cast_shadow=False,
             receive_shadow=False, flat_shading=True,
         )  # fmt: skip
 

@@ -12,9 +12,9 @@ from typing import TextIO
 import numpy as np
 
 from bus.cycle import WRONG_FRAMES
-from skin.contact.record import Flag
 from skin.state import INVALID, State, if_wanted
 from skin.view.colour import is_on
+from skin.view.drawing import contact_label
 from skin.view.health import flagged
 from topology import Topology
 
@@ -154,17 +154,8 @@ class LiveTable:
     def _contacts(self, state: State) -> list[str]:
         """Heaviest contacts, in a fixed number of lines."""
         heaviest = sorted(state.contacts, key=lambda contact: -contact.load)[:CONTACTS]
-        lines = []
-        for contact in sorted(heaviest, key=lambda contact: contact.id):
-            units = f"{contact.units.size} unit" + ("s" if contact.units.size > 1 else "")
-            line = f"contact {contact.id:<4d} {contact.load:6.2f}  N, {units:<8}"
-            if if_wanted(state, "slip") is not None and contact.slip:
-                line += f" {contact.slip.name.lower():<9}"
-                if not np.isnan(contact.margin):
-                    least = "≥ " if contact.flags & Flag.NO_FRICTION else ""
-                    line += f" margin {least}{100 * contact.margin:.0f} %"
-            lines.append(line if contact.whole else f"{line} not whole")
-        return (lines or ["contact      –"]) + [""] * (CONTACTS - max(1, len(lines)))
+        lines = [contact_label(contact.record) for contact in heaviest] or ["contact   –"]
+        return lines + [""] * (CONTACTS - len(lines))
 
 
 def _row(name: str, values: np.ndarray, form: str, unit: str) -> str:

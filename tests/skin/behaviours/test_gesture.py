@@ -9,7 +9,7 @@ import pytest
 from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 from bus.status import Status
 from fig4b_gestures import run, story
-from skin.behaviours.gesture import Gestures, Kind
+from skin.behaviours.gesture import Gestures
 from skin.errors import OptionError
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
 from topology import load
@@ -107,9 +107,6 @@ def test_a_drift_is_no_gesture():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"least_confidence": 1.5}, "gestures: least_confidence: must be a number from 0.5 to 1"),
-        ({"held": {}}, "gestures: held: must be one kind or more; got none"),
-        ({"touch": {"tap": 1.0}}, "gestures: touch 'tap': must be a Kind; got 1.0"),
         ({"up": 1.0}, "gestures: up: must be three numbers (x, y, z)"),
         ({"up": (0.0, 0.0, 0.0)}, "gestures: up: must be three numbers (x, y, z)"),
         ({"towards": (0.0, math.nan, 0.0)}, "gestures: towards: must be three numbers (x, y, z)"),
@@ -118,19 +115,6 @@ def test_a_drift_is_no_gesture():
 def test_a_wrong_parameter_is_named(wrong, message):
     with pytest.raises(OptionError, match=re.escape(message)):
         Gestures(load("gripper"), **wrong)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"duration_s": (0.0, 0.5)}, "kind: duration_s[0]: must be a number from 1e-06"),
-        ({"size_n": (1.0, 0.0)}, "kind: size_n[1]: must be a number from 1e-06"),
-        ({"moved": (1.0,)}, "kind: moved: must be 2 numbers; got (1.0,)"),
-    ],
-)
-def test_densities_that_are_none_are_refused(wrong, message):
-    with pytest.raises(OptionError, match=re.escape(message)):
-        Kind(**{"duration_s": (0.1, 0.5), "size_n": (1.0, 0.5)} | wrong)
 
 
 def test_units_that_fall_silent_are_no_gesture_and_a_pull_goes_on():

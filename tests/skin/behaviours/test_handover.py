@@ -185,8 +185,6 @@ def test_what_is_offered_is_received_when_it_hangs_still():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"least_n": -1.0}, "handover: least_n: must be a number from 1e-06 to 1000; got -1.0"),
-        ({"least_confidence": 2.0}, "handover: least_confidence: must be a number from 0.5 to 1"),
         (
             {"up": (0.0, 1.0)},
             "handover: up: must be three numbers (x, y, z)",

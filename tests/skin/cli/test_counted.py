@@ -71,7 +71,7 @@ def test_live_views_name_no_unit_that_is_switched_off(partly_off):
     assert "!" not in text
     record = snapshots(1, 64)[0]
     record["status"], record["whole"] = state.units.status, True
-    assert dict(Health(names, 250.0).rows(record))["units"] == "63 of 63 valid"
+    assert dict(Health(palm.topology).rows(record))["units"] == "63 of 63 valid"
 
 
 def test_live_views_name_all_frames_that_are_wrong(palm_state):
@@ -87,7 +87,7 @@ def test_live_views_name_all_frames_that_are_wrong(palm_state):
     assert set(shown.split(", ")) == told
     record = snapshots(1, 64)[0]
     record["counters"] = [getattr(counters, name) for name in COUNTERS]
-    losses = dict(Health(palm.unit_names, 250.0).rows(record))["losses"]
+    losses = dict(Health(palm).rows(record))["losses"]
     assert set(losses.split(", ")) == told
 
 

@@ -31,8 +31,7 @@ def test_table_names_what_touches(touched):
     record["slip"], record["margin"] = SlipState.STICK, 0.62
     record["flags"] &= ~int(Flag.NO_FRICTION)
     (line,) = (line for line in table.lines(state) if "contact 1" in line)
-    assert f"{record['load']:6.2f}  N" in line
-    assert f"{state.contacts[0].units.size} units" in line
+    assert f"{record['load']:.2f} N" in line
     assert "stick" in line
     assert "margin 62 %" in line
     record["slip"], record["margin"] = SlipState.UNKNOWN, np.nan

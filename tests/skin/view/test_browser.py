@@ -111,18 +111,6 @@ def test_a_unit_that_dies_is_named_and_is_seen(viewed):
     browser.wait_for("64 of 64 valid")
 
 
-def test_another_quantity_has_another_scale(viewed):
-    shown, _, browser = viewed
-    press(shown, ())
-    assert "°C" not in browser.text()
-    browser.choose("load", "temperature")
-    press(shown, ())
-    browser.wait_for("°C")
-    browser.choose("temperature", "load")
-    press(shown, ())
-    browser.wait_until("!document.body.innerText.includes('°C')")
-
-
 def test_a_contact_has_an_arrow_a_label_and_the_colour_of_its_slip(viewed):
     shown, _, browser = viewed
     press(shown, ())
@@ -196,19 +184,3 @@ def test_health_is_amber_for_a_unit_and_red_for_a_patch_and_for_silence(viewed):
         )
     browser.wait_for("no cycle for")  # the skin's loop does not go on
     settled(browser, has(red))
-
-
-@pytest.mark.long
-def test_a_thousand_units_are_seen():
-    shown = flat(25, 40)
-    with show(shown, port=0) as view:
-        browser = Browser(view.address)
-        try:
-            press(shown, ())
-            browser.wait_for("1000 of 1000 valid", 60.0)
-            rest = shade(0.0, 5.0)
-            untouched = settled(browser, lambda seen: count(seen, rest) > 20_000, 60.0)
-            press(shown, range(400), 5.0)
-            settled(browser, lambda seen: count(seen, rest) < 0.8 * count(untouched, rest), 60.0)
-        finally:
-            browser.close()

@@ -19,7 +19,10 @@ N = 8
 
 @pytest.fixture
 def health():
-    return Health([f"u{i}" for i in range(N)], 250.0, np.arange(N) // 4, ("left", "right"))
+    return Health(SimpleNamespace(
+        unit_names=[f"u{i}" for i in range(N)], cycle_rate_hz=250.0, patch=np.arange(N) // 4,
+        patch_names=("left", "right"),
+    ))  # fmt: skip
 
 
 def fed(health, count=60, hz=250.0, **changes):
@@ -132,7 +135,9 @@ def test_a_bus_that_is_off_is_red_and_one_with_errors_amber(health):
 def test_the_table_names_units_and_links_and_why():
     names, status = [f"a<b>{i}" for i in range(30)], np.zeros(30, np.uint16)
     status[3], status[10:] = int(Status.MAGNETIC_ANOMALY), int(Status.STALE | Status.UNTARED)
-    health, records = Health(names, 250.0), snapshots(60, 30)
+    patch = {"patch": np.zeros(30, int), "patch_names": ("skin",)}
+    health = Health(SimpleNamespace(unit_names=names, cycle_rate_hz=250.0, **patch))
+    records = snapshots(60, 30)
     records["stamp_ns"] = 10**18 + 40_000_000 * np.arange(60)
     records["cycles"], records["cycle"] = 10 * np.arange(60), 10 * np.arange(60)
     records["counters"][:, COUNTERS.index("data")] = 100 * np.arange(60)

@@ -8,7 +8,6 @@ import sys
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
-import numpy as np
 import pytest
 
 from skin.errors import LibraryError, OptionError, SkinError
@@ -64,24 +63,14 @@ def test_without_viser_the_extra_is_named(monkeypatch):
         check_installed()
 
 
-def test_a_browser_that_leaves_as_the_view_ends_touches_no_server(monkeypatch):
-    """Threads of the server may hear of it after the server has stopped."""
-    heard = {}
+def test_the_camera_of_a_browser_that_has_left_is_not_reset(monkeypatch):
     server = MagicMock()
-    server.on_client_disconnect = lambda callback: heard.setdefault("left", callback)
-    monkeypatch.setattr(process, "open_server", lambda *_, **__: server)
+    server.get_clients.return_value = {}
+    monkeypatch.setattr(process, "open_server", lambda *_: server)
     asked = {"topology": packed(Shown().topology), "host": "127.0.0.1", "port": 1,
              "is_live": False}  # fmt: skip
-    ring = SimpleNamespace(dtype=np.dtype([("stamp_ns", "i8")]))
-    viewer = process.Viewer(SimpleNamespace(request=asked, ring=ring))
-    first = server.initial_camera = SimpleNamespace()
-    camera = SimpleNamespace(position=(1, 2, 3), look_at=(0, 0, 0), up_direction=(0, 0, 1))
-    heard["left"](SimpleNamespace(camera=camera))
-    assert not vars(first)
-    assert not viewer._handle_requests()
-    assert vars(first) == {"position": (1, 2, 3), "look_at": (0, 0, 0), "up": (0, 0, 1)}
-    # its camera was to be reset
-    server.get_clients.return_value, viewer._scene = {}, MagicMock()
+    viewer = process.Viewer(SimpleNamespace(request=asked))
+    viewer._scene = MagicMock()
     viewer._panel.requests.put(("camera", MagicMock(client_id=7)))
-    viewer._handle_requests()
+    assert viewer._handle_requests()
     viewer._scene.reset_camera.assert_not_called()
