@@ -49,7 +49,7 @@ def record_dtype(topology: Topology, contacts: int, others: Fields = ()) -> np.d
     """
     n, buses = topology.n, len(topology.buses)
     joints = 0 if topology.robot is None else len(topology.robot.joint_names)
-    state = [
+    state: list[Any] = [
         ("stamp_ns", "i8", ()),
         ("cycle", "i8", ()),
         ("whole", "i8", ()),  # 1 as of `State.whole`, else 0
@@ -70,7 +70,7 @@ def record_dtype(topology: Topology, contacts: int, others: Fields = ()) -> np.d
         ("status", "u2", (n,)),
     ]
     state += [("padding", "u1", (-np.dtype(state).itemsize % 8,))]
-    rest = [
+    rest: list[Any] = [
         ("contacts", "i8", (contacts, CONTACT.itemsize // 8)),  # CONTACT records
         ("moved", "i8", ()),  # counts changes of the poses; pose and q hold where it has changed
         ("pose", "f8", (12, n)),  # position, rotation
@@ -126,7 +126,8 @@ class RecordWriter:
         places: Any = records.dtype.fields
         self._until = places["padding"][1] + records.dtype["padding"].itemsize
         self._contacts_at, self._moved_at = places["contacts"][1], places["moved"][1]
-        self._units = self._wrench = self._label = None
+        self._units: Any = None
+        self._wrench = self._label = self._units
         self._parts: list[Any] = [b""]
         self._cast: list[tuple[np.ndarray, np.ndarray]] = []
 
@@ -161,7 +162,8 @@ class RecordWriter:
 
     def _views(self, units: Reading, wrench: Any, label: Any) -> list[Any]:
         """Room for the head, then the memory of the arrays of a state, in their order."""
-        self._cast, found = [], [b""]
+        self._cast = []
+        found: list[Any] = [b""]
         dtype = self._records.dtype
         for name, given in (
             ("counters", self._pipeline.assembler.totals), ("wrench", wrench),
