@@ -182,7 +182,8 @@ def test_commands_that_play_a_scene_do_its_faults(name, scene, opened, tmp_path,
     if needs:
         needs()
     scene.write_text(SCENE.replace("from_s = 0.1\nto_s = 0.2\n", ""))
-    arguments = [name.replace("record", "run"), "palm", "--simulate", str(scene), "--seconds", "0.2", "--json"]
+    name = name.replace("record", "run")
+    arguments = [name, "palm", "--simulate", str(scene), "--seconds", "0.2", "--json"]
     assert main([*arguments, *(one.format(folder=tmp_path) for one in more)]) == 0
     capsys.readouterr()
     (palm,) = opened
