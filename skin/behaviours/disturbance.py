@@ -198,6 +198,11 @@ class Disturbance:
         return self._change[:3]
 
     @property
+    def moment_nm(self) -> np.ndarray:
+        """The same about the grasp; on a bare skin only torsion."""
+        return self._lever_m * self._change[3:6]
+
+    @property
     def _lever_m(self) -> float:
         return LEVER_M if self.held else TOUCH_LEVER_M
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from queue import SimpleQueue
 from typing import Any
@@ -151,5 +151,5 @@ def legend_html(quantity: str, scales: Scales) -> str:
     )
 
 
-def _css(colour: Sequence[int]) -> str:
+def _css(colour: Iterable[int]) -> str:
     return "rgb({},{},{})".format(*colour)

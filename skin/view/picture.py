@@ -185,6 +185,7 @@ def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
     chosen, axes = _moments(run), figure.subplots(1, 3)
     top = max(float(run.force[chosen, 2].max()), 1.0)
     longest = max(float(np.hypot(run.force[chosen, 0], run.force[chosen, 1]).max()), 0.2)
+    discs = None
     for axis, k in zip(axes, chosen, strict=True):
         discs = force_map(
             axis, topology, run.force[k], centroid=run.centroid[k], most_n=top, most_shear_n=longest

@@ -158,18 +158,6 @@ def test_wrong_use_is_told(arguments, message, capsys):
     assert message in capsys.readouterr().err
 
 
-def test_a_view_hides_nothing_from_a_socket_that_only_listens(viewed):
-    """A client that reads nothing does not hold the loop up."""
-    shown, view = viewed
-    port = int(view.address.rpartition(":")[2])
-    with contextlib.closing(socket.create_connection(("127.0.0.1", port))):
-        missed = view.snapshots.missed
-        for _ in range(5):
-            time.sleep(0.05)
-            shown.show()
-        assert view.snapshots.missed == missed
-
-
 def handshake(address):
     """A client of the view's own protocol."""
     from websockets.sync.client import connect
