@@ -114,7 +114,7 @@ def open(
 def _options(
     options: Options | None, want: Collection[str] | None, slip: SlipSettings | None
 ) -> Options:
-    """The options, with what was given beside them."""
+    """The options, with what was given besides."""
     if options is None:
         return Options(want=want, slip=slip)
     check_kind("options", options, Options)

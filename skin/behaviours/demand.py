@@ -79,10 +79,10 @@ class Demand:
 
     def set_horizon(self, horizon_s: float) -> None:
         """Forecast so many seconds from now on."""
-        ahead = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
+        share = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
         # The slow mean, the fast one and the forecast, from the three means; and the fraction of a
         # sigma that is in each, by its response to one sample.
-        self._mix = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -ahead, 1.0 + ahead]])
+        self._mix = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -share, 1.0 + share]])
         age = np.arange(round(20.0 * SLOW_S / FAST_S))[:, np.newaxis]
         responses = self._gains * (1.0 - self._gains) ** age
         self._left = np.linalg.norm(responses @ self._mix.T, axis=0)

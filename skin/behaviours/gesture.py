@@ -26,7 +26,7 @@ __all__ = ["Gesture", "Gestures"]
 
 LOOK_S = 0.02
 """Interval at which the confidence is computed during a gesture [assumed]."""
-SURE = 0.95
+CONFIDENCE = 0.95
 """Confidence at which a gesture is reported before it has ended [assumed]."""
 EDGE = 0.005
 """Fractions are kept this far from 0 and 1: noise resolves no less [assumed]."""
@@ -205,13 +205,13 @@ class Gestures:
             return None
         self._next_s = seen.time_s + LOOK_S
         gesture = self._classify()
-        is_sure = gesture.confidence >= SURE and gesture.kind != self._reported_kind
-        if not seen.ended and not is_sure:
+        is_certain = gesture.confidence >= CONFIDENCE and gesture.kind != self._reported_kind
+        if not seen.ended and not is_certain:
             return None
         self._reported_kind = "" if seen.ended else gesture.kind
-        sure = f"{gesture.confidence:.3f} sure {'after' if gesture.ended else 'for'}"
+        belief = f"{gesture.confidence:.3f} certain {'after' if gesture.ended else 'for'}"
         size = f"{gesture.peak_n:.2f} N at most, {math.degrees(gesture.angle_rad):.0f} degrees"
-        why = f"{sure} {gesture.duration_s:.3f} s, {size}"
+        why = f"{belief} {gesture.duration_s:.3f} s, {size}"
         self.decisions.append(Decision(seen.time_s, gesture.kind, why))
         return gesture
 

@@ -59,7 +59,7 @@ BUMP_NEAR = 1.0 - 2.0 * math.asin(NEAR) / math.pi
 STILL = 4.5
 """Sigmas of a force that show a motion [derived: noise alone in three components reaches it once
 per half a minute of tests]."""
-SURE = 0.995
+CONFIDENCE = 0.995
 """Probability of a hand at which it is taken: a wrong release is two hundred times as bad as a
 delay [assumed]."""
 LEAST_N = 0.35
@@ -228,9 +228,10 @@ class Handover:
         odds = {name: PRIORS[name] * math.exp(value) for name, value in logs.items()}
         total = sum(odds.values())
         self.probabilities = {name: value / total for name, value in odds.items()}
-        if self.probabilities["hand"] >= SURE:
-            sure = f"{self.probabilities['hand']:.3f} sure: {self.support:.0%} of {weight_n:.2f} N"
-            self._enter(Phase.TAKEN, f"{sure} borne for {age_s:.3f} s")
+        if self.probabilities["hand"] >= CONFIDENCE:
+            belief = f"{self.probabilities['hand']:.3f} certain: "
+            belief += f"{self.support:.0%} of {weight_n:.2f} N"
+            self._enter(Phase.TAKEN, f"{belief} borne for {age_s:.3f} s")
 
     def _aged_s(self, is_hand: bool, sigma: float) -> float:
         """How long the support has been that of a hand, and near its peak."""

@@ -38,7 +38,7 @@ def replay(
     """Play what `skin run --record` has recorded, or any log that `skin decode` reads.
 
     Shows the table of `skin run`. The states of a recording are those of the live run, to the bit,
-    and how many are is told as `same`: exits with 1 if any differ, if something was left out, or if
+    and `same` is how many are: exits with 1 if any differ, if something was left out, or if
     the file is damaged; what is whole is played.
     """
     import skin

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bus.logs import Recording
     from bus.transport import Transport
     from skin.sim.node import Served, SimulatedUnits
+    from topology import Topology
 
 __all__ = ["sim"]
 
@@ -78,14 +79,7 @@ def sim(
     if scene is None and truth is not None:
         raise OptionError("--truth: must be given with a scene; got none")
     loaded = options.load(file, bus)
-    inside = [i for i, one in enumerate(loaded.buses) if one.interface == "memory"]
-    is_fast = scene is not None and len(inside) == len(loaded.buses)
-    if inside and not is_fast:
-        raise OptionError(
-            f"{file}: buses[{inside[0]}] {loaded.buses[inside[0]].name!r}: interface: must be one "
-            "that other processes can reach; got 'memory' (try --bus socketcan:vcan0, or --bus "
-            "udp_multicast:239.74.163.2)"
-        )
+    is_fast = _is_inside(file, loaded, scene)
     script = None if faults is None else load_script(faults, loaded)
     announcer()
     with ExitStack() as opened:
@@ -96,15 +90,15 @@ def sim(
             script = script or own_faults(played)
             watched = played if truth is None else opened.enter_context(Recorder(played, truth))
             nodes = SimulatedUnits(loaded, watched, history=0)
-            seconds = played.seconds if is_fast and seconds is None else seconds
         options.note_scene(nodes.scene)
         if (log := options.frame_log(record, file)) is not None:
             opened.callback(log.close)
         if is_fast:
             from skin.sim.scenes.fast import play
 
-            print(f"{loaded.n} units on no bus, {seconds:g} s", file=sys.stderr, flush=True)
-            served, injected = play(nodes, seconds, script, log)
+            lasts_s = played.seconds if seconds is None else seconds
+            print(f"{loaded.n} units on no bus, {lasts_s:g} s", file=sys.stderr, flush=True)
+            served, injected = play(nodes, lasts_s, script, log)
         else:
             served, injected = _serve(opened, nodes, seconds, script, log)
     report: dict[str, Any] = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
@@ -119,6 +113,22 @@ def sim(
         report["faults"] = dict(sum(map(Counter, injected), Counter()))
     end(report, json)
     return 0 if served.cycles else 1
+
+
+def _is_inside(file: str, loaded: Topology, scene: str | None) -> bool:
+    """Whether a scene is played on buses within this process alone; refuses these without one."""
+    from skin.errors import OptionError
+
+    inside = [i for i, one in enumerate(loaded.buses) if one.interface == "memory"]
+    if scene is not None and len(inside) == len(loaded.buses):
+        return True
+    if inside:
+        raise OptionError(
+            f"{file}: buses[{inside[0]}] {loaded.buses[inside[0]].name!r}: interface: must be one "
+            "that other processes can reach; got 'memory' (try --bus socketcan:vcan0, or --bus "
+            "udp_multicast:239.74.163.2)"
+        )
+    return False
 
 
 def _serve(

@@ -220,7 +220,7 @@ class Scene:
         """A mesh for each unit, of sizes, shape (n,)."""
         n = size.size
         return self._scene.add_batched_meshes_simple(
-            name, *mesh, np.tile(np.float32([1.0, 0.0, 0.0, 0.0]), (n, 1)),
+            name, *mesh, np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (n, 1)),
             np.zeros((n, 3), np.float32), batched_scales=_cubes(size), lod="off", side="double",
             batched_colors=colours, cast_shadow=False,
             receive_shadow=False, flat_shading=True,

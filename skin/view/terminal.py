@@ -1,4 +1,4 @@
-"""The live table in a terminal: units from above with their load, and numbers beside them."""
+"""The live table in a terminal: units from above with their load, and numbers to the right."""
 
 from __future__ import annotations
 

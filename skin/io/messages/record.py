@@ -114,7 +114,7 @@ class RecordWriter:
         *,
         knows_poses: bool = True,
     ) -> None:
-        self.bytes = memoryview(records.view(np.uint8))
+        self.bytes = records.view(np.uint8).data
         self.size, self._records = records.dtype.itemsize, records
         self._pipeline, self._transports = pipeline, transports
         own = knows_poses and pipeline.poses[0] is pipeline.topology.position

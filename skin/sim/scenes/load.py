@@ -1,6 +1,6 @@
 """Loads scene files and ready-made scenes, and checks their times and names against a skin.
 
-Whether a body can be where it is told to be shows when the scene is played.
+Whether a body can be where its script puts it shows when the scene is played.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class MovingTool:
         Raises
         ------
         SceneError
-            It enters a unit, or comes nearer to a film than `HalbachField` can tell.
+            It enters a unit, or comes nearer to a film than `HalbachField` is known.
         """
         topology, position = self._topology, self._position(time_s)
         depth_mm = penetration(
