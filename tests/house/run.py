@@ -42,7 +42,7 @@ for name in {skins!r}:
         if sys.argv[1] == "float64":
             Pipeline(topology.load(name), Options(dtype="float64", **chosen)).warmup()
             continue
-        with skin.open(name, simulate=True, pace=False, **chosen) as opened:
+        with skin.open(name, simulate=True, pace=False, options=Options(**chosen)) as opened:
             for _ in itertools.islice(opened, 3):
                 pass
 if sys.argv[1] == "float64":
