@@ -5,7 +5,6 @@ ambient field, one sweep of cross-talk), on as many buses as the check of a topo
 three contacts press and drag. A process of its own plays the units, each frame when the wire would
 bring it, over datagram sockets of the loopback interface, read by the same system calls as those of
 CAN. Host and units have a processor each, where this process may use two; `pinned` says whether.
-`sockets` wakes as frames come, `deadline` once a cycle (`wait="deadline"`).
 
 **Judged.** The units' process stamps each system call by which frames leave. A cycle is judged if
 all of its frames had left within a frame's time on the wire after they were due (a frame of another
@@ -84,7 +83,7 @@ CYCLES = {False: (256, 3000), True: (64, 150)}
 SAME_C = 1e-3
 """°C within which a temperature is the one that was sent; the noise is 0.05 °C."""
 TARGET_SHARE = 0.5
-WAYS = ("sockets", "deadline")
+WAYS = ("sockets",)
 CAUSES = ("collector", "page fault", "log", "switch", "wait", "work")
 PUBLISHED = (
     "TUM H1, 1260 cells at 250 Hz (315 000 packets/s): 2.7 cores and a quarter of the packets "
@@ -150,8 +149,7 @@ def run(quick: bool) -> dict[str, Any]:
                 "rate_hz": units_of.cycle_rate_hz,
                 "frames_per_s": len(units_of.frames) * units_of.cycle_rate_hz,
                 "ways": {
-                    way: measure(units_of, units, way, *CYCLES[quick], processors)
-                    for way in WAYS[: 1 if quick else None]
+                    way: measure(units_of, units, way, *CYCLES[quick], processors) for way in WAYS
                 },
             }
     rows = [cases[name]["ways"]["sockets"] for name in SKINS]
@@ -248,8 +246,7 @@ def measure(
         Of the host and of the units.
     """
     with _over_sockets(skin, units, processors) as (ends, told):
-        wait: Any = "deadline" if way == "deadline" else "event"
-        with product.open(skin, transports=ends, wait=wait) as live:
+        with product.open(skin, transports=ends) as live:
             if not told.poll(60.0):
                 raise RuntimeError("the units' process must be ready within 60 s; it was not")
             told.recv()

@@ -58,7 +58,7 @@ def decode_logs(
     out: str | os.PathLike[str], *, executor: Executor | None = None, format: str = "parquet",
     channels: Mapping[str, str] | None = None, on_log: OnLog | None = None, **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Decode recorded logs, and recordings of `skin record`, into tables in a folder.
+    """Decode recorded logs, and recordings of `skin run --record`, into tables in a folder.
 
     Parameters
     ----------

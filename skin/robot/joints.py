@@ -98,7 +98,9 @@ class Joints:
         self.q, self._poses = q, self.robot.forward(q)
         at = self._poses[self._link]
         position = np.einsum("nij,jn->in", at[:, :3, :3], self._position) + at[:, :3, 3].T
-        self.unit_poses = position, np.moveaxis(at[:, :3, :3] @ self._rotation, 0, 2)
+        rotation = np.moveaxis(at[:, :3, :3] @ self._rotation, 0, 2)
+        # in memory as a replay has them: sums over them are the same to the bit
+        self.unit_poses = np.ascontiguousarray(position), np.ascontiguousarray(rotation)
 
     def _named(self, q: Mapping[str, float]) -> np.ndarray:
         """All coordinates, of which some are given by name."""

@@ -528,7 +528,7 @@ def test_an_event_wakes_the_waiter_whatever_bus_it_comes_on(two_buses, which):
 
 def test_a_full_batch_starves_no_bus(two_buses):
     far, near = two_buses
-    waiter, seen = Waiter(near, "deadline"), set()
+    waiter, seen = Waiter(near), set()
     for _ in range(4):
         for end in far:
             end.send(numbered(4))
@@ -536,11 +536,6 @@ def test_a_full_batch_starves_no_bus(two_buses):
         waiter.receive(batch, 0)
         seen |= {id(near[i]) for i in range(2) if near[i].counters.received}
     assert len(seen) == 2
-
-
-def test_a_waiter_says_what_it_knows():
-    with pytest.raises(ValueError, match="wait: must be 'event' or 'deadline'; got 'poll'"):
-        Waiter([], "poll")
 
 
 def test_links_are_read_from_the_kernel():

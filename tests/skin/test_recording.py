@@ -15,7 +15,6 @@ import pytest
 
 import skin
 import topology
-from bus.errors import LogError
 from bus.logs import Recording, buses_of
 from bus.logs.channels import names_of
 from skin.cli import main
@@ -102,7 +101,7 @@ def test_names_of_channels_follow_the_topology():
 
 
 def test_a_log_that_cannot_be_written_is_refused_before_the_buses_are_used(tmp_path):
-    with pytest.raises(LogError, match="must end in one of"):
+    with pytest.raises(SkinError, match="must end in one of"):
         skin.open("strip", simulate=True, record=tmp_path / "run.txt")
 
 

@@ -132,7 +132,7 @@ def test_frames_of_the_real_cansend_arrive(skin_on_vcan):
     assert assembler.counters.data == batch.count
 
 
-def felt_live(loaded, cycles, **options):
+def felt_live(loaded, cycles, *, sweeps=1, **options):
     """Forces of a skin on vcan0 whose simulated units answer from a thread of their own."""
     stop, live = threading.Event(), []
     with open_transport(loaded.buses[0]) as far:
@@ -140,7 +140,8 @@ def felt_live(loaded, cycles, **options):
         units = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
         units.start()
         try:
-            with skin.open(loaded, options=skin.Options(dtype="float64"), **options) as opened:
+            how = skin.Options(dtype="float64", sweeps=sweeps)
+            with skin.open(loaded, options=how, **options) as opened:
                 for state in itertools.islice(opened, cycles):
                     live.append(state.units.force.copy())
         finally:

@@ -35,7 +35,7 @@ COMMANDS = (
     "run pair.toml --simulate press --seconds 0.3 --record run.log --json",
     "decode sim.log --topology pair.toml --output felt.csv --json",
 )
-MADE = {"sim.log", "run.log", "felt.csv", "felt.wrench.csv", "felt.contacts.csv", "felt.events.csv"}
+MADE = {"sim.log", "run.log", "felt.csv", "felt.contacts.csv", "felt.faults.csv"}
 TIMED = {"seconds", "real_time_factor", "output"}
 
 
