@@ -359,6 +359,17 @@ def MDF(path):
     assert not there.exists()
 
 
+def test_a_file_that_keeps_its_reader_busy_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "asammdf.py").write_text("def MDF(path):\n    while True:\n        pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "asammdf", raising=False)
+    monkeypatch.setattr(mdf, "_SECONDS", 0.5)
+    path = tmp_path / "some.mf4"
+    path.write_bytes(b"MDF     4.10")
+    with pytest.raises(LogError, match="must be a whole MDF 4 file; got: more computing than"):
+        list(read(path))
+
+
 def test_mf4_without_asammdf_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "asammdf", None)
     path = tmp_path / "some.mf4"
