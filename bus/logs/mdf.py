@@ -186,6 +186,8 @@ def _pieces(file: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     groups = []
     for index, group in enumerate(file.groups):
         names = {channel.name for channel in group.channels}
+        if "" in names:
+            raise ValueError("a channel without a name")
         kind = next((kind for kind in _KINDS if kind in names), None)
         if kind is not None and group.channel_group.cycles_nr:
             groups.append(_Group(file, index, kind))
@@ -206,6 +208,9 @@ def _pieces(file: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         channels[channels >= 0] += _FROM_ZERO * from_zero
         records["stamp_ns"] += 1000 * (begin // timedelta(microseconds=1))
         yield records, channels
+    said = sum(group.said for group in groups)
+    if source.size != said:
+        raise ValueError(f"{source.size} frames, where its groups have {said}")
 
 
 class _Group:
@@ -213,6 +218,7 @@ class _Group:
 
     def __init__(self, file: Any, index: int, kind: str) -> None:
         self.stamps = np.asarray(file.get_master(index), float)
+        self.said = int(file.groups[index].channel_group.cycles_nr)
         self._file, self._index, self._kind = file, index, kind
         name = f"{kind}.BusChannel"
         self.has_channel = any(channel.name == name for channel in file.groups[index].channels)
