@@ -90,7 +90,7 @@ def main() -> None:
         told, found, message = _Told(), [], ""
         logging.getLogger().handlers[:] = [told]
         logging.getLogger("asammdf").handlers[:] = [told]
-        signal.setitimer(signal.ITIMER_PROF, SECONDS)  # ends the process
+        signal.setitimer(signal.ITIMER_PROF, 1 if plant == "hang" else SECONDS)  # ends the process
         try:
             frames, said = SIDES[side](Path(path))
             for frame in frames:

@@ -1,16 +1,17 @@
 """MdfReader: MDF 4 files with bus logging, through asammdf (the extra `mdf`).
 
-A damaged file may crash asammdf's C code, and with it the process. So it runs in a process of its
-own, ``python -m bus.logs.mdf FILE PIECE``, which sends the frames in pieces, as blocks: a byte for
-the kind, the count of bytes as a little-endian u64, then an array in `numpy.lib.format`, or a UTF-8
-text. A piece is an array of frames and one of their bus channels, -1 without one, and `_FROM_ZERO`
-more in a file that counts from 0; the text is empty at the end of the file, or an error. Nothing is
-ever unpickled.
+A damaged file may crash asammdf's C code, and with it the process, or keep it busy for ever. So it
+runs in a process of its own with a bound of computing, ``python -m bus.logs.mdf FILE PIECE
+SECONDS``, which sends the frames in pieces, as blocks: a byte for the kind, the count of bytes as a
+little-endian u64, then an array in `numpy.lib.format`, or a UTF-8 text. A piece is an array of
+frames and one of their bus channels, -1 without one, and `_FROM_ZERO` more in a file that counts
+from 0; the text is empty at the end of the file, or an error. Nothing is ever unpickled.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -20,7 +21,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
-from signal import Signals
 from typing import IO, Any
 
 import numpy as np
@@ -53,6 +53,9 @@ _BUS_ERROR = 0x80
 _CLASSIC_BYTES, _FD_BYTES, _ERROR_BYTES = 8, 64, 8
 _HEAD = struct.Struct("<cQ")
 _ARRAY, _TEXT = b"a", b"t"
+_SECONDS, _BYTES_PER_SECOND = 15.0, 1 << 20
+"""Computing that a file takes at most: so much, and 1 s for each so many bytes [assumed: ten times
+what whole files take]."""
 _LARGEST = 2 * _PIECE * FRAME_DTYPE.itemsize
 """Upper bound of the bytes of a block."""
 
@@ -83,8 +86,9 @@ class MdfReader(LogReader):
 
     def _pairs(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Frames and their bus channels, in pieces, from the reading process."""
+        seconds = _SECONDS + self.path.stat().st_size / _BYTES_PER_SECOND
         reading = subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__, str(self.path), str(_PIECE)],
+            [sys.executable, "-P", "-m", __name__, str(self.path), str(_PIECE), str(seconds)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )  # fmt: skip
@@ -171,7 +175,9 @@ def _hand_over(out: IO[bytes], block: np.ndarray | str) -> None:
 
 def _ended(status: int) -> str:
     """How the reading process ended, as text."""
-    how = f"signal {Signals(-status).name}" if status < 0 else f"status {status}"
+    if status == -signal.SIGPROF:
+        return "more computing than whole files take"
+    how = f"signal {signal.Signals(-status).name}" if status < 0 else f"status {status}"
     return f"the end of the process that reads it, {how}"
 
 
@@ -180,6 +186,8 @@ def _pieces(file: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     groups = []
     for index, group in enumerate(file.groups):
         names = {channel.name for channel in group.channels}
+        if "" in names:
+            raise ValueError("a channel without a name")
         kind = next((kind for kind in _KINDS if kind in names), None)
         if kind is not None and group.channel_group.cycles_nr:
             groups.append(_Group(file, index, kind))
@@ -200,6 +208,9 @@ def _pieces(file: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         channels[channels >= 0] += _FROM_ZERO * from_zero
         records["stamp_ns"] += 1000 * (begin // timedelta(microseconds=1))
         yield records, channels
+    said = sum(group.said for group in groups)
+    if source.size != said:
+        raise ValueError(f"{source.size} frames, where its groups have {said}")
 
 
 class _Group:
@@ -207,6 +218,7 @@ class _Group:
 
     def __init__(self, file: Any, index: int, kind: str) -> None:
         self.stamps = np.asarray(file.get_master(index), float)
+        self.said = int(file.groups[index].channel_group.cycles_nr)
         self._file, self._index, self._kind = file, index, kind
         name = f"{kind}.BusChannel"
         self.has_channel = any(channel.name == name for channel in file.groups[index].channels)
@@ -277,7 +289,8 @@ class _Group:
 
 def main() -> None:
     """Send the frames of a file."""
-    path, size = Path(sys.argv[1]), int(sys.argv[2])
+    path, size, seconds = Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])
+    signal.setitimer(signal.ITIMER_PROF, seconds)  # its signal ends the process
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # output of libraries goes to stderr
         try:

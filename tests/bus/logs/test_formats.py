@@ -5,6 +5,7 @@ import datetime
 import gzip
 import sqlite3
 import sys
+from pathlib import Path
 
 import can
 import numpy as np
@@ -357,6 +358,35 @@ def MDF(path):
     with pytest.raises(LogError, match="from the process that reads it, bytes that are no frames"):
         read_all(path)
     assert not there.exists()
+
+
+@pytest.mark.filterwarnings("default")  # asammdf's own
+@pytest.mark.parametrize(
+    ("head", "got"),
+    [
+        (b"##DZ", "0 frames, where its groups have"),  # its data
+        (b"CAN_DataFrame\0", "a channel without a name"),
+    ],
+)
+def test_an_mf4_that_has_lost_its_data_or_a_name_is_refused(head, got, tmp_path):
+    pytest.importorskip("asammdf", reason="needs asammdf: pip install 'f3t-skin[mdf]'")
+    whole = (Path(__file__).parents[2] / "golden/logs/seeds/seed.mf4").read_bytes()
+    path = tmp_path / "some.mf4"
+    at = whole.index(head)
+    path.write_bytes(whole[:at] + bytes(len(head)) + whole[at + len(head) :])
+    with pytest.raises(LogError, match=got):
+        list(read(path))
+
+
+def test_a_file_that_keeps_its_reader_busy_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "asammdf.py").write_text("def MDF(path):\n    while True:\n        pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "asammdf", raising=False)
+    monkeypatch.setattr(mdf, "_SECONDS", 0.5)
+    path = tmp_path / "some.mf4"
+    path.write_bytes(b"MDF     4.10")
+    with pytest.raises(LogError, match="must be a whole MDF 4 file; got: more computing than"):
+        list(read(path))
 
 
 def test_mf4_without_asammdf_names_the_extra(tmp_path, monkeypatch):
