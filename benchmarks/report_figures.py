@@ -387,7 +387,6 @@ FIGURES = (
     Figure("grasp", "cycle_energy_gain", "energy gained in a cycle of push and release, over the energy put in", "", "<= 0"),
     Figure("grasp", "real_time_factor_pinch", "simulated over real seconds of the closed loop with frames and decoder; 2 × 16 units at 250 Hz", "", ">= 2"),
     Figure("grasp", "real_time_factor_hand", "simulated over real seconds of the closed loop with frames and decoder; Shadow hand with 124 units at 250 Hz", "", ">= 1"),
-    Figure("grasp", "joints/move_joints_us/median", "time to move 124 units on 20 joints", "µs", "<= 200"),
     Figure("grasp", "joints/wrench_error_n", "error of the wrench of a fixed contact in the frame of the base; 1000 poses", "N", "<= 1e-9"),
     # behaviours, on seeds that nobody had looked at, but for the first 75 of grip
     Figure("behaviours", "grip/dropped_rate/rate", "objects dropped by the grip control, of 300 with friction 0.3 to 0.9 and 30 to 300 g, pulled and turned as in the paper's Fig. 4c; two of 32 units dead in a third of the runs", "", "<= 0.01", "grip/dropped_rate/trials"),

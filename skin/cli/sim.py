@@ -101,18 +101,25 @@ def sim(
             served, injected = play(nodes, lasts_s, script, log)
         else:
             served, injected = _serve(opened, nodes, seconds, script, log)
-    report: dict[str, Any] = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
-    if scene is not None:
-        lasted = served.cycles / loaded.cycle_rate_hz
-        report |= {
-            "scene": played.script.name,
-            "truth": truth if served.cycles else None,
-            "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
-        }
+    report = _report(loaded, served, None if scene is None else played.script.name, truth)
     if script is not None:
         report["faults"] = dict(sum(map(Counter, injected), Counter()))
     end(report, json)
     return 0 if served.cycles else 1
+
+
+def _report(
+    loaded: Topology, served: Served, scene: str | None, truth: str | None
+) -> dict[str, Any]:
+    report: dict[str, Any] = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
+    if scene is not None:
+        lasted = served.cycles / loaded.cycle_rate_hz
+        report |= {
+            "scene": scene,
+            "truth": truth if served.cycles else None,
+            "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
+        }
+    return report
 
 
 def _is_inside(file: str, loaded: Topology, scene: str | None) -> bool:

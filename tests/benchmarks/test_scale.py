@@ -248,5 +248,5 @@ def test_table_shows_every_row_and_what_others_publish(monkeypatch):
     assert figures["late"]["trials"] == 32
     assert figures["not_judged_share"] == pytest.approx(0.2)
     text = scale.table(figures)
-    assert len(text.splitlines()) == 2 + 10 + 1 + 10 + 2 + 30 + 2
+    assert len(text.splitlines()) == 2 + 5 + 1 + 5 + 2 + 15 + 2
     assert "TUM" in text

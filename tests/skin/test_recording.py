@@ -18,6 +18,7 @@ import topology
 from bus.logs import Recording, buses_of
 from bus.logs.channels import names_of
 from skin.cli import main
+from skin.errors import SkinError
 from tests.fixtures.live import frames_of
 from tests.fixtures.patience import LONG_S
 

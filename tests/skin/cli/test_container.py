@@ -120,7 +120,7 @@ def assert_same(container, reports, normal):
         else:
             timeless = [{k: v for k, v in one.items() if k not in TIMED} for one in (report, usual)]
             assert timeless[0] == timeless[1]
-    assert reports[-1]["peak_force_n"] > 0.1
+    assert reports[-1]["logs"][0]["peak_force_n"] > 0.1
     for name in MADE - {"run.log"}:
         assert container.joinpath("work", name).read_bytes() == folder.joinpath(name).read_bytes()
 
