@@ -102,9 +102,7 @@ def sim(
         else:
             served, injected = _serve(opened, nodes, seconds, script, log)
     report = _report(loaded, served, None if scene is None else played.script.name, truth)
-    if script is not None:
-        report["faults"] = dict(sum(map(Counter, injected), Counter()))
-    end(report, json)
+    end(report if script is None else report | {"faults": _sum(injected)}, json)
     return 0 if served.cycles else 1
 
 
@@ -120,6 +118,11 @@ def _report(
             "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
         }
     return report
+
+
+def _sum(counts: list[dict[str, int]]) -> dict[str, int]:
+    """The counts of all buses."""
+    return dict(sum(map(Counter, counts), Counter()))
 
 
 def _is_inside(file: str, loaded: Topology, scene: str | None) -> bool:
