@@ -56,9 +56,9 @@ def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
 @pytest.mark.parametrize(
     "command",
     [
-        ["run", "hand", "--simulate", "--seconds", "0.1"],
-        ["run", "hand", "--simulate", "press", "--seconds", "0.1"],
-        ["sim", "hand", "press", "--seconds", "0.1"],
+        ["run", "hand", "--simulate", "--seconds", "1.0"],
+        ["run", "hand", "--simulate", "press", "--seconds", "1.0"],
+        ["sim", "hand", "press", "--seconds", "1.0"],
     ],
 )
 @pytest.mark.parametrize("suffix", [".log", ".blf"])
