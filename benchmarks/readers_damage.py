@@ -8,6 +8,7 @@ without only where they hold structure. Heads of texts, which say how all lines 
 
 from __future__ import annotations
 
+import os
 import random
 import re
 import struct
@@ -40,7 +41,7 @@ FOREIGN = {
 
 def damaged(suffix: str, raw: bytes, count: int) -> Iterator[tuple[str, bytes, Frames]]:
     """About `count` damaged files of a seed: the way of each, its bytes, and its frames."""
-    chance = random.Random(suffix)
+    chance = random.Random(suffix + os.environ.get("READERS_SEED", ""))
     ways = WAYS[suffix]
     for i in range(count):
         way = list(ways)[i % len(ways)]

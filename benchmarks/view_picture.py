@@ -26,13 +26,13 @@ from tests.fixtures.browser import Browser
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 PALM, HAND = PICTURES / "view.png", PICTURES / "view_hand.png"
 SIZE = (1440, 960)
-END_S = 17.9
-"""Of the ready-made scene "demo": the ball slides for the third time."""
+END_S = 17.3
+"""Of the ready-made scene "demo": the ball is about to slide for the third time."""
 SILENT = ("palm/r0c0",)
 """And those on the same board."""
-HAND_END_S = 3.4
-"""The ball presses on the palm for the first time."""
-CHOSEN = (434, 516)
+HAND_END_S = 2.8
+"""The ball is about to press on the palm for the first time."""
+CHOSEN = (459, 488)
 """A pressed unit, pixels."""
 
 PHALANGES = {"proximal": 0.045, "middle": 0.028, "distal": 0.022}
@@ -134,13 +134,14 @@ def _shoot(
 
 @contextmanager
 def _going_on(states: Iterator[product.State], step: Callable[[], None]) -> Iterator[None]:
-    """Cycles in real time meanwhile: a skin that has stopped is not healthy."""
+    """Some cycles meanwhile, in which the scene moves little: a skin that has stopped is not
+    healthy."""
     ended = Event()
 
     def go() -> None:
         for _ in states:
             step()
-            if ended.wait(0.004):
+            if ended.wait(0.05):
                 break
 
     thread = Thread(target=go)

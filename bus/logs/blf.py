@@ -201,7 +201,6 @@ class BlfReader(LogReader):
         except (OSError, EOFError, zlib.error) as error:
             self._end = str(error)
             return b""
-        self.read_bytes += len(got)
         return got
 
     def _read_up_to(self, file: BinaryIO, size: int) -> bytes:

@@ -61,8 +61,6 @@ class LogReader(ABC):
         Bus index of every channel so far; -1 for unwanted ones.
     count : int
         Frames read so far.
-    read_bytes : int
-        Uncompressed bytes read so far; 0 where a library reads the file.
     skipped : dict of str to int
         Counts by kind of objects that are not frames, and of frames of unwanted buses.
     lost : int
@@ -153,7 +151,7 @@ class LogReader(ABC):
 
     def _start(self) -> None:
         self._channels = Channels(self._asked, first_of(self.path))
-        self.count = self.read_bytes = self.lost = self._passed = 0
+        self.count = self.lost = self._passed = 0
         self._faults: list[str] = []
         self.skipped: dict[str, int] = {}
         self.damage: LogError | None = None
@@ -174,7 +172,6 @@ class LogReader(ABC):
             got: int = file.readinto1(view)  # type: ignore[attr-defined]
         except (OSError, EOFError, zlib.error) as error:
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
-        self.read_bytes += got
         return got
 
     def _leave_out(self, fault: str) -> None:

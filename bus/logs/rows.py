@@ -267,7 +267,6 @@ class RowReader(LogReader):
         """Lines with their ends, which the last one may lack; endless ones in pieces."""
         try:
             while line := file.readline(_LONGEST_LINE):
-                self.read_bytes += len(line)
                 yield line.decode("utf-8", "replace")
         except (OSError, EOFError, zlib.error) as error:
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
