@@ -141,13 +141,18 @@ class Pipeline:
         if options.auto_tare and self._lacks_zeros():
             from skin.calibrate.zeros import Zeros
 
-            self.zeros = Zeros(self.decoder)
+            self.zeros = Zeros(self.decoder, doubt_n2=self._doubt_n2)
 
     def _lacks_zeros(self) -> bool:
         """Whether units have no tare that the decoder needs."""
         topology = self.topology
         lacking = topology.feels & ~topology.tared
         return bool(lacking.any()) and not self.decoder.want <= {"temperature", "sigma"}
+
+    @property
+    def _doubt_n2(self) -> np.ndarray | None:
+        """What the zeros leave open, where the wrench takes it."""
+        return None if self.contacts is None else self.contacts.model.geometry.pose["doubt"]
 
     def retake_zeros(self) -> None:
         """Take the zeros of all units again, in the next second in which nothing touches them.
@@ -158,7 +163,7 @@ class Pipeline:
         if self.zeros is None:
             from skin.calibrate.zeros import Zeros
 
-            self.zeros = Zeros(self.decoder, tare=False)
+            self.zeros = Zeros(self.decoder, tare=False, doubt_n2=self._doubt_n2)
         self.zeros.retake()
 
     def attach(self, sink: Sink) -> None:

@@ -14,7 +14,7 @@ from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, film_at_rest_ut,
 from topology import CHANNELS, Topology, UnitModel
 from topology.gel import gel_temperature
 
-__all__ = ["LEAST_CYCLES", "Look", "Readings", "Zeros", "lowest_hz"]
+__all__ = ["LEAST_CYCLES", "Look", "Readings", "Zeros", "lowest_hz", "rest_hz2"]
 
 LEAST_CYCLES = 100
 """Good readings that a mean needs [assumed]."""
@@ -138,10 +138,9 @@ class Readings:
         near : tuple of ndarray, shape (m,)
             Pairs of units that are near each other.
         """
-        topology, p, units = self.topology, self.topology.parameters, np.arange(self.topology.n)
-        variance = p["frequency_sigma_hz"] ** 2 + DRIFTED_HZ**2 / 3.0
-        weight = np.where(which, 1.0 / variance, 0.0)
-        share = weight * np.where(which, p["frequency_rest_hz"] - self._mean[FREQUENCY], 0.0)
+        topology, units = self.topology, np.arange(self.topology.n)
+        weight = np.where(which, 1.0 / rest_hz2(topology), 0.0)
+        share = weight * np.where(which, self.fall_hz, 0.0)
         own, other = (np.concatenate([*pair, units]) for pair in (near, near[::-1]))
         groups = ((own, other), (topology.patch, units), (np.zeros_like(units), units))
         found: dict[int, str] = {}
@@ -159,6 +158,11 @@ class Readings:
                     "less (if nothing does: skin tare)"
                 ))  # fmt: skip
         return found
+
+    @property
+    def fall_hz(self) -> np.ndarray:
+        """By how much the units that were looked at are lower than at rest, shape (n,)."""
+        return self.topology.parameters["frequency_rest_hz"] - self._mean[FREQUENCY]
 
     def zeros(self, taken: np.ndarray) -> Zeros:
         """The zeros of units that were looked at.
@@ -194,6 +198,11 @@ class Readings:
         pressed = self._own_axial_ut * p["field_growth_per_mm"] * moved_mm
         found = np.sqrt(own**2 + sigma[BZ] ** 2 + pressed**2)
         return np.maximum(found, p["axial_rest_sigma_ut"])
+
+
+def rest_hz2(topology: Topology) -> np.ndarray:
+    """Variance of the frequency at rest of each unit, by its spread and its drift, shape (n,)."""
+    return topology.parameters["frequency_sigma_hz"] ** 2 + DRIFTED_HZ**2 / 3.0
 
 
 def lowest_hz(topology: Topology) -> np.ndarray:

@@ -10,7 +10,10 @@ ambient field of that second goes into the offsets; of units that are tared late
 bench has measured the frequency at rest), looks like rest. One of many does not: their mean differs
 less (`Readings.pressed_together`). Units that are lower together keep the zeros of bench or model,
 UNTARED, with their sigma, until they are higher, or somebody says that nothing touches them
-(`skin tare`, `retake`). A unit that reads as pulled later was pressed: its zero is taken again.
+(`skin tare`, `retake`). What their mean leaves open, the mean fall f of a patch that was taken for
+its zero and the sigma of that mean, is a load that no later reading shows: N units may bear
+N force(sqrt(max(f, 0)² + 1 / sum(1 / s_i²))), which is the `doubt` of the wrench. A unit that reads
+as pulled later was pressed: its zero is taken again.
 """
 
 from __future__ import annotations
@@ -22,9 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.calibrate.tare import Tare
-from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings, lowest_hz
+from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings, lowest_hz, rest_hz2
 from skin.decode.ambient_model import LOADED_SIGMAS
 from skin.decode.limits import PULL_SIGMAS, STEP_SIGMA
+from skin.physics.elastic import Elastic
 from skin.physics.stencil import neighbours_at_rest
 from skin.physics.stray import near
 from topology import CHANNELS
@@ -62,6 +66,9 @@ class Zeros:
         Called with new zeros.
     tare : bool
         Whether units that were never tared are.
+    doubt_n2 : ndarray, shape (n,), optional
+        Written: N², of the even load of a patch that zeros of this run may hide, at the unit in
+        its middle; 0 elsewhere, and of a patch that somebody said to be untouched.
 
     Attributes
     ----------
@@ -75,7 +82,9 @@ class Zeros:
         Cycles to come that need not be looked at; who leaves them out takes them off.
     """
 
-    def __init__(self, decoder: Decoder, *, tare: bool = True) -> None:
+    def __init__(
+        self, decoder: Decoder, *, tare: bool = True, doubt_n2: np.ndarray | None = None
+    ) -> None:
         topology = decoder.topology
         self._decoder, self._filed = decoder, topology
         self.taken: list[str] = []
@@ -84,6 +93,8 @@ class Zeros:
         self._pending, self._tares = ~known & tare, tare
         self._of_run = np.zeros(topology.n, bool)  # whose zero is of this run
         self._is_told = False  # that nothing touches the skin
+        self._doubt_n2 = np.zeros(topology.n) if doubt_n2 is None else doubt_n2
+        self._fall_hz = np.full(topology.n, np.nan)  # taken for zero, while nobody has told
         rate = topology.cycle_rate_hz
         self._cycles = max(round(WINDOW_S * rate), round(SPARE * LEAST_CYCLES))
         self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)
@@ -184,8 +195,8 @@ class Zeros:
                 alone[[i for i, look in looks.items() if not look.faults]] = True
                 found = readings.pressed_together(alone, self._near)
                 looks |= {i: Look([why], True) for i, why in found.items()}
-            self._is_told = False
             yield from self._tare(readings, looks, followed)
+            self._is_told = False
             if self._pending.any():
                 yield from self._watch(self._wait)
                 self._wait = min(2 * self._wait, self._longest)
@@ -234,6 +245,7 @@ class Zeros:
         if self._decoder.ambient is not None:
             self._decoder.ambient.forget(lost, field=False)
         self._of_run &= ~lost
+        self._set_doubt(lost, np.nan)
         self._pending |= lost & self._tares
         self._wait = self._cycles
         self.refused = self.refused | {
@@ -277,8 +289,25 @@ class Zeros:
             )
             self._decoder.ambient.forget(taken, field=is_first)
         self._apply(Tare(topology, taken, *zeros, self._rest_ut))
+        self._set_doubt(taken, np.nan if self._is_told else readings.fall_hz)
         self.taken += [names[i] for i in np.flatnonzero(taken)]
         self.refused = refused  # with those that were taken, for whoever looks between cycles
+
+    def _set_doubt(self, which: np.ndarray, fall_hz: np.ndarray | float) -> None:
+        """Note what was taken for zero of some units, NaN for what is known to be one, and write
+        the doubt of all patches."""
+        self._fall_hz = np.where(which, fall_hz, self._fall_hz)
+        filed, open_to = self._filed, np.isfinite(self._fall_hz)
+        weight, per_mm = 1.0 / rest_hz2(filed), filed.parameters["frequency_slope_hz_per_mm"]
+        self._doubt_n2[:] = 0.0
+        for patch in np.unique(filed.patch[open_to]):
+            units = np.flatnonzero(open_to & (filed.patch == patch))
+            total = weight[units].sum()
+            fall = max(weight[units] @ self._fall_hz[units] / total, 0.0)
+            load = Elastic(filed).normal(np.sqrt(fall**2 + 1.0 / total) / np.abs(per_mm))[units]
+            place = filed.position[:, units]
+            off = np.linalg.norm(place - place.mean(axis=1, keepdims=True), axis=0)
+            self._doubt_n2[units[np.argmin(off)]] = load.sum() ** 2
 
     def _beside(self, pressed: np.ndarray) -> np.ndarray:
         """Of each unit a pressed one near it, -1 where there is none; shape (n,), int."""

@@ -41,7 +41,7 @@ POSE = np.dtype(
         ("area", np.float64),  # m²
         ("feels", np.float64),  # 0 for a unit that is never heard
         ("most", np.float64),  # N that it can bear
-        ("unused", np.float64),  # pads to a cache line
+        ("doubt", np.float64),  # N², of a load that it stands for; see `skin.contact.unseen`
     ]
 )
 """Pose and constants of a unit."""

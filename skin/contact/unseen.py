@@ -16,6 +16,8 @@ mean square is in the sigmas [assumed]:
   much as a neighbour of it, so that the body is not centred upon it; otherwise the maximum load.
 - Never heard: the gates of the neighbours; its maximum load if these are silent, too.
 - And at most its maximum load in any case.
+- An even load that was there when zeros were taken, as far as the zeros leave it open: the `doubt`
+  of a unit stands for its patch, and is in the total alone (`skin.calibrate.zeros`).
 
 With a friction of up to 1, the load of these along each tangential axis may be as large [assumed].
 """
@@ -274,7 +276,8 @@ def _add_one(s, p, v):
 
 @jitable
 def add_apart(s, touched, model, data):
-    """Add to the total what heard units may bear that are neither in contact nor next to one.
+    """Add to the total what heard units may bear that are neither in contact nor next to one, and
+    the even load that their zeros may hide.
 
     Comes after `add_light`.
 
@@ -291,6 +294,8 @@ def add_apart(s, touched, model, data):
     total, variance, most, lone = 0.0, 0.0, 0.0, -1
     for i in range(queue.size):
         load, sigma = np.float64(force[i]), np.float64(spread[i])
+        if pose[i]["doubt"] > 0.0:
+            _add_one(s, pose[i]["position"], pose[i]["doubt"])
         if queue[i] != OPEN_TO_ALL or not sigma < np.inf:
             continue
         total, variance = total + load, variance + sigma * sigma

@@ -13,6 +13,7 @@ import topology
 from benchmarks.accuracy_skin import differing
 from bus.status import Status
 from skin.options import Options
+from skin.physics.elastic import Elastic
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.pipeline import Pipeline
 from skin.sim.attached import in_process
@@ -38,9 +39,11 @@ class Hand:
         self.pipeline = Pipeline(known, Options(**options))
         self.number = 0
 
-    def run(self, cycles, *, depth_mm=None, shear_mm=0.0, ambient_ut=(0.0, 0.0, 0.0)):
-        """The state of the last of some cycles, one unit being touched, in an ambient field."""
+    def run(self, cycles, *, depth_mm=None, shear_mm=0.0, even_n=0.0, ambient_ut=(0.0, 0.0, 0.0)):
+        """The state of the last of some cycles, one unit being touched or all evenly loaded, in an
+        ambient field."""
         depth, shear = np.zeros((1, N)), np.zeros((1, 2, N))
+        depth[0] = Elastic(PALM).depth(np.full(N, even_n)) if even_n else 0.0
         shear[0, 0, PRESSED] = shear_mm
         if depth_mm is not None:
             depth[0, PRESSED] = depth_mm
@@ -122,6 +125,22 @@ def test_a_light_touch_that_stands_still_from_the_start_is_seen(touch, why):
     hand = Hand()
     hand.run(WINDOW + N, **touch)
     assert why in hand.pipeline.zeros.report()["refused"][PALM.unit_names[PRESSED]]
+
+
+@pytest.mark.parametrize("even_n", [0.0, 0.015, 0.03])
+def test_an_even_load_that_passes_for_zero_stays_in_the_sigma_of_the_wrench(even_n):
+    """Until somebody says that nothing touches the skin. By the mean of 64 units as made 0.013 N on
+    each is one sigma."""
+    hand = Hand()
+    state = hand.run(WINDOW + N + 250, even_n=even_n)
+    assert np.abs(state.wrench[2]) < 0.1
+    assert (state.units.status & Status.UNTARED == 0).all()
+    sigma = state.wrench_sigma[2]
+    assert 0.8 < sigma < 3.5
+    assert N * even_n < 2.0 * sigma
+    assert sigma == pytest.approx(np.sqrt(hand.pipeline._doubt_n2.sum()), rel=0.02)
+    hand.pipeline.retake_zeros()
+    assert hand.run(WINDOW + N + 250, even_n=even_n).wrench_sigma[2] < 0.15
 
 
 def test_a_field_that_turns_is_followed_through_the_window():
