@@ -48,6 +48,8 @@ LONGEST_WAIT_S = 60.0
 """Between two looks at a unit that was refused [assumed]."""
 NEAR_M = 0.03
 """A film that is pressed is felt this far [assumed: as `skin.decode.ambient`]."""
+SOONER = 10
+"""Share of the wait after which a unit is looked at again if its load was taken away [assumed]."""
 GLANCE_S = 1.0
 """Between two glances at loads; a unit above its zero in two has lost it [assumed]."""
 RISEN_SIGMAS = 0.5
@@ -202,12 +204,13 @@ class Zeros:
                 self._wait = min(2 * self._wait, self._longest)
 
     def _watch(self, cycles: int) -> Iterator[int]:
-        """Let cycles pass, until a load is taken away of a unit whose zero is to be taken. A zero
-        above which a unit stays was taken under a load: it is given up."""
+        """Let cycles pass, until a load is taken away of a unit whose zero is to be taken, and of
+        those near it. A zero above which a unit stays was taken under a load: it is given up."""
         first, was_above = self._load_hz(), np.zeros(self._filed.n, bool)
         ambient = self._decoder.ambient
         most_hz = self._sigma_hz * (PULL_SIGMAS if ambient is None else RISEN_SIGMAS)
         least_hz, filed_hz = LOADED_SIGMAS * self._sigma_hz, self._filed.parameters[REST]
+        rest_hz, soonest = lowest_hz(self._filed), self._wait // SOONER
         while cycles > 0:
             self._records, wait = False, min(self._glance, cycles)
             cycles -= wait
@@ -217,11 +220,14 @@ class Zeros:
             above &= self._beside(load > least_hz) < 0  # there an elastomer bulges
             # what is higher than any unit at rest was not pressed when it was tared
             now_hz = self._decoder.topology.parameters[REST] - load
-            above &= now_hz <= 2.0 * filed_hz - lowest_hz(self._filed)
+            above &= now_hz <= 2.0 * filed_hz - rest_hz
             if (lost := above & was_above).any():
                 self._give_up(lost, -load)
             was_above = above
-            if (self._pending & ((first - load > least_hz) | lost)).any():
+            lifted = (first - load > least_hz) & (now_hz >= rest_hz)
+            lifted &= self._beside(now_hz < rest_hz) < 0
+            soonest -= wait
+            if (self._pending & (lifted & (soonest <= 0) | lost)).any():
                 break
         self._records = True
         yield 0
