@@ -1,14 +1,11 @@
-"""Decoding: error beside time, against numpy, the paper written out, and a copy of the bytes.
+"""Decoding: error beside time, against numpy, the paper written out, and bare arithmetic in C.
 
 Everything decodes the same counts, in turn, in one process; times are medians of rounds, and the
 fastest round stands beside them: on a machine that others use it is the better measure of the code.
 Ratios are medians of rounds, with their 95 % intervals.
 
-`copy` moves as many bytes as the decoder beside it reads and writes, its calibration among them, in
-as many threads: one, but for `shared` and `default`, which take what a decoder takes if not told
-otherwise (`benchmarks.decode_sides`). Arrays of a million units are one cycle, recordings many
-cycles of 64 units, whose calibration counts once. `numpy` and `paper` have float64,
-a calibration for each unit, and neither flags nor lags.
+Arrays of a million units are one cycle, recordings many cycles of 64 units. `numpy` and `paper`
+have float64, a calibration for each unit, and neither flags nor lags.
 
 How fast the processor itself is, is told by the bare arithmetic in C (`benchmarks.peers_bare`):
 `bare_ratio` is how many times as long a decoder of temperature and force takes, `sine` without the
@@ -33,12 +30,10 @@ from benchmarks.decode_sides import (
     calibrated_sides,
     recording_side,
     sides_of,
-    with_copies,
 )
 from benchmarks.peers_decode import exact
 from benchmarks.skip import cycles_of
 from benchmarks.timing import Timed, ratio, times
-from skin.decode import sharing
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
@@ -61,17 +56,11 @@ def run(quick: bool) -> dict:
     """Measure; see `table` for what the figures are."""
     sizes = SIZES[:3] if quick else SIZES
     found = {str(n): _size(n, quick) for n in sizes}
-    largest = found[str(sizes[-1])]
     reference = found[str(sizes[0] if len(sizes) == 1 else sizes[1])]
     calibrated, full, recording = _calibrated(quick), _full(quick), _recording(quick)
     return {
         "reference": REFERENCE,
         "sizes": found,
-        "threads": sharing.processors(),
-        "copy_floor_ratio": largest["shared"]["copy_floor_ratio"],
-        "copy_floor_ratio_default": largest["default"]["copy_floor_ratio"],
-        "copy_floor_ratio_recording": recording["copy_floor_ratio"],
-        "copy_floor_ratio_one_thread": largest["live"]["copy_floor_ratio"],
         "numpy_ratio": reference["numpy_ratio"],
         "literal_ratio": reference["literal_ratio"],
         "calibrated": calibrated,
@@ -88,17 +77,15 @@ def run(quick: bool) -> dict:
 def table(figures: dict) -> str:
     """The figures for a person."""
     lines = [f"{'units':>8}  {'decoder':<31}{'ns/unit':>9}{'fastest':>9}{'error N':>10}"
-             f"{'error °C':>10}{'of copy':>9}"]  # fmt: skip
+             f"{'error °C':>10}"]  # fmt: skip
     for size, found in figures["sizes"].items():
         live = {
-            "temperature, force; alike": found["live"], "the same, shared": found["shared"],
-            "default, per unit, shared": found["default"],
+            "temperature, force; alike": found["live"], "default, per unit": found["default"],
         }  # fmt: skip
         for name, row in (found["decoders"] | live).items():
-            share = f"{row['copy_floor_ratio']:.2f}" if "copy_floor_ratio" in row else ""
             lines.append(
                 f"{size:>8}  {name:<31}{row['ns_per_unit']:>9.2f}{row['ns_fastest']:>9.2f}"
-                f"{row['error_n']:>10.1e}{row['error_c']:>10.1e}{share:>9}"
+                f"{row['error_n']:>10.1e}{row['error_c']:>10.1e}"
             )
         lines.append(f"{'':>8}  {figures['reference']} is {found['numpy_ratio']:.1f} times as fast "
                      f"as numpy and {found['literal_ratio']:.1f} times as the paper")  # fmt: skip
@@ -106,7 +93,7 @@ def table(figures: dict) -> str:
     lines.append(
         f"{row['units']:>8}  {'default, a recording':<31}{row['ns_per_unit']:>9.2f}"
         f"{row['ns_fastest']:>9.2f}{row['error_n']:>10.1e}{row['error_c']:>10.1e}"
-        f"{row['copy_floor_ratio']:>9.2f}   ({row['cycles']} cycles, threads: {row['threads']})"
+        f"   ({row['cycles']} cycles)"
     )
     lines.append(f"{CALIBRATED} units with a calibration each, temperature and force, float32:")
     for name, row in figures["calibrated"].items():
@@ -128,13 +115,11 @@ def _size(n: int, quick: bool) -> dict:
     sides = sides_of(n)
     units = np.random.default_rng(2).permutation(n)[:SAMPLE]
     errors = _errors(sides, units)
-    seconds = times(with_copies(sides), target_s=0.15 if quick else 0.6)
+    calls = {name: side.call for name, side in sides.items()}
+    seconds = times(calls, target_s=0.15 if quick else 0.6)
     found = {name: _row(seconds[name], n, errors[name]) for name in sides}
-    for name, side in sides.items():
-        if side.decoder is not None:
-            found[name] |= {"bytes_per_unit": side.moved / n, **_of_copy(seconds, name)}
     return {
-        **{name: found.pop(name) for name in ("live", "shared", "default")},
+        **{name: found.pop(name) for name in ("live", "default")},
         "decoders": found,
         "numpy_ratio": ratio(seconds["numpy"], seconds[REFERENCE])[0],
         "literal_ratio": ratio(seconds["paper"], seconds[REFERENCE])[0],
@@ -160,18 +145,10 @@ def _recording(quick: bool) -> dict:
     side = recording_side(CYCLES // 16 if quick else CYCLES)
     units = side.skin.n * side.cycles
     (error,) = _errors({"decode": side}, np.arange(side.skin.n)).values()
-    seconds = times(with_copies({"decode": side}), target_s=0.3 if quick else 1.2)
+    seconds = times({"decode": side.call}, target_s=0.3 if quick else 1.2)
     return {
-        **_row(seconds["decode"], units, error), **_of_copy(seconds, "decode"),
-        "bytes_per_unit": side.moved / units, "cycles": side.cycles, "units": side.skin.n,
-        "threads": side.threads,
+        **_row(seconds["decode"], units, error), "cycles": side.cycles, "units": side.skin.n,
     }  # fmt: skip
-
-
-def _of_copy(seconds: dict[str, Timed], name: str) -> dict:
-    """Time of the copy over that of the decoder: 1 where decoding is as fast as copying."""
-    value, low, high = ratio(seconds[f"copy for {name}"], seconds[name])
-    return {"copy_floor_ratio": value, "copy_floor_ratio_95": [low, high]}
 
 
 def _full(quick: bool) -> dict:

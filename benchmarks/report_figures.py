@@ -272,9 +272,6 @@ FIGURES = (
     Figure("decode", "bare_ratio_default", "time of the default decoder (field-angle, with the field check) over that of the bare sine arithmetic in C; 4096 calibrated units, one thread each", "", "<= 2.2"),
     Figure("decode", "calibrated/field-angle, consistency/error_n", "largest error of a force of the default decoder in float32, against 40 digits", "N", "<= 2e-5"),
     Figure("decode", "calibrated/field-angle, consistency/error_c", "largest error of a temperature of the default decoder in float32, against 40 digits", "°C", "<= 1e-4"),
-    Figure("decode", "copy_floor_ratio", "time of copying as many bytes (counts, calibration, filter memory) over that of decoding them (1: as fast as a copy); sine, one calibration for all units, an array far larger than the caches, equal threads"),
-    Figure("decode", "copy_floor_ratio_default", "time of copying as many bytes over that of decoding them; default decoder, one calibration a unit, an array far larger than the caches, equal threads"),
-    Figure("decode", "copy_floor_ratio_recording", "time of copying as many bytes over that of decoding a recording of 16 384 cycles of 64 units (1024 in a short run); one thread each"),
     Figure("decode", "numpy_ratio", "time of numpy (float64, no flags) over that of the sine decoder (float32) for the same quantities; 4096 calibrated units, one thread each"),
     # a live skin
     Figure("contact", "live_us_p50_64", "median time of a cycle with the defaults of skin.open, from counts to contacts with slip; 64 units, 3 contacts", "µs", "<= 15"),

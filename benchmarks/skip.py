@@ -2,13 +2,13 @@
 
 One round contact presses 0, 5, 25 and 100 % of the units. `default` is all that `skin.open`
 computes if not told otherwise, from counts to contacts with slip; `skip` is the same with
-``skip=True``: it leaves out blocks of units that nothing presses, holds temperatures, and estimates
-the ambient field where it looks at all units. Times are means over many cycles, those that look
+``skip=True``: it leaves out blocks of units that nothing presses, and estimates the ambient field
+where it looks at all units. Times are means over many cycles, those that look
 among them; ratios are of whole passes, and of decoding alone beside them. The second table gives
 the time of each single want over all of them, without skipping.
 
 Skipping changes no value: in the same run every unit that is not IDLE is compared to the bit with
-a decoder that holds temperatures as long and leaves out no block, with cross-talk and without; and
+a decoder that leaves out no block, with cross-talk and without; and
 both passes must tell the same contacts, with loads that differ by less than their sigma. What
 films that count as at rest would add has a bound, `CrossTalk.idle_ut`; what it made of the forces
 is in the table.
@@ -112,10 +112,9 @@ def _share(skin: Topology, share: float, target_s: float) -> dict:
         Decoder(skin, sweeps=1, skip=True, ambient=False),
         Decoder(skin, skip=True, sweeps=0, ambient=False),
     )
-    held = {"temperature_every": skip.plan.temperature_every}
     same = (
-        (Decoder(skin, sweeps=1, ambient=False, **held), skip),
-        (Decoder(skin, sweeps=0, ambient=False, **held), bare),
+        (Decoder(skin, sweeps=1, ambient=False), skip),
+        (Decoder(skin, sweeps=0, ambient=False), bare),
     )
     idle, off = [], []
     for raw in counts:

@@ -56,7 +56,6 @@ FILTERS = np.dtype([
     ("elapsed_s", np.float64), ("periods", np.float64),  # from the cycle before to the next one
     ("renewed", np.int64),  # whether it was counted and coefficients renewed
     ("advances", np.int64),  # 0: the same cycle again, without elapsed time
-    ("bare", np.int64),  # whether the last cycle had no background; -1: no results of it
     ("sweeps", np.int64),  # decodings per cycle
     ("look_every", np.int64), ("look_since_s", np.float64),  # of the ambient field
     ("aging_missing", np.float64),  # periods that lags have not aged by
@@ -80,15 +79,13 @@ class Stage(NamedTuple):
         The same of the parts of cross-talk.
     has : ndarray, shape (8,), bool
         Which of `STAGES` exist.
-    bare : ndarray, shape (1,), int64
-        Whether nothing is subtracted from the counts.
     clock : ndarray, shape (1,) or (0,), TIME
         Of length 0 where the caller sets the elapsed time of `filters`.
     next : ndarray, shape (2,), int64
         Number and stamp of the cycle, where there is a clock.
     filters : ndarray, shape (1,), FILTERS
-    phase, advance, reuse : ndarray, int64
-        Of `skin.decode.records.CONTROL`, the first of the part that decodes single cycles.
+    phase, advance : ndarray, shape (1,), int64
+        Of `skin.decode.records.CONTROL`.
     look_s : ndarray, shape (1,)
         Written: time since the ambient field was last estimated.
     background, source : ndarray, uint8
@@ -108,13 +105,11 @@ class Stage(NamedTuple):
     calls: Any
     adding: Any
     has: np.ndarray
-    bare: np.ndarray
     clock: np.ndarray
     next: np.ndarray
     filters: np.ndarray
     phase: np.ndarray
     advance: np.ndarray
-    reuse: np.ndarray
     look_s: np.ndarray
     background: np.ndarray
     source: np.ndarray
@@ -164,9 +159,6 @@ def decode(stage, filters):
         stage.look_s[0], filters["look_since_s"] = max(filters["look_since_s"], 0.0), 0.0
     if advances and stage.has[RELAX]:
         filters["creep_last"] = 1 - filters["creep_last"]
-    if filters["bare"] != stage.bare[0]:
-        filters["bare"] = stage.bare[0]
-        stage.reuse[:] = 0
     for sweep in range(filters["sweeps"]):
         stage.advance[:] = 1 if advances and sweep == 0 else 0
         predict(stage)
@@ -323,11 +315,6 @@ class Cycle:
             self.stage = Stage(places, parts, has, **arrays)
             self._run = Bound(cycle, self.stage)
         self.is_bound = True
-
-    @property
-    def decodes(self) -> Any:
-        """The stage that decodes, available once the cycle is bound."""
-        return self._calls[DECODE]
 
     def put(self, decode: Any) -> None:
         """Replace the stage that decodes, once the cycle is bound."""

@@ -1,4 +1,4 @@
-"""What numba has no words for: hints for the compiler, which do nothing in Python and in a numba
+"""What numba has no words for: a hint for the compiler, which does nothing in Python and in a numba
 without its private parts, and an order of what is written for other processes."""
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from numba import types
 from numba.extending import register_jitable
 
 try:
-    from llvmlite import ir
     from numba.extending import lower_builtin, type_callable
-except ImportError:  # numba or llvmlite of another version
-    ir: Any = None
+except ImportError:  # numba of another version
+    lower_builtin: Any = None
 
-__all__ = ["assume_noalias", "prefetch", "publish"]
+__all__ = ["assume_noalias", "publish"]
 
 _barrier = Lock()
 
@@ -29,10 +28,6 @@ def assume_noalias() -> None:
     kernel with so many arrays is also better off with the widest vectors that there are, which the
     compiler avoids on most processors for the sake of code that needs them now and then.
     """
-
-
-def prefetch(array: np.ndarray, index: int) -> None:
-    """Begin to fetch the cache line of an element of a 1-D array, which may lie beyond its end."""
 
 
 def publish(count: np.ndarray, value: int) -> None:
@@ -59,23 +54,6 @@ def _tell_compiler() -> None:
             set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 
-    @type_callable(prefetch)
-    def _prefetch_type(context):
-        return lambda array, index: types.none(array, types.intp)
-
-    @lower_builtin(prefetch, types.Array, types.Integer)
-    def _prefetch_code(context, builder, signature, arguments):
-        with suppress(AttributeError):
-            view = context.make_array(signature.args[0])(context, builder, arguments[0])
-            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-            name = "llvm.prefetch.p0i8"
-            fetch = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
-            place = builder.bitcast(builder.gep(view.data, [arguments[1]]), byte)
-            to_read, nearest, data = word(0), word(3), word(1)
-            builder.call(fetch, [place, to_read, nearest, data])
-        return context.get_dummy_value()
-
     @type_callable(publish)
     def _publish_type(context):
         return lambda count, value: types.none(count, types.int64)
@@ -87,8 +65,7 @@ def _tell_compiler() -> None:
         return context.get_dummy_value()
 
 
-if ir is None:
-    for hint in (assume_noalias, prefetch):
-        register_jitable(hint)
+if lower_builtin is None:
+    register_jitable(assume_noalias)
 else:
     _tell_compiler()

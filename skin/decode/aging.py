@@ -19,17 +19,10 @@ class Aging:
     ----------
     topology : Topology
     state : ndarray, records of `skin.decode.records.state`
-    phase : ndarray, int64
-        `phase` of `skin.decode.records.CONTROL`, of the shares that decode single cycles.
-    every : int
-        Cycles for which temperatures are held.
     """
 
-    def __init__(
-        self, topology: Topology, state: np.ndarray, phase: np.ndarray, every: int
-    ) -> None:
+    def __init__(self, topology: Topology, state: np.ndarray) -> None:
         p, period_s = topology.parameters, 1.0 / topology.cycle_rate_hz
-        self._phase, self._every = phase, every
         self._lags = [
             (state[name], self._share(period_s, p[lag_s], state[name]))
             for name, lag_s in (("film_lag", "film_lag_s"), ("chip_lag", "hall_lag_s"))
@@ -47,9 +40,3 @@ class Aging:
         """Age by so many periods, in addition to those that had cycles."""
         for lags, share in self._lags:
             np.multiply(lags, np.exp(-periods * share), out=lags)
-        whole = round(periods)
-        phase, every = int(self._phase[0]), self._every
-        if every > 1 and whole > 0:
-            # temperatures that are due within the gap are due now
-            due = -(-phase // every) * every
-            self._phase[:] = due if due <= phase + whole else phase + whole

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.compiled.aligned import zeros
-from skin.decode import sharing
 from skin.errors import CountsError
 from topology import CHANNELS, Topology
 
@@ -18,9 +17,6 @@ if TYPE_CHECKING:
     from skin.cycle import Cycle
 
 __all__ = ["BoundKernels", "arrays_of", "check", "check_call", "plain"]
-
-COPIED = 1 << 14
-"""Units up to which the counts of a call are copied: to exchange addresses takes as long."""
 
 
 class BoundKernels:
@@ -39,13 +35,12 @@ class BoundKernels:
     def __init__(
         self,
         make: Callable[..., Any],
-        kernel: Callable[..., Bound | sharing.Shared],
+        kernel: Callable[..., Bound],
         counts: np.ndarray,
         status: np.ndarray,
     ) -> None:
         self._make, self._kernel = make, kernel
         self._inputs = counts, status
-        self._none: np.ndarray | None = None
         self._cycles: dict[bool, Cycle] = {}
 
     def at(self, given: bool) -> Cycle:
@@ -66,16 +61,7 @@ class BoundKernels:
     def take(self, raw: np.ndarray, status: np.ndarray | None) -> None:
         """Decode other counts, shape (c, n), and flags, shape (n,), None for none, from now on."""
         counts, flags = self._inputs
-        if raw.shape[1] <= COPIED:
-            counts[0], flags[0] = raw, 0 if status is None else status
-            return
-        if self._none is None:
-            self._none = zeros(raw.shape[1], np.uint16)
-        status = self._none if status is None else status
-        self._inputs = plain(raw)[np.newaxis], plain(status)[np.newaxis]
-        for cycle in self._cycles.values():
-            for name, array in zip(("counts", "status"), self._inputs, strict=True):
-                cycle.decodes.put((1, name), array)
+        counts[0], flags[0] = raw, 0 if status is None else status
 
 
 def arrays_of(n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bus.compiled.aligned import zeros
-from skin.decode import records, sharing
+from skin.decode import records
 from skin.decode.aging import Aging
 from skin.decode.bound import BoundKernels, arrays_of, check_call, plain
 from skin.decode.plan import Plan
 from skin.decode.results import Results
-from skin.errors import CountsError, check_kind, check_number
+from skin.errors import CountsError, check_kind
 from skin.options import Options
 from skin.owned import Layout
 from skin.state import UNIT_WANTS, Reading
@@ -48,12 +48,8 @@ class Decoder:
     topology : Topology
     want, estimator, dtype, skip, sweeps, ambient, creep, stencil
         As of `skin.options.Options`; quantities of units alone, all of them if `want` is None.
-    consistency, temperature_every
+    consistency
         As of `skin.decode.plan.Plan.of`.
-    workers : int, optional
-        Threads among which the units of an array are shared where that is worth it, see
-        `skin.decode.sharing.ENOUGH`: as many as there are processors if not given. They change no
-        result.
 
     Attributes
     ----------
@@ -99,13 +95,11 @@ class Decoder:
         dtype: DType = "float32",
         *,
         consistency: bool | None = None,
-        temperature_every: int | None = None,
         skip: bool = False,
         sweeps: Sweeps = 1,
         ambient: bool = True,
         creep: bool = True,
         stencil: Stencil | None = None,
-        workers: int | None = None,
     ) -> None:
         check_kind("topology", topology, Topology)
         options = Options(
@@ -113,10 +107,8 @@ class Decoder:
             skip=skip, sweeps=sweeps, ambient=ambient, creep=creep, stencil=stencil,
         )  # fmt: skip
         self.topology = topology
-        self.plan = plan = Plan.of(topology, options, consistency, temperature_every)
+        self.plan = plan = Plan.of(topology, options, consistency)
         self.dtype = np.dtype(plan.dtype)
-        if workers is not None:
-            check_number("workers", workers, 1, sharing.MOST_WORKERS, whole=True)
         from skin.decode.model import refuse_impossible
 
         refuse_impossible(topology)
@@ -133,7 +125,7 @@ class Decoder:
             self.rest_ut, self.rest_beyond_ut = rest_of(topology, stencil)
             check_zeros(topology, self.rest_beyond_ut)
         self._make_kernel()
-        self._make_buffers(workers or sharing.processors())
+        self._make_buffers()
         self.reset()
 
     def _make_kernel(self) -> None:
@@ -143,29 +135,26 @@ class Decoder:
         from skin.decode.parts import Parts
         from skin.decode.uncertainty import neighbours_of
 
-        parts = Parts.of(self.plan, self.topology.n)
+        parts = Parts.of(self.plan)
         self._kernel = kernel.decode(parts)
         self._data_of: type[DecodeData] = kernel.DecodeData
         self._neighbours = neighbours_of(self.topology, self.rest_ut, self.crosstalk)
         self._model_of = functools.partial(model_of, plan=self.plan, rest_ut=self.rest_ut)
         self._model = self._model_of(self.topology, neighbours=self._neighbours)
 
-    def _make_buffers(self, workers: int) -> None:
+    def _make_buffers(self) -> None:
         """All that cycles are read from, written to and remembered in."""
         from skin.cycle import filters_of
 
         n, real = self.topology.n, self.dtype
         blocks = -(-n // records.LANES)
-        self._state = zeros(blocks, records.state(real, self.plan.temperature_every > 1))
-        self._seen = zeros(blocks, records.SEEN)
-        self._shares = sharing.Shares(n, real, workers)
-        self._control = self._shares.control
-        self._live = self._shares.of(1)
+        self._state = zeros(blocks, records.state(real))
+        self._control = zeros(1, records.CONTROL)
+        self._scratch = {
+            "flag": zeros(records.LANES, np.int16), "tile": zeros(1, records.tile(real)),
+        }  # fmt: skip
         self._filters = filters_of(self.topology.cycle_rate_hz)
-        self._aging = Aging(
-            self.topology, self._state, self._control["phase"][self._live],
-            self.plan.temperature_every,
-        )  # fmt: skip
+        self._aging = Aging(self.topology, self._state)
         self._background = zeros((1, 5, n), real)
         self._taken = self._background[0]
         self._out = self._shown = Results(self.plan.results, 1, n, real)
@@ -205,15 +194,12 @@ class Decoder:
         self._state["film_lag"] = self._state["chip_lag"] = 0.0
         for name in records.WATCHED:
             self._state[name] = 0.0
-        for name in records.HELD if self.plan.temperature_every > 1 else ():
-            self._state[name] = np.nan
         self._control["phase"] = 0
         filters = self._filters
         filters["look_since_s"] = filters["aging_missing"] = filters["creep_missing"] = 0.0
         filters["creep_last"], filters["creep_steps"] = -(self.creep is None), 1.0
         filters["sweeps"] = self.plan.sweeps or 1
-        filters["look_every"], filters["renewed"] = self.plan.looks_every, 0
-        filters["bare"] = -1
+        filters["look_every"], filters["renewed"] = self.plan.look_every, 0
         self.set_elapsed(1.0 / self.topology.cycle_rate_hz)
         self._background[:] = 0.0
         for array in (*self._out.arrays, self._shown.values):
@@ -239,7 +225,7 @@ class Decoder:
             kernels.renew()
         if self.ambient is not None:
             self.ambient.retare(topology)
-        self.topology, self._filters["bare"] = topology, -1
+        self.topology = topology
 
     def set_elapsed(self, seconds: float) -> None:
         """Say how long after the last cycle the next one is, if that is not a period.
@@ -380,15 +366,12 @@ class Decoder:
         finally:
             self._filters["advances"] = 1
 
-    def _data(self, share: slice, counts, status, background, out: Results) -> list[DecodeData]:
-        """What changes between cycles, for each share of the units."""
-        return [
-            self._data_of(
-                counts=counts, status=status, background=background, state=self._state,
-                seen=self._seen, out=out.rows, flags=out.flags, valid=out.valid, **scratch,
-            )
-            for scratch in self._shares.scratch[share]
-        ]  # fmt: skip
+    def _data(self, counts, status, background, out: Results) -> DecodeData:
+        """What changes between cycles."""
+        return self._data_of(
+            counts=counts, status=status, background=background, state=self._state,
+            control=self._control, out=out.rows, flags=out.flags, valid=out.valid, **self._scratch,
+        )  # fmt: skip
 
     @property
     def _known(self) -> np.ndarray:
@@ -402,14 +385,13 @@ class Decoder:
         self._bound.append(kernels)
         return kernels
 
-    def _kernel_on(self, counts, status, given: bool) -> Bound | sharing.Shared:
+    def _kernel_on(self, counts, status, given: bool) -> Bound:
         """The stage that decodes; with a background, `given` by the caller or not, or bare."""
         from bus.compiled.bound import Bound
 
         background = self._background if given or self._loops else None
-        data = self._data(self._live, counts, status, background, self._out)
-        calls = [Bound(self._kernel, self._model, each) for each in data]
-        return calls[0] if len(calls) == 1 else sharing.Shared(calls)
+        data = self._data(counts, status, background, self._out)
+        return Bound(self._kernel, self._model, data)
 
     def _stages(self, ends: Ends | None, counts, status, given: bool) -> CycleParts:
         """What a cycle is made of."""
@@ -436,10 +418,9 @@ class Decoder:
         if ends.contacts is not None:
             calls |= {"contacts": ends.contacts, "slip": ends.slip}
         return CycleParts(calls, adding, {
-            "bare": np.array([not (given or self._loops)], np.int64), "filters": self._filters,
-            "phase": control["phase"][self._live][:1], "advance": control["advance"],
-            "reuse": control["reuse"], "look_s": look_s, "background": background,
-            "source": source, "valid": whole.valid[: whole.valid.size * ends.clock.size],
+            "filters": self._filters, "phase": control["phase"], "advance": control["advance"],
+            "look_s": look_s, "background": background, "source": source,
+            "valid": whole.valid[: whole.valid.size * ends.clock.size],
             "clock": ends.clock, "next": ends.next,
             "now_ns": ends.now_ns, "slips": ends.slips, "flags": ends.flags,
             "shown": ends.shown,
@@ -464,17 +445,10 @@ class Decoder:
             taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
             taken[:, : background.shape[1]] = background
             background = taken
-        share, phase = self._shares.of(raw.shape[0]), self._control["phase"]
-        self._control["advance"], self._control["reuse"] = advance, 0
+        self._control["advance"] = advance
         if advance and not set_elapsed(self._filters[0]):
             self._renew()
-        phase[share] = phase[self._live.start or 0]
-        sharing.together([
-            functools.partial(self._kernel, self._model, data)
-            for data in self._data(share, plain(raw), plain(status), background, out)
-        ])  # fmt: skip
-        phase[self._live] = phase[share.start or 0]
-        self._filters["bare"] = -1
+        self._kernel(self._model, self._data(plain(raw), plain(status), background, out))
         return out.reading(slice(None), self.plan.quantities)
 
 
@@ -492,6 +466,6 @@ def _estimators(
         from skin.decode.ambient import Ambient
 
         ambient = Ambient(
-            topology, plan.dtype, crosstalk=plan.sweeps > 0, every=plan.looks_every
+            topology, plan.dtype, crosstalk=plan.sweeps > 0, every=plan.look_every
         )  # fmt: skip
     return crosstalk, ambient

@@ -303,8 +303,7 @@ def anomaly_stage(parts: Parts) -> Callable:
         real = unit["x_bx"].dtype.type
         nothing, one, two, three = real(0.0), real(1.0), real(2.0), real(3.0)
         doubted = np.int16(0)
-        for lane in range(span.size):
-            j = span.start + lane
+        for j in range(span.size):
             z, radius, gain = tile["z"][j], tile["radius"][j], tile["gain"][j]
             solid, missed = max(tile["strength"][j], real(FIELD_MIN)), state["missed"][j]
             if with_angle:
@@ -335,7 +334,7 @@ def anomaly_stage(parts: Parts) -> Callable:
                 ratio = np.sqrt(max(miss2 / single2, mean * mean))
                 out[row][span.shown + j] = real(np.nan) if flags & SILENT else ratio
         if with_sigma and doubted != 0:
-            for lane in range(span.size):
-                doubt(tile["beyond"][span.start + lane], tile, unit, span.start + lane)
+            for j in range(span.size):
+                doubt(tile["beyond"][j], tile, unit, j)
 
     return check

@@ -1,4 +1,4 @@
-"""Flags of units from their counts, and what a block of units may leave out.
+"""Flags of units from their counts, and whether something presses any unit of a block.
 
 Most blocks have no flag, which takes fewer limits to see than which flags each unit has.
 """
@@ -18,7 +18,7 @@ from skin.decode.records import (  # isort: skip
     BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, OUT_OF_RANGE, SATURATED, SILENT,
 )  # fmt: skip
 
-__all__ = ["any_of", "changes", "flags_stage", "judge", "mark"]
+__all__ = ["flags_stage", "judge"]
 
 
 @jitable(inline=True)
@@ -72,7 +72,7 @@ def flags_stage(parts: Parts) -> Callable:
     with_skip = parts.skip
 
     @jitable(inline=True)
-    def flags(counts, status, limits, span, flag, loaded):
+    def flags(counts, status, limits, span, flag):
         """All flags that units of a block have by their counts or from the bus, in one, and whether
         any unit is under load."""
         assume_noalias()
@@ -96,8 +96,7 @@ def flags_stage(parts: Parts) -> Callable:
             flag[j] = np.int16(0)
             if with_skip:
                 pressed = outside(frequency, limits["idle_frequency"], j)
-                loaded[j] = np.int16(1 if pressed else 0)
-                touched = np.int16(touched | loaded[j])
+                touched = np.int16(touched | (1 if pressed else 0))
         if doubt != 0:
             touched = np.int16(0)
             for j in range(size):
@@ -110,52 +109,8 @@ def flags_stage(parts: Parts) -> Callable:
                 flag[j] = found
                 flagged = np.int16(flagged | found)
                 if with_skip:
-                    loaded[j] = np.int16(loaded[j] if found & SILENT == 0 else 0)
-                    touched = np.int16(touched | loaded[j])
-        return flagged, touched
+                    pressed = outside(count[FREQUENCY], limits["idle_frequency"], j)
+                    touched = np.int16(touched | (1 if pressed and found & SILENT == 0 else 0))
+        return flagged, touched != 0
 
     return flags
-
-
-@jitable(inline=True)
-def changes(counts, status, background, seen, span):
-    """Whether the flags of the bus are others than in the cycle before, and whether anything is.
-
-    With a background, which changes unseen, something always is.
-    """
-    assume_noalias()
-    span = lanes_of(span)
-    first, size = span.first, span.size
-    heard = np.int16(0)
-    for j in range(size):
-        now = np.int16(status[span.cycle, first + j])
-        heard = np.int16(heard | (now ^ seen["flags"][j]))
-        seen["flags"][j] = now
-    changed = np.int16(1)
-    if background is None:
-        changed = heard
-        for channel in range(counts.shape[1]):
-            for j in range(size):
-                now = counts[span.cycle, channel, first + j]
-                changed = np.int16(changed | (now ^ seen["counts"][channel, j]))
-                seen["counts"][channel, j] = now
-    return heard, changed
-
-
-@jitable(inline=True)
-def any_of(marks, span):
-    """Whether any of some units is marked."""
-    assume_noalias()
-    span = lanes_of(span)
-    found = np.int16(0)
-    for lane in range(span.size):
-        found = np.int16(found | marks[span.start + lane])
-    return found != 0
-
-
-@jitable(inline=True)
-def mark(marks, span, value):
-    """Mark some units."""
-    span = lanes_of(span)
-    for lane in range(span.size):
-        marks[span.start + lane] = value

@@ -49,13 +49,13 @@ class DecodeModel(NamedTuple):
         Calibration, a block for every `LANES` units, or a single block that all share.
     limits : ndarray, shape (b,) or (1,), records of `LIMITS`
         Ranges of counts.
-    temperature_every : int
-        Temperatures are new where the number of the cycle is a multiple of this. Only with `hold`.
+    look_every : int
+        As of `skin.decode.plan.Plan`.
     """
 
     coefficients: np.ndarray
     limits: np.ndarray
-    temperature_every: int
+    look_every: int
 
 
 def model_of(
@@ -91,16 +91,16 @@ def model_of(
     rest[2], axial_rest_ut2 = axial_at_rest(topology, rest[2], neighbours.axial_rest_ut2)
     neighbours = neighbours._replace(axial_rest_ut2=axial_rest_ut2)
     found = {
-        **_temperature(topology, plan.temperature_every),
+        **_temperature(topology),
         **_normal(topology),
         **_field(topology, rest),
         **_tangential(topology, angle),
     }
     found |= uncertainty(topology, found, neighbours)
     return DecodeModel(
-        _blocks(found, k.coefficients(plan.dtype, Parts.of(plan, topology.n))),
+        _blocks(found, k.coefficients(plan.dtype, Parts.of(plan))),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
-        plan.temperature_every,
+        plan.look_every,
     )
 
 
@@ -137,7 +137,7 @@ def _cast(values: Values, record: np.dtype) -> dict[tuple[str, ...], np.ndarray]
     return found
 
 
-def _temperature(topology: Topology, every: int) -> dict[str, np.ndarray]:
+def _temperature(topology: Topology) -> dict[str, np.ndarray]:
     """Coefficients of the temperatures of gel, film and chip."""
     p, scale, offset = topology.parameters, topology.scale, topology.offset
     octaves_c = gel_octaves(p)
@@ -153,7 +153,7 @@ def _temperature(topology: Topology, every: int) -> dict[str, np.ndarray]:
     noise = p["gel_noise_relative"] / np.log(2.0)
     gel_sigma = np.sqrt((rate_c[0] * noise) ** 2 + p["temperature_sigma_c"] ** 2)
     chip_offset = np.where(chip, offset[k.CHIP], 0.0) - p["hall_reference_c"]
-    step_s = every / topology.cycle_rate_hz
+    step_s = 1.0 / topology.cycle_rate_hz
     return {
         "gel_scale": gel_scale,
         "gel_offset": gel_offset,

@@ -9,9 +9,6 @@ from skin.decode.records import RESULT_ROWS
 
 __all__ = ["Parts"]
 
-FAR = 1 << 17
-"""Units from which on the next block is loaded ahead: they do not fit the second cache."""
-
 
 class Parts(NamedTuple):
     """What is compiled: truth values around the kernel's stages, not arguments of them.
@@ -25,13 +22,9 @@ class Parts(NamedTuple):
         Results that are written; the first five with their one-sigma, with `sigma`.
     angle
         R from the angle of the field (`field-angle`); else from its strength (`sine`).
-    hold
-        Temperatures are decoded every few cycles and held between.
     look
         Look at units without load all the same, every few cycles: for who follows the ambient
         field.
-    prefetch
-        Load the next block while one is decoded.
     """
 
     temperature: bool = False
@@ -51,22 +44,18 @@ class Parts(NamedTuple):
     film_compensation: bool = False
     chip_compensation: bool = False
     chip_lags: bool = False
-    hold: bool = False
     skip: bool = False
     look: bool = False
-    prefetch: bool = False
 
     @classmethod
-    def of(cls, plan: Plan, units: int) -> Parts:
-        """What a plan needs for so many units."""
+    def of(cls, plan: Plan) -> Parts:
+        """What a plan needs."""
         chosen = {name: getattr(plan, name) for name in cls._fields if hasattr(plan, name)}
         chosen |= {name: True for name in plan.results if name in cls._fields}
         chosen |= {
             "angle": plan.estimator == "field-angle"
             and not set(plan.results).isdisjoint((*TANGENTIAL, "test_ratio")),
-            "hold": plan.temperature_every > 1,
             "look": plan.skip and plan.ambient,
-            "prefetch": units >= FAR,
         }
         return cls(**{name: bool(wanted) for name, wanted in chosen.items()})
 

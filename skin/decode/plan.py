@@ -4,32 +4,27 @@ The estimator `sine` is the paper's, R = asin(|B| / M0) / k (eq. 1); `field-angl
 of psi = atan2(|B|, Bz) and the depth: it has no crest, and neither the temperature of the magnet
 nor the gain of the chip is in it.
 
-With `skip`, blocks of 16 units of which none is pressed by more than 2.9 sigma show NaN for all
-that is tangential and the flag IDLE; blocks whose counts and flags are those of the cycle before
-keep its results. All else is equal to the bit to a decoder without it that holds temperatures as
-long; except with `ambient`, which then has fewer readings.
+With `skip`, blocks of 64 units of which none is pressed by more than 2.9 sigma show NaN for all
+that is tangential and the flag IDLE. All else is equal to the bit to a decoder without it, except
+with `ambient`, which then has fewer readings.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
-from skin.errors import OptionError, check_flag, check_number
+from skin.errors import OptionError, check_flag
 from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS
 from topology import CHANNELS, Topology
 
-__all__ = ["HOLD_S", "LOOK_CYCLES", "QUANTITIES", "TANGENTIAL", "Plan"]
+__all__ = ["LOOK_S", "QUANTITIES", "TANGENTIAL", "Plan"]
 
-HOLD_S = 0.05
-"""How long a temperature is held where blocks without load are skipped [assumed]. A gel that warms
-by 1 K/s is then shown 0.05 °C late, which is its noise; the film lags by seconds."""
-
-LOOK_CYCLES = 4
-"""Cycles, at least, from one look at units without load to the next."""
+LOOK_S = 0.05
+"""From one look at units without load to the next, for the ambient field [assumed]: a hand that
+turns by 1 rad/s has changed 50 µT by 2.5 µT then, less than a reading's noise."""
 
 TANGENTIAL = ("force", "tangential", "theta", "displacement")
 FORCES = ("force", "tangential", "theta")
@@ -46,7 +41,7 @@ NEEDS = {
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is compiled and done in a cycle; plain data, and `print` shows it.
+    """What is compiled and done in a cycle; plain data.
 
     Attributes
     ----------
@@ -67,7 +62,10 @@ class Plan:
     film_compensation, chip_compensation, chip_lags : bool
         Films, the neighbours' among them, and Hall chip have a drift that matters here; chips
         follow the gel, as the wire does not carry their temperature.
-    estimator, consistency, dtype, temperature_every, skip, sweeps, ambient, creep
+    look_every : int
+        Cycles from one estimate of the ambient field to the next; with `skip`, units without load
+        are looked at for it alone.
+    estimator, consistency, dtype, skip, sweeps, ambient, creep
         As of `skin.options.Options` and `of`, decided; `sweeps` and `ambient` where anything of
         the field is wanted, `creep` where a force is and a unit has terms.
     """
@@ -84,8 +82,8 @@ class Plan:
     chip_compensation: bool
     chip_lags: bool
     dtype: str
-    temperature_every: int
     skip: bool
+    look_every: int
     sweeps: int
     ambient: bool
     creep: bool
@@ -96,7 +94,6 @@ class Plan:
         topology: Topology,
         options: Options,
         consistency: bool | None = None,
-        temperature_every: int | None = None,
     ) -> Plan:
         """The shortest plan for a scene.
 
@@ -108,9 +105,6 @@ class Plan:
         consistency : bool or None
             Compare the field with its model, and flag MAGNETIC_ANOMALY where a magnet or steel
             bends it; it needs Bz and a table, and is done where all units have them if None.
-        temperature_every : int or None
-            Cycles from one temperature to the next: it is held between, as is what is compensated
-            by it. If None 1, or what `HOLD_S` lasts with `skip`.
 
         Raises
         ------
@@ -152,8 +146,8 @@ class Plan:
             chip_compensation=chip,
             chip_lags=bool(chip and (gel & ~own).any()),
             dtype=options.dtype,
-            temperature_every=_cycles_held(topology, temperature_every, options.skip),
             skip=options.skip,
+            look_every=max(1, int(LOOK_S * topology.cycle_rate_hz)) if options.skip else 1,
             sweeps=sweeps,
             ambient=ambient,
             creep=relaxed,
@@ -166,25 +160,6 @@ class Plan:
             self.sweeps > 0
             or self.ambient
             or not {*TANGENTIAL, "field"}.isdisjoint(self.quantities)
-        )
-
-    @property
-    def looks_every(self) -> int:
-        """Cycles from one estimate of the ambient field to the next; with `skip`, units without
-        load are looked at for it alone."""
-        return max(self.temperature_every, LOOK_CYCLES) if self.skip else 1
-
-    def __str__(self) -> str:
-        """One line for each decision."""
-        rows = dataclasses.asdict(self)
-        for name in ("quantities", "results"):
-            rows[name] = ", ".join(rows[name]) or "none"
-        shown = {True: "yes", False: "no"}
-        width = max(map(len, rows))
-        return "\n".join(
-            f"{name.replace('_', ' '):<{width}}  "
-            f"{shown[value] if isinstance(value, bool) else value}"
-            for name, value in rows.items()
         )
 
 
@@ -239,14 +214,6 @@ def _inversion(
             unit = topology.unit_names[int(np.argmin(tabled))]
             raise OptionError(f"{unit}: must have 'field_angle_mm' for consistency; got none")
     return estimator, angled if consistency is None else consistency
-
-
-def _cycles_held(topology: Topology, every: int | None, skip: bool) -> int:
-    """Cycles from one temperature to the next."""
-    if every is None:
-        return max(1, int(HOLD_S * topology.cycle_rate_hz)) if skip else 1
-    check_number("temperature_every", every, 1, 1_000_000, whole=True)
-    return every
 
 
 def _require_bz(topology: Topology, upright: np.ndarray, what: str) -> None:

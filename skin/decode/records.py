@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 LANES = 64
 """Units in a block: enough that what is done once for a block is cheap, few enough that it stays in
 the nearest cache."""
-SKIP = 16
-"""Units that are left out together; a vector of float32."""
 NOT_NEGATIVE = 2**62 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end: it
 would turn every load into a gather to be able to do so."""
@@ -133,8 +131,6 @@ WATCHED = ("missed", "odd")
 the last one was, and 2 if the one before."""
 ABOVE = ("film_above", "chip_above")
 """Temperatures of film and chip above their references."""
-HELD = ("temperature", *ABOVE, "temperature_sigma")
-"""Where temperatures are held."""
 
 ON_THE_WAY = (
     "x", "y", "z", "strength", "gain", "radius", "along", "each", "variance", "beyond",
@@ -144,19 +140,9 @@ ON_THE_WAY = (
 its sigma; 1 / S; variance of the field; how far its miss is beyond what it may be, relative,
 squared; depth and normal force."""
 
-SEEN = np.dtype([
-    ("counts", np.int16, (6, LANES)),
-    ("flags", np.int16, (LANES,)),
-    ("shows", np.int16, (LANES,)),  # 1 where a unit shows something tangential
-])  # fmt: skip
-"""Counts and flags of the cycle before; counts where there is no background."""
-
 CONTROL = np.dtype([
     ("phase", np.int64),  # number of the next cycle, which is kept
     ("advance", np.int64),  # 0: the cycle before once more; its temperatures stay as they are
-    ("reuse", np.int64),  # whether the results are those of the cycle before, by this kernel
-    ("first", np.int64),  # blocks that are decoded
-    ("last", np.int64),
 ])  # fmt: skip
 """What differs from call to call."""
 
@@ -205,9 +191,9 @@ def coefficients(real: npt.DTypeLike, parts: Parts) -> np.dtype:
     return _record(rows, real)
 
 
-def state(real: npt.DTypeLike, held: bool) -> np.dtype:
-    """The record of what one cycle leaves to the next; `held` with temperatures that are held."""
-    return _record(dict.fromkeys((*LAGS, *WATCHED, *HELD) if held else (*LAGS, *WATCHED), 1), real)
+def state(real: npt.DTypeLike) -> np.dtype:
+    """The record of what one cycle leaves to the next."""
+    return _record(dict.fromkeys((*LAGS, *WATCHED), 1), real)
 
 
 def tile(real: npt.DTypeLike) -> np.dtype:

@@ -20,14 +20,13 @@ class Span(NamedTuple):
         Unit in lane 0.
     shown : int
         Place of its results in each row.
-    start, size : int
-        Lanes: the first of them, and how many.
+    size : int
+        Lanes.
     """
 
     cycle: int
     first: int
     shown: int
-    start: int
     size: int
 
 
@@ -44,11 +43,10 @@ class Place(NamedTuple):
 def lanes_of(span):
     """A span of which the compiler knows that it has `LANES` lanes at most: it chooses the width of
     vectors by what the most that there may be leaves over."""
-    return Span(span.cycle, span.first, span.shown, span.start, min(span.size, LANES))
+    return Span(span.cycle, span.first, span.shown, min(span.size, LANES))
 
 
 @jitable(inline=True)
 def place(span, lane):
     """Where a lane's unit stands."""
-    j = span.start + lane
-    return Place(span.cycle, span.first + j, j, span.shown + j)
+    return Place(span.cycle, span.first + lane, lane, span.shown + lane)

@@ -300,7 +300,7 @@ def units_stage(parts: Parts, loaded: bool) -> Callable:
         assume_noalias()
         span = lanes_of(span)
         for lane in range(span.size):
-            field, inverted, normal = kept(tile, span.start + lane)
+            field, inverted, normal = kept(tile, lane)
             show(field, inverted, normal, unit, out, place(span, lane))
 
     @jitable(inline=True)

@@ -15,10 +15,10 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import log2
 from skin.decode.parts import Parts
-from skin.decode.records import CHIP, GEL, INVALID, UNKNOWN
+from skin.decode.records import CHIP, GEL, INVALID
 from skin.decode.span import lanes_of
 
-__all__ = ["EXTRAPOLATION", "lost", "recall_stage", "temperature_stage"]
+__all__ = ["EXTRAPOLATION", "temperature_stage"]
 
 CURRENT_MIN = 1e-6
 """Bound of the gel current over its value at 20 °C."""
@@ -88,70 +88,45 @@ def sigma_law(t, current, unit, j):
     return sigma + real(EXTRAPOLATION) * max(over, real(0.0))
 
 
-@jitable(inline=True)
-def lost(state, span, flag):
-    """Whether a unit is known that was not when temperatures were due: it is decoded now."""
-    assume_noalias()
-    unheard = np.int16(0)
-    for j in range(lanes_of(span).size):
-        t = state["temperature"][j]
-        missing = (t != t) & (flag[j] & UNKNOWN == 0)  # noqa: PLR0124
-        unheard = np.int16(unheard | (1 if missing else 0))
-    return unheard != 0
-
-
 def temperature_stage(parts: Parts) -> Callable:
-    """The stage that decodes temperatures; those that are held and not due stay as they are."""
-    with_hold, with_compensation = parts.hold, parts.film_compensation or parts.chip_compensation
+    """The stage that decodes temperatures."""
+    with_compensation = parts.film_compensation or parts.chip_compensation
     calmly, carefully = gel_stage(parts, calm=True), gel_stage(parts, calm=False)
 
     @jitable(inline=True)
-    def temperature(unit, data, span, state, above, found, anew):
-        """`found` are all flags of the block's units, in one; `anew`: those that are held are due;
-        where none is held, the state goes on by a cycle."""
-        if with_compensation and not with_hold and anew and found & INVALID == 0:
+    def temperature(unit, data, span, state, above, found, advance):
+        """`found` are all flags of the block's units, in one; with `advance` the state goes on by a
+        cycle."""
+        if with_compensation and advance and found & INVALID == 0:
             calmly(unit, data.counts, span, state, above, data.flag, data.out, True)
         else:
-            carefully(unit, data.counts, span, state, above, data.flag, data.out, anew)
+            carefully(unit, data.counts, span, state, above, data.flag, data.out, advance)
 
     return temperature
 
 
 def gel_stage(parts: Parts, calm: bool) -> Callable:
     """The stage that decodes the gel's temperature, and what follows it."""
-    with_hold, with_temperature, with_film = parts.hold, parts.temperature, parts.film_above
+    with_temperature, with_film = parts.temperature, parts.film_above
     with_compensation = parts.film_compensation or parts.chip_compensation
     with_sigma, follow = parts.temperature and parts.sigma, lag_law(parts, calm)
     row, sigma_row = parts.row("temperature"), parts.row("temperature_sigma")
     film_row = parts.row("film_above")
 
     @jitable(inline=True)
-    def gel(unit, counts, span, state, above, flag, out, anew):
+    def gel(unit, counts, span, state, above, flag, out, advance):
         assume_noalias()
         span = lanes_of(span)
         real = unit["gel_scale"].dtype.type
-        nothing, sigma = real(np.nan), real(0.0)
+        sigma = real(0.0)
         for j in range(span.size):
             flags, i, at = flag[j], span.first + j, span.shown + j
             t, current = gel_law(real(counts[span.cycle, GEL, i]), unit, j)
             if with_sigma:
                 sigma = sigma_law(t, current, unit, j)
-            held, keep = False, flags & INVALID == 0
-            if with_hold:
-                old = state["temperature"][j]
-                held = (not anew) & (old == old)  # noqa: PLR0124
-                keep = keep & (not held)
+            keep = flags & INVALID == 0
             chip_count = real(counts[span.cycle, CHIP, i])
-            film_above, chip_above = follow(t, chip_count, unit, state, j, keep, anew | with_hold)
-            if with_hold:
-                known = flags & UNKNOWN == 0
-                t = old if held else t
-                state["temperature"][j] = t if known else nothing
-                film_above = above["film_above"][j] if held else film_above
-                chip_above = above["chip_above"][j] if held else chip_above
-                if with_sigma:
-                    sigma = state["temperature_sigma"][j] if held else sigma
-                    state["temperature_sigma"][j] = sigma if known else nothing
+            film_above, chip_above = follow(t, chip_count, unit, state, j, keep, advance)
             if with_temperature:
                 out[row][at] = t
             if with_sigma:
@@ -163,27 +138,3 @@ def gel_stage(parts: Parts, calm: bool) -> Callable:
                 out[film_row][at] = film_above
 
     return gel
-
-
-def recall_stage(parts: Parts) -> Callable:
-    """The stage that shows temperatures which are held."""
-    with_temperature, with_film = parts.temperature, parts.film_above
-    with_sigma = parts.temperature and parts.sigma
-    row, sigma_row, film_row = map(
-        parts.row, ("temperature", "temperature_sigma", "film_above")
-    )  # fmt: skip
-
-    @jitable(inline=True)
-    def recall(state, span, out):
-        assume_noalias()
-        span = lanes_of(span)
-        for j in range(span.size):
-            at = span.shown + j
-            if with_temperature:
-                out[row][at] = state["temperature"][j]
-            if with_sigma:
-                out[sigma_row][at] = state["temperature_sigma"][j]
-            if with_film:
-                out[film_row][at] = state["film_above"][j]
-
-    return recall

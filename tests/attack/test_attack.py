@@ -107,7 +107,7 @@ OPTIONS = {
     ),
     "Decoder": (
         lambda **options: skin.Decoder(STRIP, **options),
-        "want estimator dtype consistency temperature_every skip sweeps ambient workers",
+        "want estimator dtype consistency skip sweeps ambient",
     ),
     "Pipeline": (lambda **options: skin.Pipeline(STRIP, **options), "deadline_s"),
     "ContactStream": (

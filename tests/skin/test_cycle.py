@@ -50,10 +50,10 @@ class Noted:
         self.ends = ends = ends._replace(clock=self.clock.time if clocked else ends.clock)
         self.filters = filters_of(RATE_HZ)
         self.filters["creep_last"] = 0 if "relax_to" in has else -1
-        self.filters["creep_steps"], self.filters["bare"] = 1.0, -1
+        self.filters["creep_steps"] = 1.0
         self.filters["sweeps"], self.filters["look_every"] = sweeps, every
-        self.phase, self.advance, self.reuse, self.look_s = (
-            np.zeros(1, kind) for kind in (np.int64, np.int64, np.int64, float)
+        self.phase, self.advance, self.look_s = (
+            np.zeros(1, kind) for kind in (np.int64, np.int64, float)
         )
         self.renewed = []
         calls = {}
@@ -66,8 +66,8 @@ class Noted:
                 calls[name] = Bound(note, self.log, which)
         adding = [Bound(note, self.log, 10 + k) for k in range(2)]
         self.cycle = Cycle(lambda: CycleParts(calls, adding, {
-            "bare": np.zeros(1, np.int64), "filters": self.filters, "phase": self.phase,
-            "advance": self.advance, "reuse": self.reuse, "look_s": self.look_s,
+            "filters": self.filters, "phase": self.phase,
+            "advance": self.advance, "look_s": self.look_s,
             "background": NOTHING, "source": NOTHING, "valid": np.ones(3, bool),
             "clock": ends.clock, "next": ends.next, "now_ns": ends.now_ns, "slips": ends.slips,
             "flags": ends.flags, "shown": ends.shown,
@@ -136,16 +136,6 @@ def test_the_ambient_field_is_looked_at_now_and_then_with_the_time_since(in_pyth
         if "ambient" in noted():
             looks[number] = noted.look_s[0]
     assert looks == pytest.approx({0: 0.004, 12: 11 * 0.004 + 0.1, 24: 0.048})
-
-
-def test_results_of_another_kind_are_not_used_again(in_python):
-    noted = Noted(("decode",), in_python=in_python)
-    for bare, kept in ((0, 0), (0, 1), (-1, 0), (0, 1)):
-        if bare < 0:
-            noted.filters["bare"] = -1
-        noted.reuse[0] = 1
-        noted()
-        assert noted.reuse[0] == kept
 
 
 def gathered(times_ns):

@@ -39,7 +39,7 @@ for name in sys.argv[1:]:
     delattr(holder, attribute)
 
 from bus.compiled.bound import Bound, direct
-from bus.compiled.intrinsics import assume_noalias, prefetch
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.compiled import nested
 
@@ -53,7 +53,6 @@ def law(x):
 def weigh_python(values, out):
     assume_noalias()
     for i in range(values.size):
-        prefetch(values, i + 8)
         out[i] = law(values[i])
 
 weigh = compiled(weigh_python, fastmath=["contract"])

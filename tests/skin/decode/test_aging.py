@@ -85,18 +85,3 @@ def test_units_without_a_lag_do_not_age():
     assert np.isfinite(got).all()
     assert got[1] == pytest.approx(got[2], abs=1e-6)
     assert got[0] == pytest.approx(got[4], abs=1e-6)
-
-
-def test_temperatures_that_are_held_are_new_after_a_gap():
-    skin = skin_of()
-    decoder = Decoder(skin, {"temperature"}, temperature_every=10)
-    cold, hot = (counts_at(skin, 1.0, 1.0, 0.0 * np.arange(UNITS), t) for t in (25.0, 60.0))
-    decoder(cold)
-    assert decoder(hot).temperature.max() < 30.0
-    decoder.set_elapsed(20 / 250.0)
-    assert decoder(hot).temperature.min() > 55.0
-    assert decoder(cold).temperature.min() > 55.0
-    decoder.reset()
-    decoder(cold)
-    decoder.set_elapsed(1.0 / 250.0)
-    assert decoder(hot).temperature.max() < 30.0

@@ -287,7 +287,7 @@ def test_units_that_are_skipped_are_untouched_and_those_never_heard_begin_later(
     raw = counts_at(SKIN, rows, 0.6 * rows, DIRECTION)
     whole, skipping = (
         Decoder(SKIN, sweeps=0, ambient=False),
-        Decoder(SKIN, skip=True, temperature_every=1, sweeps=0, ambient=False),
+        Decoder(SKIN, skip=True, sweeps=0, ambient=False),
     )
     shown = run(skipping, raw)
     assert np.isnan(shown[[0, 3], :2]).all()

@@ -94,7 +94,7 @@ def test_units_without_load_are_looked_at_now_and_then_for_the_ambient_field():
     still[2] += 50.0
     counts = simulated.quantise(still)
     decoder = Decoder(palm, {"displacement"}, "field-angle", skip=True, ambient=True, sweeps=0)
-    every = decoder.plan.temperature_every
+    every = decoder.plan.look_every
     idle = [bool((decoder(counts).status & Status.IDLE).all()) for _ in range(4 * every)]
     assert idle == [t % every != 0 for t in range(4 * every)]
 
@@ -119,7 +119,7 @@ def test_the_ambient_field_is_found_as_well_where_units_are_looked_at_seldom(ski
     simulated = UnitSimulator(palm, seed=5, field=HalbachField(palm))
     still = simulated.quantities(np.zeros(palm.n), np.zeros((2, palm.n)), np.full(palm.n, 25.0))
     decoder = Decoder(palm, {"force"}, "field-angle", skip=skip, sweeps=1, ambient=True)
-    every, found, sigma = decoder.plan.looks_every, [], []
+    every, found, sigma = decoder.plan.look_every, [], []
     assert every == (12 if skip else 1)
     for t in range(1500):
         values = still.copy()

@@ -1,9 +1,8 @@
-"""What a scene needs, and no more: the plan, temperatures held, blocks skipped, backgrounds."""
+"""What a scene needs, and no more: the plan, blocks skipped, backgrounds."""
 
 from __future__ import annotations
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -71,20 +70,10 @@ def test_a_plan_is_no_longer_than_the_scene():
     assert plan_of(calibrated(row_of(3), turn_rad=0.1)).theta_correction
 
 
-def test_a_plan_can_be_read():
-    text = str(plan_of(row_of(3), {"force", "sigma"}, skip=True))
-    told = dict(re.split(" {2,}", line) for line in text.splitlines())
-    assert told["quantities"] == "force"
-    assert told["sigma"] == "yes"
-    assert told["estimator"] == "field-angle"
-    assert told["temperature every"] == "1"
-    assert dataclasses.asdict(plan_of(row_of(3)))["dtype"] == "float32"
-
-
-def test_skipping_holds_temperatures_for_a_twentieth_of_a_second():
+def test_units_without_load_are_looked_at_every_twentieth_of_a_second():
     for rate, every in ((10.0, 1), (100.0, 5), (1000.0, 50)):
-        assert plan_of(row_of(3, rate_hz=rate), skip=True).temperature_every == every
-        assert plan_of(row_of(3, rate_hz=rate)).temperature_every == 1
+        assert plan_of(row_of(3, rate_hz=rate), skip=True).look_every == every
+        assert plan_of(row_of(3, rate_hz=rate)).look_every == 1
 
 
 @pytest.mark.parametrize("sweeps", [3, -1])
@@ -113,14 +102,7 @@ def test_a_few_cycles_skip_as_many_do(n, seed):
 def idle_beside_full(skin, raw, status, estimator):
     """How often a unit was idle, in cycles that are compared with the full pass."""
     skipping = Decoder(skin, None, estimator, skip=True, sweeps=0, ambient=False)
-    full = Decoder(
-        skin,
-        None,
-        estimator,
-        temperature_every=skipping.plan.temperature_every,
-        sweeps=0,
-        ambient=False,
-    )
+    full = Decoder(skin, None, estimator, sweeps=0, ambient=False)
     idle = 0
     for counts, flags in zip(raw, status, strict=True):
         some, every = skipping(counts, flags), full(counts, flags)
@@ -153,16 +135,6 @@ def test_a_batch_skips_as_its_cycles_do():
             np.testing.assert_array_equal(getattr(one, name), getattr(batch, name)[t], name)
 
 
-def test_a_batch_in_between_is_not_mistaken_for_the_last_cycle():
-    skin, raw, status = scene(150, 8)
-    decoder = Decoder(skin, skip=True, temperature_every=1000, sweeps=0, ambient=False)
-    first = decoder(raw[5], status[5]).force.copy()
-    decoder(raw[8:10], status[8:10])
-    np.testing.assert_array_equal(decoder(raw[9], status[9]).status, decoder.__call__(
-        raw[9].copy(), status[9].copy()).status)  # fmt: skip
-    np.testing.assert_array_equal(decoder(raw[5], status[5]).force[2], first[2])
-
-
 def test_idle_is_not_untouched_and_not_invalid():
     skin = row_of(16, rate_hz=100.0)
     raw = counts_at(skin, np.zeros(16), 0.0, 0.0)
@@ -175,63 +147,16 @@ def test_idle_is_not_untouched_and_not_invalid():
     assert not Decoder(skin, skip=True, sweeps=0, ambient=False)(pressed).status.any()
 
 
-# -- temperatures held -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_held_temperatures_are_those_of_the_cycles_when_they_were_due(dtype):
-    skin = calibrated(row_of(40, rate_hz=50.0), seed=1)
-    raw = sensible_counts(skin, 13, 2)
-    held = Decoder(skin, dtype=dtype, temperature_every=4, sweeps=0, ambient=False)(raw).temperature
-    each = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw).temperature
-    for t in range(13):
-        np.testing.assert_array_equal(held[t], each[t - t % 4])
-
-
-@pytest.mark.long
-def test_a_held_temperature_is_late_by_no_more_than_it_changed():
-    """A film that warms by 1 K/s, held for 50 ms, and a chip that reads in steps of 0.5 °C."""
-    skin = row_of(1, rate_hz=100.0)
-    seconds = np.arange(600) / 100.0
-    raw = counts_at(
-        skin, np.full((600, 1), 1.5), np.full((600, 1), 1.0), 0.4, (25.0 + seconds)[:, np.newaxis]
-    )
-    for name, limit in (("sine", 5e-4), ("field-angle", 2e-5)):
-        held, each = (
-            Decoder(
-                skin, None, name, temperature_every=every, dtype="float64", sweeps=0, ambient=False
-            )(raw)
-            for every in (5, 1)
-        )
-        assert np.abs(held.temperature - each.temperature).max() <= 0.05 + 0.02
-        assert np.abs(held.displacement_mm - each.displacement_mm).max() <= limit
-
-
-def test_a_unit_that_is_heard_late_has_a_temperature_at_once():
-    skin = row_of(20, rate_hz=100.0)
-    raw = counts_at(skin, np.full(20, 1.0), 0.5, 0.2)
-    decoder = Decoder(skin, temperature_every=50, sweeps=0, ambient=False)
-    status = np.zeros(20, np.uint16)
-    status[7] = Status.NEVER
-    assert np.isnan(decoder(raw, status).temperature[7])
-    reading = decoder(raw, np.zeros(20, np.uint16))
-    assert reading.temperature[7] == pytest.approx(25.0, abs=0.1)
-    assert reading.force[0, 7] == pytest.approx(reading.force[0, 8], abs=1e-4)
-
-
 # -- the same cycle once more ----------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("interpreted")
-@pytest.mark.parametrize("every", [1, 4])
 @pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-classic"])
-def test_decoding_a_cycle_again_changes_nothing_that_follows(every, layout):
+def test_decoding_a_cycle_again_changes_nothing_that_follows(layout):
     skin = calibrated(row_of(30, layout, 10.0), seed=4)
     raw = sensible_counts(skin, 9, 5)
     status = np.random.default_rng(6).choice([0, 0, 0, 2, 1], (9, 30)).astype(np.uint16)
-    once, twice = (
-        Decoder(skin, temperature_every=every, sweeps=0, ambient=False) for _ in range(2)
-    )
+    once, twice = (Decoder(skin, sweeps=0, ambient=False) for _ in range(2))
     other = np.full((4, 30), 100.0, np.float32)
     for counts, flags in zip(raw, status, strict=True):
         first = once(counts, flags)

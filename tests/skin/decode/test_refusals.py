@@ -200,7 +200,7 @@ def test_the_loop_follows_zeros_where_all_that_work_tell_their_temperature():
 
 def parts_of(skin, want, **options):
     options = {"sweeps": 0, "ambient": False} | options
-    return Parts.of(planned(skin, want, **options), 1)
+    return Parts.of(planned(skin, want, **options))
 
 
 def test_what_is_not_wanted_is_not_compiled():
@@ -215,8 +215,6 @@ def test_what_is_not_wanted_is_not_compiled():
     assert parts_of(skin, {"force"}, skip=True).look is False
     assert parts_of(skin, {"force"}, skip=True, ambient=True).look
     assert parts_of(skin, {"force"}, ambient=True).look is False
-    assert not parts_of(skin, {"force"}, temperature_every=1).hold
-    assert parts_of(skin, {"force"}, temperature_every=2).hold
 
 
 def test_compensations_are_those_of_drifts_that_matter():
@@ -276,12 +274,3 @@ def test_a_chip_follows_the_gel_only_where_its_own_temperature_is_not_told():
     untold = with_parameters(row_of(3), **drift)
     own = untold.wired & (np.arange(6) != 5)[:, np.newaxis]
     assert lags(dataclasses.replace(untold, wired=own))
-
-
-@pytest.mark.parametrize("every", [0, -3])
-def test_temperatures_come_at_least_once(every):
-    with pytest.raises(
-        OptionError, match=rf"temperature_every: must be an integer from 1 to 1e\+06; got {every}"
-    ):
-        planned(row_of(3), temperature_every=every)
-    assert planned(row_of(3), temperature_every=1).temperature_every == 1

@@ -1,4 +1,4 @@
-"""Rows that a skipping decoder leaves as they are: never those of another cycle."""
+"""What a decoder that skips leaves out: never a unit that something presses."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def rested_beside_full(seed, n, twice, cycles=24):
     # no unit without load is held against its film: its first reading beyond is one under load
     alone = {"sweeps": 0, "ambient": False, "consistency": False}
     skipping = Decoder(skin, skip=True, **alone)
-    full = Decoder(skin, temperature_every=skipping.plan.temperature_every, **alone)
+    full = Decoder(skin, **alone)
     told = rng.normal(0.0, [[10.0], [200.0], [200.0], [200.0]], (4, n)).astype(np.float32)
     rested = 0
     for counts, flags in zip(raw, status, strict=True):
@@ -65,30 +65,6 @@ def rested_beside_full(seed, n, twice, cycles=24):
         np.testing.assert_array_equal(some.force[2], every.force[2])
         np.testing.assert_array_equal(some.status[~idle], every.status[~idle])
     return rested
-
-
-@pytest.mark.parametrize("between", ["batch", "reset"])
-def test_rows_of_another_use_are_not_kept(between):
-    """What lies in the arrays of a cycle is trusted only after a cycle like this one."""
-    skin, raw, _ = scene(128, 3)
-    skipping, full = (
-        Decoder(skin, skip=True, sweeps=0, ambient=False),
-        Decoder(skin, temperature_every=5, sweeps=0, ambient=False),
-    )
-    for counts in raw[:4]:
-        skipping(counts), full(counts)
-    for decoder in (skipping, full):
-        if between == "batch":
-            decoder(raw[4:6])
-        else:
-            decoder.reset()
-    some, every = skipping(raw[6]), full(raw[6])
-    idle = some.status & Status.IDLE != 0
-    np.testing.assert_array_equal(some.temperature, every.temperature)
-    np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
-    np.testing.assert_array_equal(some.force[2], every.force[2])
-    assert idle.any()
-    assert np.isnan(some.force[0][idle]).all()
 
 
 @pytest.mark.usefixtures("interpreted")
