@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.accuracy_skin import Made, with_rate
 from skin import Decoder
 from skin.calibrate.bench.spread import rms
-from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
+from skin.decode.crosstalk import CrossTalk
 from skin.physics.surroundings import Surroundings
 from topology.pose import from_rpy
 
@@ -59,9 +59,7 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
     room = np.full(depth.shape, ROOM_C)
     units = skin.simulator(skin.field(reach_m=EVERYWHERE_M))
     counts = units.quantise(units.quantities(depth, displacement, room))
-    talk = CrossTalk(
-        skin.known, dtype="float64", tolerance_ut=LIVE_UT if sweeps < 2 else ACCURATE_UT
-    )
+    talk = CrossTalk(skin.known, dtype="float64")
     decoder = Decoder(
         skin.known,
         {"force", "displacement"},

@@ -371,9 +371,7 @@ def assert_live_same(skin: Topology, counts: list[np.ndarray], touches: int) -> 
     """The same of the live pass; ours takes the neighbours as numpy knows them, and counts
     what is not known of the ambient field as one error of all units, which numpy does not."""
     pipeline = Pipeline(skin, Options(dtype="float64"))
-    pipeline.decoder.crosstalk = CrossTalk(
-        skin, stencil_of(skin), dtype="float64", tolerance_ut=0.0, idle_mm=0.0
-    )
+    pipeline.decoder.crosstalk = CrossTalk(skin, stencil_of(skin), dtype="float64", idle_mm=0.0)
     ours, numpy_pass = Pass.of(pipeline), NumpyLive(skin)
     for cycle in counts:
         state = ours.pipeline.state(ours.load(cycle))

@@ -42,31 +42,26 @@ POSITIVE = ("lag_variance", "anchor_variance", "gain_information")
 def dense(quick: bool) -> dict:
     """Two sweeps of cross-talk at the least pitch that is accepted.
 
-    float32 against float64, float64 against the same sum pair by pair instead of by lattice.
+    float32 against float64.
     """
     palm, densest = topology.load("palm").exact(), None
     for pitch_mm in PITCHES_MM:
         tried = dataclasses.replace(palm, position=palm.position * (pitch_mm / 12.0))
         try:
-            crosstalk = CrossTalk(tried, dtype="float64", tolerance_ut=0.0)
+            crosstalk = CrossTalk(tried, dtype="float64")
         except SkinError:
             break
         densest = tried, pitch_mm, crosstalk.contraction
     assert densest is not None
     skin, pitch_mm, contraction = densest
     forces = {}
-    for name, dtype, lattices in (
-        ("float32", "float32", True), ("float64", "float64", True), ("pairs", "float64", False),
-    ):  # fmt: skip
+    for dtype in DTYPES:
         decoder = Decoder(skin, {"force"}, dtype=dtype, sweeps=2, consistency=False, ambient=False)
-        crosstalk = CrossTalk(skin, dtype=dtype, tolerance_ut=0.0, lattices=lattices)
-        decoder.crosstalk = crosstalk
-        forces[name] = np.stack(
+        forces[dtype] = np.stack(
             [decoder(counts_of(skin, most=0.5, seed=i)).force for i in range(4 if quick else 40)]
         ).astype(np.float64)
     return {
         "error_n_float32": float(np.abs(forces["float32"] - forces["float64"]).max()),
-        "error_n_float64": float(np.abs(forces["pairs"] - forces["float64"]).max()),
         "nonfinite": int((~np.isfinite(forces["float32"])).sum()),
         "seen": f"pitch {pitch_mm:g} mm, a sweep leaves {contraction:.2f} of the one before",
     }

@@ -11,13 +11,13 @@ numpy computes filter coefficients for elapsed times other than one period: the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bus.compiled.bound import Bound
-from bus.compiled.chained import addresses, call, call_each
+from bus.compiled.chained import addresses, call
 from bus.compiled.jit import compiled, jitable
 from skin.clock import TIME, tick
 
@@ -43,8 +43,10 @@ __all__ = [
 SAME, RENEW = -1, -3
 """Return values of a cycle: nothing changed that Python must renew, and coefficients must be
 renewed first; otherwise the return value of the stage of contacts."""
-STAGES = ("decode", "films", "unknown", "relax_to", "relax_fro", "ambient", "contacts", "slip")
-DECODE, FILMS, UNKNOWN, RELAX, AMBIENT, CONTACTS, SLIP = 0, 1, 2, 3, 5, 6, 7
+STAGES = (
+    "decode", "films", "unknown", "fields", "relax_to", "relax_fro", "ambient", "contacts", "slip",
+)  # fmt: skip
+DECODE, FILMS, UNKNOWN, FIELDS, RELAX, AMBIENT, CONTACTS, SLIP = 0, 1, 2, 3, 4, 6, 7, 8
 WORTH = 0.5
 """Missing periods after which the coefficients of lags are renewed."""
 STEPS_A_PERIOD = 4
@@ -73,11 +75,9 @@ class Stage(NamedTuple):
 
     Attributes
     ----------
-    calls : ndarray, shape (8, 2), int64, or list of callable
+    calls : ndarray, shape (9, 2), int64, or list of callable
         Of each of `STAGES`: address and argument, or a Python function.
-    adding : ndarray, shape (m, 2), int64, or list of callable
-        The same of the parts of cross-talk.
-    has : ndarray, shape (8,), bool
+    has : ndarray, shape (9,), bool
         Which of `STAGES` exist.
     clock : ndarray, shape (1,) or (0,), TIME
         Of length 0 where the caller sets the elapsed time of `filters`.
@@ -103,7 +103,6 @@ class Stage(NamedTuple):
     """
 
     calls: Any
-    adding: Any
     has: np.ndarray
     clock: np.ndarray
     next: np.ndarray
@@ -145,7 +144,7 @@ def predict(stage):
         if found & 2:
             call(stage.calls, UNKNOWN)
         if found & 1:
-            call_each(stage.adding)
+            call(stage.calls, FIELDS)
     for i in range(stage.background.size):
         stage.background[i] = stage.source[i]
 
@@ -255,7 +254,6 @@ class CycleParts(NamedTuple):
     ----------
     calls : mapping of str to callable
         By their names in `STAGES`; missing ones are skipped.
-    adding : sequence of callable
     arrays : mapping of str to ndarray
         The rest of a `Stage`.
     renew : callable
@@ -263,7 +261,6 @@ class CycleParts(NamedTuple):
     """
 
     calls: Mapping[str, Any]
-    adding: Sequence[Any]
     arrays: Mapping[str, np.ndarray]
     renew: Callable[[], None]
 
@@ -303,16 +300,15 @@ class Cycle:
         """Bind the stages: load their kernels, or compile them."""
         if self.is_bound:
             return
-        calls, adding, arrays, self.renew = self._make()
+        calls, arrays, self.renew = self._make()
         self._calls: list[Any] = [calls.get(name) for name in STAGES]
-        self._adding = [*adding]
         has = np.array([one is not None for one in self._calls])
-        places, parts = addresses(self._calls), addresses(self._adding)
-        if places is None or parts is None or not hasattr(cycle, "overloads"):
-            plain = Stage(self._calls, self._adding, has, **arrays)
+        places = addresses(self._calls)
+        if places is None or not hasattr(cycle, "overloads"):
+            plain = Stage(self._calls, has, **arrays)
             self._run = lambda: int(cycle_python(plain))
         else:
-            self.stage = Stage(places, parts, has, **arrays)
+            self.stage = Stage(places, has, **arrays)
             self._run = Bound(cycle, self.stage)
         self.is_bound = True
 

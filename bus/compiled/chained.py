@@ -24,7 +24,7 @@ except ImportError:  # numba or llvmlite of another version
     ir: Any = None
     cgutils: Any = None
 
-__all__ = ["address", "addresses", "call", "call_each", "copy_bytes", "words"]
+__all__ = ["address", "addresses", "call", "copy_bytes", "words"]
 
 
 def address(bound: object) -> np.ndarray | None:
@@ -84,12 +84,6 @@ def call(calls: Any, which: Any) -> int:
     return int(found) if isinstance(found, int | np.integer | np.bool_) else 0
 
 
-def call_each(calls: Any) -> None:
-    """Call all of some bound kernels, in their order; see `call`."""
-    for one in calls:
-        one()
-
-
 def words(bound: Bound) -> np.ndarray:
     """What the call of a bound kernel reads its arguments from, int64, to be written by who calls
     it by its `address`: a number among them may be another one in the next call."""
@@ -134,11 +128,6 @@ def _call_one(calls, which):
     return call_at(calls[which, 0], calls[which, 1])
 
 
-def _call_all(calls):
-    for i in range(calls.shape[0]):
-        call_at(calls[i, 0], calls[i, 1])
-
-
 def _in_kernels(python: Callable[..., Any], compiled: Callable[..., Any]) -> None:
     """Let kernels run another function in place of one of Python."""
     options: Any = {} if nested.pipeline is None else {"pipeline_class": nested.pipeline}
@@ -149,4 +138,3 @@ def _in_kernels(python: Callable[..., Any], compiled: Callable[..., Any]) -> Non
 
 
 _in_kernels(call, _call_one)
-_in_kernels(call_each, _call_all)

@@ -3,28 +3,11 @@
 Decode, predict from the displacements, decode again with the prediction as background: a sweep. In
 a live skin the displacements of the last cycle serve, so that one decoding a cycle is one sweep.
 
-What the terms of a stencil are worth, on an array at 12 mm pitch all of whose units move at random
-through the whole range (times of one core at 2.6 GHz, 4096
-units; the displacement is that of `field-angle`, cold start, without noise):
-
-======  =====  =========  =====  =======  ======  =============================
-degree  reach  tolerance  terms  ns/unit  missed  µm rms after 0 / 1 / 2 sweeps
-======  =====  =========  =====  =======  ======  =============================
-1       18 mm  0 µT          24        5   77 µT   153 / 43 / 43
-2       18 mm  0 µT          72        9   29 µT   153 / 18 / 16
-3       18 mm  0 µT         152       15   20 µT   153 / 14 / 9.8
-3       25 mm  0 µT         228       20   14 µT   153 / 13 / 7.2
-2       30 mm  0 µT         180       17   24 µT   153 / 17 / 13
-3       30 mm  0 µT         380       29  8.6 µT   153 / 12 / 4.8
-4       39 mm  0 µT        1224      101  2.7 µT   153 / 11 / 1.9
-4       39 mm  20 µT         69       10   17 µT   153 / 14 / 9.2
-4       39 mm  **15 µT**     84       12   12 µT   153 / 12 / 6.3
-4       39 mm  10 µT        112       14  8.7 µT   153 / 12 / 4.8
-4       39 mm  **5 µT**     168       19  4.6 µT   153 / 11 / 2.9
-======  =====  =========  =====  =======  ======  =============================
-
-So terms are chosen by tolerance, not by degree and reach; `residue_ut` states what is missed. With
-noise of 105 µT, which makes 70 µm of a unit at rest, that is hardly seen at 12 mm.
+A film adds a polynomial of degree 4 of its displacement at the chips within 25 mm (`Stencil.of`):
+on an array at 12 mm pitch all of whose units move at random through the whole range that misses 14
+µT, and leaves 145 / 12 / 6 µm rms of displacement after 0 / 1 / 2 sweeps (`field-angle`, cold
+start, without noise). With noise of 105 µT, which makes 70 µm of a unit at rest, more is hardly
+seen. `residue_ut` states what is missed.
 
 Sweeps needed: each leaves `contraction` of what the one before left, down to the residue. At 15,
 13.5, 12, 10, 8 mm pitch that is 0.06, 0.10, 0.17, 0.32, 0.40 on a 6 x 6 array of films that are not
@@ -40,9 +23,10 @@ from bus.compiled.aligned import zeros
 from bus.compiled.bound import Bound
 from bus.compiled.chained import call
 from skin.decode import crosstalk_kernels as kernels
-from skin.decode.crosstalk_cells import find_lattices
 from skin.decode.crosstalk_kernels import (
     Background,
+    FieldData,
+    FieldModel,
     FilmData,
     FilmModel,
     Films,
@@ -50,20 +34,15 @@ from skin.decode.crosstalk_kernels import (
     PairData,
     PairModel,
 )
-from skin.decode.crosstalk_lattice import Lattice
 from skin.decode.crosstalk_placement import films_ut2, placement_ut2
-from skin.decode.crosstalk_scattered import Scattered
-from skin.decode.crosstalk_terms import Part
 from skin.decode.density import sparse_enough
 from skin.decode.resting import FilmsSeen
 from skin.physics.stencil import Stencil, check_stencil
+from skin.physics.stray import powers
 from topology import Topology
 
-__all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk"]
+__all__ = ["CrossTalk"]
 
-LIVE_UT, ACCURATE_UT = 15.0, 5.0
-"""Tolerances, µT, for one sweep a cycle, whose own error is larger, and for two or more
-[tuned on the table above]."""
 BEYOND_MM = 0.5
 """How far beyond the stencil's range its polynomials are still followed; then films stand still
 [assumed]."""
@@ -80,10 +59,6 @@ BACKGROUND_ROWS = 5
 class CrossTalk:
     """Predicts the stray fields of n units.
 
-    Flat lattices share the coefficients of an offset and are computed in shifted rows; pairs of
-    curved and irregular skins have coefficients of their own. Which pair goes which way is seen
-    from the stencil, and changes results by rounding and the tolerance only.
-
     A sweep leaves about `contraction` of what the one before left, and never less than
     `residue_ut`.
 
@@ -93,18 +68,11 @@ class CrossTalk:
     stencil : Stencil, optional
         Of the same units; from magnet theory (`Stencil.of`) if not given.
     dtype : "float32" or "float64"
-    degree : int
-        Of the stencil, where none is given.
-    tolerance_ut : float
-        Root mean square, over axes and over all displacements in the stencil's range, of what may
-        be saved in terms at any unit. 0: all terms.
     idle_mm : float
         A film that is pressed less than this can be displaced by three times this at most, as
         friction has it: it counts as at rest, unless it is pulled by more than three times this, or
         its field shows a displacement that is no noise (`IDLE_DISPLACEMENT_MM`). 0: only a film
         that is not displaced at all counts as at rest.
-    lattices : bool
-        False: every pair counts as one of an irregular skin.
 
     Attributes
     ----------
@@ -114,8 +82,8 @@ class CrossTalk:
     contraction : float
         Largest share of the cross-talk that one sweep leaves, of films that are not displaced.
     residue_ut : ndarray, shape (n,)
-        One-sigma, per axis, of what a prediction from true displacements misses: fits, terms that
-        were saved, neighbours beyond the reach.
+        One-sigma, per axis, of what a prediction from true displacements misses: fits, and
+        neighbours beyond the reach.
     axial_ut2 : ndarray, shape (n,)
         Variance along z by films of another make as they move, where the stencil is that of the
         drawing; less where a tare has shown how they are made.
@@ -126,10 +94,6 @@ class CrossTalk:
         NaN, or so far beyond the stencil's range that they are taken to stand at its end.
     idle_ut : float
         What neighbours that count as at rest may add to any axis of the worst unit.
-    terms : int
-        Computed for a unit inside the largest lattice; 0 without one.
-    on_lattice : int
-        Pairs that share coefficients.
 
     Raises
     ------
@@ -157,27 +121,13 @@ class CrossTalk:
         stencil: Stencil | None = None,
         *,
         dtype: str = "float32",
-        degree: int = 4,
-        tolerance_ut: float = LIVE_UT,
         idle_mm: float = 0.027,
-        lattices: bool = True,
     ) -> None:
         if stencil is not None:
             check_stencil(topology, stencil)
-        self.stencil, self.contraction = stencil, _ = sparse_enough(topology, stencil, degree)
+        self.stencil, self.contraction = stencil, _ = sparse_enough(topology, stencil)
         real = np.dtype(dtype)
-        on_lattices = [
-            Lattice(cells, stencil, tolerance_ut, real)
-            for cells in (find_lattices(topology) if lattices else ())
-        ]
-        left = np.ones(stencil.kind.size, bool)
-        for lattice in on_lattices:
-            left[lattice.pairs] = False
-        self._parts: list[Part] = [*on_lattices]
-        if left.any():
-            self._parts.append(Scattered(np.flatnonzero(left), stencil, tolerance_ut, real))
-        self.terms = max((part.terms for part in self._parts), default=0)
-        self.on_lattice = int(np.sum(~left))
+        self._field_model = _fields_of(stencil, real)
         self.strength = stencil.strength.astype(real)
         self._films = Films(*(zeros(topology.n, real) for _ in Films._fields))
         self._film_model = self._films_of(topology, idle_mm)
@@ -253,8 +203,11 @@ class CrossTalk:
         films = Bound(kernels.films, self._film_model, data)
         pairs = PairData(known, self._todo, given.variance_ut2, written.variance_ut2)
         unknown = Bound(kernels.unknown, self._pair_model, pairs)
-        adding = [part.bound(self._films, written.field_ut) for part in self._parts]
-        return Prediction(films, unknown, adding, out)
+        model = self._field_model
+        most = 3 * int(np.diff(model.start).max(initial=0))
+        term, sums = zeros(1 + model.parent.size, out.dtype), zeros(most, out.dtype)
+        added = FieldData(self._films, written.field_ut, term, sums)
+        return Prediction(films, unknown, Bound(kernels.fields, model, added), out)
 
     def retare(self, topology: Topology) -> None:
         """Count what films and places at rest are off by only in units that are not tared now, and
@@ -308,19 +261,11 @@ class CrossTalk:
 
     def _residues(self) -> np.ndarray:
         """Variance of an axis of each unit where all neighbours are known, shape (n,)."""
-        stencil, unit, n = self.stencil, self.stencil.unit, self.stencil.n
-        gram, mean = stencil.gram, stencil.mean
-        strength = stencil.strength[stencil.neighbour]
+        stencil = self.stencil
         fits = np.sum(stencil.sigma_ut**2, axis=1)[stencil.kind]
-        variance = np.bincount(unit, fits * strength**2, minlength=n)
-        shift = np.zeros((n, 3))
-        for part in self._parts:
-            at, by = unit[part.pairs], strength[part.pairs]
-            off = part.off @ mean
-            square = np.sum((part.off @ gram) * part.off, axis=(1, 2)) - np.sum(off**2, axis=1)
-            variance += np.bincount(at, square * by**2, minlength=n)
-            np.add.at(shift, at, off * by[:, np.newaxis])
-        return (variance + np.sum(shift**2, axis=1)) / 3.0 + stencil.left_out_rms_ut**2
+        fits *= stencil.strength[stencil.neighbour] ** 2
+        missed = np.bincount(stencil.unit, fits, minlength=stencil.n) / 3.0
+        return missed + stencil.left_out_rms_ut**2
 
     def _idle_bound(self, idle_mm: float) -> float:
         """`idle_ut`, from the linear terms."""
@@ -340,16 +285,15 @@ class Prediction:
 
     Attributes
     ----------
-    films, unknown : Bound
-        The kernels of `skin.decode.crosstalk_kernels`; the second where what is known has changed.
-    adding : list of Bound
-        Of each part, where any film counts.
+    films, unknown, fields : Bound
+        The kernels of `skin.decode.crosstalk_kernels`; the second where what is known has changed,
+        the third where any film counts.
     """
 
-    __slots__ = ("_out", "adding", "films", "unknown")
+    __slots__ = ("_out", "fields", "films", "unknown")
 
-    def __init__(self, films: Bound, unknown: Bound, adding: list[Bound], out: np.ndarray) -> None:
-        self.films, self.unknown, self.adding, self._out = films, unknown, adding, out
+    def __init__(self, films: Bound, unknown: Bound, fields: Bound, out: np.ndarray) -> None:
+        self.films, self.unknown, self.fields, self._out = films, unknown, fields, out
 
     def __call__(self) -> np.ndarray:
         """Predict; see `CrossTalk.predict`."""
@@ -357,9 +301,32 @@ class Prediction:
         if found & 2:
             self.unknown()
         if found & 1:
-            for add in self.adding:
-                add()
+            self.fields()
         return self._out
+
+
+def _fields_of(stencil: Stencil, real: np.dtype) -> FieldModel:
+    """The polynomials of a stencil, by film; films whose pairs are of the same kinds share
+    coefficients."""
+    exponents = powers(stencil.degree)
+    row = {(0, 0, 0): 0} | {tuple(term): 1 + k for k, term in enumerate(exponents.tolist())}
+    factor = np.argmax(exponents > 0, axis=1)
+    below = exponents - np.eye(3, dtype=int)[factor]
+    order = np.lexsort((stencil.unit, stencil.kind, stencil.neighbour))
+    kind, film = stencil.kind[order], stencil.neighbour[order]
+    start = np.append(0, np.cumsum(np.bincount(film, minlength=stencil.n)))
+    place, parts, known, size = np.zeros(stencil.n, np.int64), [np.zeros(1)], {}, 1
+    for i in range(stencil.n):
+        kinds = kind[start[i] : start[i + 1]]
+        if kinds.tobytes() not in known:
+            known[kinds.tobytes()] = size
+            parts.append(stencil.coefficients[kinds].transpose(2, 0, 1).reshape(-1))
+            size += parts[-1].size
+        place[i] = known[kinds.tobytes()]
+    return FieldModel(
+        np.array([row[tuple(term)] for term in below.tolist()]), factor, start.astype(np.int32),
+        stencil.unit[order].astype(np.int32), place, np.concatenate(parts).astype(real),
+    )  # fmt: skip
 
 
 def _rows(background: np.ndarray) -> Background:

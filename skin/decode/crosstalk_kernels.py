@@ -1,4 +1,4 @@
-"""Cross-talk, compiled: which films count, and what is not known of them."""
+"""Cross-talk, compiled: which films count, what they add, and what is not known of them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled
 
-__all__ = ["Background", "FilmData", "FilmModel", "Films", "Known", "PairData", "PairModel",
-           "films", "films_python", "unknown", "unknown_python"]  # fmt: skip
+__all__ = [
+    "Background", "FieldData", "FieldModel", "FilmData", "FilmModel", "Films", "Known", "PairData",
+    "PairModel", "fields", "fields_python", "films", "films_python", "unknown", "unknown_python",
+]  # fmt: skip
 
 
 class Background(NamedTuple):
@@ -44,6 +46,17 @@ class FilmModel(NamedTuple):
     depth_max_mm: float
 
 
+class FieldModel(NamedTuple):
+    """The polynomials of m pairs, by film."""
+
+    parent: np.ndarray  # (terms,) int64: each is an earlier one, 0 being the weight, 1 the first,
+    factor: np.ndarray  # (terms,) int64: times dx, dy or H
+    start: np.ndarray  # (n + 1,) int32, compressed rows: the units near a film
+    receiver: np.ndarray  # (m,) int32
+    place: np.ndarray  # (n,) int64, where the coefficients of a film begin
+    coefficients: np.ndarray  # by term: three axes of each unit; films that see alike share them
+
+
 class PairModel(NamedTuple):
     """What does not change of m pairs."""
 
@@ -73,6 +86,15 @@ class FilmData(NamedTuple):
     films: Films
     known: Known
     out: Background
+
+
+class FieldData(NamedTuple):
+    """What is read, what is added to, and scratch."""
+
+    films: Films
+    field_ut: np.ndarray  # (3, n), added to
+    term: np.ndarray  # (1 + terms,)
+    sums: np.ndarray  # three axes of the units of the film that most are near to
 
 
 class PairData(NamedTuple):
@@ -146,6 +168,38 @@ def films_python(model, data):
     return moved != 0, changed != 0
 
 
+def fields_python(model, data):
+    """Add the fields of the films that count, sum(c w dx^i dy^j H^k), film by film.
+
+    Parameters
+    ----------
+    model : FieldModel
+    data : FieldData
+    """
+    films, field, term, sums = data
+    parent, factor, coefficients = model.parent, model.factor, model.coefficients
+    for film in range(films.weight.size):
+        weight, first, last = films.weight[film], model.start[film], model.start[film + 1]
+        if weight == 0.0 or first == last:
+            continue
+        moved = films.dx_mm[film], films.dy_mm[film], films.depth_mm[film]
+        term[0] = weight
+        for k in range(parent.size):
+            term[1 + k] = term[parent[k]] * moved[factor[k]]
+        lanes = 3 * (last - first)
+        for i in range(lanes):
+            sums[i] = 0.0
+        at = model.place[film]
+        for k in range(parent.size):
+            value = term[1 + k]
+            for i in range(lanes):
+                sums[i] += value * coefficients[at + i]
+            at += lanes
+        for p in range(first, last):
+            for axis in range(3):
+                field[axis, model.receiver[p]] += sums[3 * (p - first) + axis]
+
+
 def unknown_python(model, data):
     """Add up the variances of what is not known, of the units near a film that is stale.
 
@@ -171,4 +225,5 @@ def unknown_python(model, data):
 
 
 films = compiled(films_python, fastmath={"contract"}, allocates=False)
+fields = compiled(fields_python, fastmath={"contract"}, allocates=False)
 unknown = compiled(unknown_python, fastmath={"contract"}, allocates=False)

@@ -398,7 +398,7 @@ class Decoder:
         from skin.cycle import NOTHING, CycleParts, no_ends
 
         calls: dict[str, Any] = {"decode": self._kernel_on(counts, status, given)}
-        adding, control, ends = [], self._control, ends or no_ends()
+        control, ends = self._control, ends or no_ends()
         background = source = NOTHING
         whole, taken, base = self.whole, self._taken, self._base if given else self._known
         if self.crosstalk is not None:
@@ -406,8 +406,7 @@ class Decoder:
             prediction = self.crosstalk.bound(
                 whole.displacement_mm, whole.valid, taken, base, warmer
             )  # fmt: skip
-            calls |= {"films": prediction.films, "unknown": prediction.unknown}
-            adding = prediction.adding
+            calls |= {name: getattr(prediction, name) for name in ("films", "unknown", "fields")}
         elif self.ambient is not None:
             background, source = (array.reshape(-1).view(np.uint8) for array in (taken, base))
         if self.creep is not None:
@@ -417,7 +416,7 @@ class Decoder:
             calls["ambient"], look_s = self.ambient.bound(whole), self.ambient.elapsed_s
         if ends.contacts is not None:
             calls |= {"contacts": ends.contacts, "slip": ends.slip}
-        return CycleParts(calls, adding, {
+        return CycleParts(calls, {
             "filters": self._filters, "phase": control["phase"], "advance": control["advance"],
             "look_s": look_s, "background": background, "source": source,
             "valid": whole.valid[: whole.valid.size * ends.clock.size],
@@ -458,10 +457,9 @@ def _estimators(
     """What predicts the fields of neighbours and the ambient field; None what a plan leaves out."""
     crosstalk = ambient = None
     if plan.sweeps:
-        from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
+        from skin.decode.crosstalk import CrossTalk
 
-        tolerance_ut = LIVE_UT if plan.sweeps == 1 else ACCURATE_UT
-        crosstalk = CrossTalk(topology, stencil, dtype=plan.dtype, tolerance_ut=tolerance_ut)
+        crosstalk = CrossTalk(topology, stencil, dtype=plan.dtype)
     if plan.ambient:
         from skin.decode.ambient import Ambient
 

@@ -40,9 +40,7 @@ NAMED = 3
 """Units that a message names."""
 
 
-def sparse_enough(
-    topology: Topology, stencil: Stencil | None = None, degree: int = 4
-) -> tuple[Stencil, float]:
+def sparse_enough(topology: Topology, stencil: Stencil | None = None) -> tuple[Stencil, float]:
     """The stencil of a skin, and its contraction.
 
     Parameters
@@ -50,8 +48,6 @@ def sparse_enough(
     topology : Topology
     stencil : Stencil, optional
         Of the same units; from magnet theory (`Stencil.of`) if not given.
-    degree : int
-        Of the stencil, where none is given.
 
     Raises
     ------
@@ -59,7 +55,7 @@ def sparse_enough(
         Units are too near to each other; every patch that is wrong is in the message.
     """
     try:
-        stencil = Stencil.of(topology, degree=degree) if stencil is None else stencil
+        stencil = Stencil.of(topology) if stencil is None else stencil
         contraction = contraction_of(topology, stencil)
     except TooDenseError as error:
         raise TooDenseError("\n".join(map(str, _issues(topology))) or str(error)) from None

@@ -314,7 +314,7 @@ class Stencil:
         topology: Topology,
         *,
         degree: int = 4,
-        reach_m: float = 0.039,
+        reach_m: float = 0.025,
         rigid: bool = False,
     ) -> Stencil:
         """Scan one neighbour for every kind of pair of a skin, from magnet theory, and fit.

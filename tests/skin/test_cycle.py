@@ -64,8 +64,7 @@ class Noted:
                 calls[name] = Bound(contacts, self.log, which, ends.now_ns)
             elif name in has:
                 calls[name] = Bound(note, self.log, which)
-        adding = [Bound(note, self.log, 10 + k) for k in range(2)]
-        self.cycle = Cycle(lambda: CycleParts(calls, adding, {
+        self.cycle = Cycle(lambda: CycleParts(calls, {
             "filters": self.filters, "phase": self.phase,
             "advance": self.advance, "look_s": self.look_s,
             "background": NOTHING, "source": NOTHING, "valid": np.ones(3, bool),
@@ -84,8 +83,7 @@ class Noted:
         self.ends.next[:] = number, stamp_ns
         self.log[:] = 0
         self.found = self.cycle()
-        names = [*STAGES, "", "", "left", "right"]
-        return [names[which] for which in self.log[1 : 1 + self.log[0]]]
+        return [STAGES[which] for which in self.log[1 : 1 + self.log[0]]]
 
 
 @pytest.fixture(params=[False, True], ids=["compiled", "in Python"])
@@ -97,12 +95,12 @@ def in_python(request):
 
 def test_stages_come_in_their_order(in_python):
     noted = Noted(in_python=in_python)
-    assert noted() == ["films", "unknown", "left", "right", "decode", "relax_fro", "ambient",
+    assert noted() == ["films", "unknown", "fields", "decode", "relax_fro", "ambient",
                        "contacts"]  # fmt: skip
     noted.moved[0] = 2
     assert noted(1) == ["films", "unknown", "decode", "relax_to", "ambient", "contacts"]
     noted.moved[0] = 1
-    assert noted(2) == ["films", "left", "right", "decode", "relax_fro", "ambient", "contacts"]
+    assert noted(2) == ["films", "fields", "decode", "relax_fro", "ambient", "contacts"]
     noted.moved[0] = 0
     assert noted(3, 0) == ["films", "decode", "relax_to", "ambient", "contacts"]
     assert noted.found == 12  # milliseconds

@@ -1,4 +1,4 @@
-"""Predicted stray fields: against the stencil and magnet theory, on lattices and off them."""
+"""Predicted stray fields: against the stencil and magnet theory."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from msgspec import structs
 
 import topology
 from skin.calibrate.field_angle import angle_powers, field_angle
-from skin.decode import crosstalk_kernels, crosstalk_lattice, crosstalk_scattered
-from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
-from skin.decode.crosstalk_cells import find_lattices
+from skin.decode import crosstalk_kernels
+from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
 from skin.decode.density import contraction_of
 from skin.errors import SkinError
@@ -36,11 +35,9 @@ def stencil_of(name):
 
 
 @functools.cache
-def crosstalk_of(name, tolerance_ut=LIVE_UT, lattices=True, dtype="float64", idle_mm=0.0):
-    return CrossTalk(
-        topology.load(name).exact(), stencil_of(name), dtype=dtype, tolerance_ut=tolerance_ut,
-        lattices=lattices, idle_mm=idle_mm,
-    )  # fmt: skip
+def crosstalk_of(name, dtype="float64", idle_mm=0.0):
+    skin = topology.load(name).exact()
+    return CrossTalk(skin, stencil_of(name), dtype=dtype, idle_mm=idle_mm)
 
 
 def predict(crosstalk, moved, usable=None, base=None):
@@ -74,23 +71,14 @@ def plane(rows, columns, pitch_mm=12.0, slant=0.0):
 
 
 # -- against the stencil ---------------------------------------------------------------------------
-@pytest.mark.parametrize("lattices", [True, False])
 @pytest.mark.parametrize("name", SKINS)
-def test_all_terms_predict_what_the_stencil_does_on_a_lattice_or_off_it(name, lattices):
+def test_the_prediction_is_that_of_the_stencil(name):
     skin, stencil = topology.load(name).exact(), stencil_of(name)
     moved = displaced(skin.n, cycles=1)[0]
     expected = stencil(moved)
     for dtype, share in (("float64", 1e-12), ("float32", 2e-6)):
-        found = predict(crosstalk_of(name, 0.0, lattices, dtype), moved)
+        found = predict(crosstalk_of(name, dtype), moved)
         np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
-
-
-def test_pairs_share_coefficients_where_units_stand_on_a_lattice():
-    assert crosstalk_of("palm").on_lattice == stencil_of("palm").kind.size
-    assert crosstalk_of("hand").on_lattice == stencil_of("palm").kind.size
-    assert crosstalk_of("fingertip").on_lattice == 0
-    assert crosstalk_of("palm", lattices=False).on_lattice == 0
-    assert len(find_lattices(topology.load("palm").exact())) == 1
 
 
 @pytest.mark.parametrize("slant", [0.0, 0.5])
@@ -99,15 +87,14 @@ def test_lattices_may_be_slanted_have_holes_and_any_numbering(slant):
     keep = np.random.default_rng(0).permutation(np.setdiff1d(np.arange(63), [0, 24, 25, 26, 40]))
     skin = part_of(whole, keep)
     stencil = Stencil.of(skin, degree=2)
-    crosstalk = CrossTalk(skin, stencil, dtype="float64", tolerance_ut=0.0)
-    assert crosstalk.on_lattice == stencil.kind.size
+    crosstalk = CrossTalk(skin, stencil, dtype="float64")
     moved = displaced(skin.n, cycles=1)[0]
     np.testing.assert_allclose(predict(crosstalk, moved), stencil(moved), atol=1e-9)
 
 
 def test_a_film_at_the_end_of_a_row_is_no_neighbour_of_the_next_row():
     skin, stencil = topology.load("palm").exact(), stencil_of("palm")
-    crosstalk = crosstalk_of("palm", 0.0)
+    crosstalk = crosstalk_of("palm")
     for unit in range(skin.n):
         alone = np.zeros((3, skin.n))
         alone[:, unit] = 1.0, -0.5, 1.5
@@ -130,17 +117,15 @@ def test_pairs_that_were_measured_one_by_one_have_coefficients_of_their_own():
         coefficients=each * (1.0 + 0.05 * rng.standard_normal(each.shape)),
         sigma_ut=shared.sigma_ut[shared.kind],
     )  # fmt: skip
-    crosstalk = CrossTalk(skin, own, dtype="float64", tolerance_ut=0.0)
-    assert crosstalk.on_lattice == 0
+    crosstalk = CrossTalk(skin, own, dtype="float64")
     moved = displaced(skin.n, cycles=1)[0]
     np.testing.assert_allclose(predict(crosstalk, moved), own(moved), atol=1e-9)
 
 
 # -- against magnet theory -------------------------------------------------------------------------
 @pytest.mark.long_but_first
-@pytest.mark.parametrize("lattices", [True, False])
 @pytest.mark.parametrize("name", ["palm", "hand", "fingertip"])
-def test_what_is_missed_is_what_the_residue_says(name, lattices):
+def test_what_is_missed_is_what_the_residue_says(name):
     skin = topology.load(name).exact()
     moved = displaced(skin.n, cycles=40, seed=3)
     frame = np.array([skin.patch_frames[p] for p in skin.patch])
@@ -148,23 +133,11 @@ def test_what_is_missed_is_what_the_residue_says(name, lattices):
     for one in np.unique(frame):
         here = np.flatnonzero(frame == one)
         true[..., here] = change_ut(part_of(skin, here), moved[..., here])
-    for tolerance_ut in (0.0, ACCURATE_UT, LIVE_UT):
-        crosstalk = crosstalk_of(name, tolerance_ut, lattices)
-        off = predict(crosstalk, moved) - true
-        missed = np.sqrt(np.mean(off**2, axis=(0, 1)))
-        assert np.median(missed / crosstalk.residue_ut) == pytest.approx(1.0, abs=0.25)
-        assert (missed < 2.0 * crosstalk.residue_ut).all()
-    assert (crosstalk.residue_ut > crosstalk_of(name, 0.0, lattices).residue_ut).any()
-
-
-@pytest.mark.parametrize("tolerance_ut", [2.0, ACCURATE_UT, LIVE_UT])
-def test_terms_that_are_saved_cost_the_tolerance_and_no_more(tolerance_ut):
-    moved = displaced(64, cycles=40, seed=5)
-    every = predict(crosstalk_of("palm", 0.0), moved)
-    for lattices in (True, False):
-        saved = predict(crosstalk_of("palm", tolerance_ut, lattices), moved)
-        missed = np.sqrt(np.mean((saved - every) ** 2, axis=(0, 1)))
-        assert 0.5 * tolerance_ut < missed.max() < 1.3 * tolerance_ut
+    crosstalk = crosstalk_of(name)
+    off = predict(crosstalk, moved) - true
+    missed = np.sqrt(np.mean(off**2, axis=(0, 1)))
+    assert np.median(missed / crosstalk.residue_ut) == pytest.approx(1.0, abs=0.25)
+    assert (missed < 2.0 * crosstalk.residue_ut).all()
 
 
 # -- laws ------------------------------------------------------------------------------------------
@@ -174,8 +147,8 @@ def test_numbering_the_units_otherwise_changes_nothing(random):
     skin = topology.load("fingertip").exact()
     order = np.array(random.sample(range(skin.n), skin.n))
     moved = displaced(skin.n, cycles=1)[0]
-    found = predict(CrossTalk(part_of(skin, order), dtype="float64", degree=2), moved[:, order])
-    expected = predict(CrossTalk(skin, dtype="float64", degree=2), moved)
+    found = predict(CrossTalk(part_of(skin, order), dtype="float64"), moved[:, order])
+    expected = predict(CrossTalk(skin, dtype="float64"), moved)
     np.testing.assert_allclose(found, expected[:, order], atol=1e-9)
 
 
@@ -184,8 +157,8 @@ def test_a_mirrored_skin_feels_mirrored_fields():
     mirror = np.array([[-1.0], [1.0], [1.0]])
     mirrored = dataclasses.replace(skin, position=mirror * skin.position)
     moved = displaced(skin.n, cycles=1)[0]
-    one = predict(CrossTalk(skin, dtype="float64", tolerance_ut=0.0), moved)
-    other = predict(CrossTalk(mirrored, dtype="float64", tolerance_ut=0.0), mirror * moved)
+    one = predict(CrossTalk(skin, dtype="float64"), moved)
+    other = predict(CrossTalk(mirrored, dtype="float64"), mirror * moved)
     np.testing.assert_allclose(other, mirror * one, atol=0.1)
 
 
@@ -203,10 +176,9 @@ def test_what_is_not_moved_adds_nothing_and_the_rest_of_the_background_stays():
 
 @pytest.mark.parametrize("skin", [plane(1, 1), plane(3, 3, 60.0), plane(6, 1)])
 def test_units_alone_far_apart_or_in_one_row_are_skins_too(skin):
-    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0)
+    crosstalk = CrossTalk(skin, dtype="float64")
     moved = displaced(skin.n, cycles=1)[0]
     np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
-    assert crosstalk.on_lattice == 0
     assert (crosstalk.contraction > 0.0) == (crosstalk.stencil.kind.size > 0)
 
 
@@ -219,41 +191,17 @@ def test_a_stronger_film_is_felt_more():
     np.testing.assert_allclose(predict(crosstalk, alone), 0.95 * one, atol=1e-9)
 
 
-@settings(max_examples=10)
-@given(st.integers(0, 1000))
-def test_blocks_that_are_skipped_leave_nothing_behind(seed):
-    # four blocks of cells, of which some are pressed, others in the next cycle
-    skin = plane(40, 20)
-    crosstalk = large_crosstalk()
-    rng = np.random.default_rng(seed)
-    row = np.arange(skin.n) // 20
-    for _ in range(5):
-        first, last = np.sort(rng.integers(0, 45, 2))
-        pressed = (row >= first) & (row < last)
-        moved = np.where(pressed, displaced(skin.n, cycles=1, seed=seed)[0], 0.0)
-        found = predict(crosstalk, moved)
-        np.testing.assert_allclose(found, crosstalk.stencil(moved), atol=1e-9)
-
-
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_film_that_moves_along_one_axis_counts(axis):
-    crosstalk = crosstalk_of("palm", 0.0)
+    crosstalk = crosstalk_of("palm")
     moved = displaced(64, cycles=1)[0] * (np.arange(3) == axis)[:, np.newaxis]
     np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
 
 
-@functools.cache
-def large_crosstalk():
-    skin = plane(40, 20)
-    stencil = Stencil.of(skin, degree=2, reach_m=0.025)
-    return CrossTalk(skin, stencil, dtype="float64", tolerance_ut=0.0, idle_mm=0.0)
-
-
 # -- units that are not known, idle, or beyond the range -------------------------------------------
-@pytest.mark.parametrize("lattices", [True, False])
 @pytest.mark.parametrize("gone", ["status", "NaN", "infinity"])
-def test_a_unit_that_is_not_known_adds_nothing_and_widens_what_its_neighbours_know(gone, lattices):
-    crosstalk = crosstalk_of("palm", LIVE_UT, lattices)
+def test_a_unit_that_is_not_known_adds_nothing_and_widens_what_its_neighbours_know(gone):
+    crosstalk = crosstalk_of("palm")
     moved = displaced(64, cycles=1)[0]
     silent = moved.copy()
     silent[:, 27] = 0.0
@@ -291,7 +239,7 @@ def test_sensors_of_another_kind_have_no_film():
     )  # fmt: skip
     foreign = skin.counts_only
     assert 0 < foreign.sum() < 64
-    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0)
+    crosstalk = CrossTalk(skin, dtype="float64")
     moved = displaced(64, cycles=1)[0]
     own = np.where(foreign, 0.0, moved)
     np.testing.assert_allclose(predict(crosstalk, moved), stencil_of("palm")(own), atol=1e-9)
@@ -314,8 +262,8 @@ def test_a_unit_that_was_not_looked_at_counts_as_not_displaced():
 
 def test_films_that_count_as_at_rest_add_less_than_the_bound():
     idle_mm = 0.05
-    gated = crosstalk_of("palm", 0.0, idle_mm=idle_mm)
-    every = crosstalk_of("palm", 0.0, idle_mm=0.0)
+    gated = crosstalk_of("palm", idle_mm=idle_mm)
+    every = crosstalk_of("palm", idle_mm=0.0)
     rng = np.random.default_rng(0)
     for angle in rng.uniform(-np.pi, np.pi, 20):
         still = np.zeros((3, 64))
@@ -383,24 +331,21 @@ def swept(skin, crosstalk, moved, sweeps):
 
 @pytest.mark.parametrize(
     ("pitch_mm", "raw", "one", "two"),
-    [(12.0, 100.0, 15.0, 4.0), (13.5, 60.0, 9.0, 3.5), (15.0, 35.0, 8.0, 3.5)],
+    [(12.0, 100.0, 15.0, 7.0), (13.5, 60.0, 9.0, 6.0), (15.0, 35.0, 8.0, 4.0)],
 )
-def test_one_sweep_leaves_15_um_and_two_leave_4_where_all_neighbours_press(pitch_mm, raw, one, two):
+def test_one_sweep_leaves_15_um_and_two_leave_7_where_all_neighbours_press(pitch_mm, raw, one, two):
     skin = plane(6, 6, pitch_mm)
     moved = displaced(skin.n, cycles=20, seed=7)
     stencil = Stencil.of(skin)
-    live = swept(skin, CrossTalk(skin, stencil, dtype="float64"), moved, 1)
-    assert live[0] > raw
-    assert live[1] < one
-    accurate = CrossTalk(skin, stencil, dtype="float64", tolerance_ut=ACCURATE_UT)
-    errors = swept(skin, accurate, moved, 2)
+    errors = swept(skin, CrossTalk(skin, stencil, dtype="float64"), moved, 2)
+    assert errors[0] > raw
     assert errors[1] < one
     assert errors[2] < two
 
 
 def test_a_sweep_takes_away_what_the_contraction_says():
     skin = plane(6, 6)
-    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0, idle_mm=0.0)
+    crosstalk = CrossTalk(skin, dtype="float64", idle_mm=0.0)
     for depth in (0.0, 2.0):
         moved = displaced(skin.n, cycles=10) * [[0.02], [0.02], [0.0]]
         moved[:, 2] = depth
@@ -438,7 +383,7 @@ def test_units_too_near_for_their_films_are_refused():
     with pytest.raises(
         SkinError, match=r"palm: cross-talk: must grow less with every sweep; got 1"
     ):
-        CrossTalk(dataclasses.replace(skin, parameters=weak), degree=2)
+        CrossTalk(dataclasses.replace(skin, parameters=weak))
     with pytest.raises(SkinError, match="stencil: must be of 16 units, as palm; got 64"):
         CrossTalk(skin, stencil_of("palm"))
 
@@ -447,7 +392,7 @@ def test_units_too_near_for_their_films_are_refused():
 
 
 def test_warm_films_are_weaker_as_are_those_at_rest():
-    skin, crosstalk = topology.load("palm").exact(), crosstalk_of("palm", 0.0)
+    skin, crosstalk = topology.load("palm").exact(), crosstalk_of("palm")
     moved = displaced(skin.n, cycles=1)[0]
     above = np.random.default_rng(2).uniform(-10.0, 55.0, skin.n)
     gain = skin.parameters["film_drift_per_k"] * above
@@ -456,7 +401,7 @@ def test_warm_films_are_weaker_as_are_those_at_rest():
     crosstalk.predict(moved, usable, out, base, above)
     weaker = CrossTalk(skin, dataclasses.replace(
         stencil_of("palm"), strength=stencil_of("palm").strength * (1.0 + gain)
-    ), dtype="float64", tolerance_ut=0.0, idle_mm=0.0)  # fmt: skip
+    ), dtype="float64", idle_mm=0.0)  # fmt: skip
     rest = stencil_of("palm").rest_ut * gain
     np.testing.assert_allclose(out[1:4], base[1:4] + rest + predict(weaker, moved), atol=1e-6)
     assert np.abs(out[1:4] - base[1:4] - predict(crosstalk, moved)).max() > 20.0
@@ -484,13 +429,13 @@ def test_a_hot_array_is_decoded_as_well_as_a_cold_one(film_c):
         for _ in range(3):
             reading = decoder(units.quantise(values))
         off.append((reading.displacement_mm[:2] - moved)[:, pressed])
-    assert 1e3 * np.sqrt(np.mean(np.sum(np.concatenate(off, axis=1) ** 2, axis=0))) < 4.0
+    assert 1e3 * np.sqrt(np.mean(np.sum(np.concatenate(off, axis=1) ** 2, axis=0))) < 7.0
 
 
 # -- the kernels as Python -------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ["palm", "fingertip"])
 def test_python_and_machine_code_agree(name, monkeypatch):
-    crosstalk = crosstalk_of(name, 20.0)
+    crosstalk = crosstalk_of(name)
     moved = displaced(topology.load(name).exact().n, cycles=1)[0]
     usable = np.arange(moved.shape[1]) != 5
     compiled, base = predict(crosstalk, moved, usable), np.ones_like(moved)
@@ -498,7 +443,7 @@ def test_python_and_machine_code_agree(name, monkeypatch):
     predict(crosstalk, moved)
     for module, kernel in (
         (crosstalk_kernels, "films"), (crosstalk_kernels, "unknown"),
-        (crosstalk_lattice, "lattice"), (crosstalk_scattered, "scattered"),
+        (crosstalk_kernels, "fields"),
     ):  # fmt: skip
         monkeypatch.setattr(module, kernel, getattr(module, f"{kernel}_python"))
     np.testing.assert_allclose(predict(crosstalk, moved, usable), compiled, atol=1e-9)

@@ -63,7 +63,7 @@ def test_every_degree_leaves_less_of_the_cross_talk(pitch_mm, limits):
     moved = displaced(skin.n)
     true = change_ut(skin, moved)
     for degree, limit in enumerate(limits, start=1):
-        left = Stencil.of(skin, degree=degree)(moved) - true
+        left = Stencil.of(skin, degree=degree, reach_m=0.039)(moved) - true
         assert rms(left) < limit * rms(true)
 
 
@@ -220,7 +220,7 @@ def test_a_file_that_is_no_stencil_of_the_skin_is_refused(tmp_path):
     with pytest.raises(SkinError, match="must be the stencil of 64 units, as palm; got 12"):
         Stencil.load(path, other)
     moved = dataclasses.replace(skin, position=1.1 * skin.position)
-    with pytest.raises(SkinError, match=r"mm apart in it; got a skin that differs by 3\.\d mm"):
+    with pytest.raises(SkinError, match=r"mm apart in it; got a skin that differs by 2\.\d mm"):
         Stencil.load(path, moved)
     with pytest.raises(SkinError, match=r"none\.npz: must be a stencil that was saved; got"):
         Stencil.load(tmp_path / "none.npz", skin)
