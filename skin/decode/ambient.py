@@ -59,8 +59,6 @@ slower as well.
 from __future__ import annotations
 
 import functools
-import os
-from pathlib import Path
 
 import numpy as np
 
@@ -77,20 +75,11 @@ from skin.decode.ambient_model import (
     sheared_ut,
 )  # fmt: skip
 from skin.decode.ambient_turn import Turned
-from skin.errors import CalibrationError, OptionError
+from skin.errors import OptionError
 from skin.state import Reading
 from topology import Topology
-from topology.files import arrays_of, check_path, read_arrays, whole_file
 
 __all__ = ["Ambient"]
-
-STANDS_ON = (
-    "frequency_rest_hz", "frequency_slope_hz_per_mm", "hall_offset_x_ut", "hall_offset_y_ut",
-    "hall_offset_z_ut", "axial_rest_ut", "axial_rest_sigma_ut", "field_xx", "field_xy", "field_yx",
-    "field_yy", "film_x_mm", "film_y_mm",
-)  # fmt: skip
-"""Parameters without which saved zeros mean nothing."""
-SAVED = arrays_of("a saved ambient field", "units", "stands_on", "common", "rest")
 
 
 class Ambient:
@@ -391,70 +380,3 @@ class Ambient:
         taken = self.taken.copy()
         kernels.compose(self._model, self._data)
         self.taken[:] = taken
-
-    # -- saved state -------------------------------------------------------------------------------
-
-    def save(self, file: str | os.PathLike[str]) -> None:
-        """Write field, zeros and rests, as an .npz without pickle; there whole or not at all."""
-        path, memory, bodies = Path(file), self._data.memory, self._data.bodies
-        with whole_file(path, over=SAVED) as out:
-            np.savez(
-                out, units=np.array(self.topology.unit_names), bodies=np.array(self.bodies),
-                stands_on=_stands_on(self.topology), zero=self._data.zero,
-                common=np.column_stack([
-                    bodies.held_s, bodies.voters, bodies.field_ut,
-                    bodies.covariance_ut2.reshape(-1, 9),
-                ]),
-                rest=np.stack([memory.rest_ut, memory.rest_film_c, memory.rest_s]),
-            )  # fmt: skip
-
-    def restore(self, file: str | os.PathLike[str]) -> None:
-        """Go on from what was saved; the averages restart.
-
-        Raises
-        ------
-        CalibrationError
-            Saved for other units, or on another calibration: after a tare, what was followed
-            before it lies in the offsets already. Or not saved by `save`.
-        """
-        check_path("file", file, CalibrationError)
-        try:
-            found = read_arrays(file)
-        except (OSError, ValueError) as error:
-            raise CalibrationError(f"{file}: must be a state that was saved; got {error}") from None
-        expected = {
-            "units": np.array(self.topology.unit_names),
-            "bodies": np.array(self.bodies),
-            "stands_on": _stands_on(self.topology),
-        }
-        for name, wanted in expected.items():
-            if name not in found or not np.array_equal(found[name], wanted):
-                what = "calibration" if name == "stands_on" else name
-                raise CalibrationError(
-                    f"{file}: must be saved with the {what} of {self.topology.name!r} as now; got "
-                    "another"
-                )
-        zero, n = self._data.zero, self.topology.n
-        shapes = {"zero": zero.shape, "common": (len(self.bodies), 14), "rest": (3, n)}
-        for name, shape in shapes.items():
-            got = found.get(name, np.empty(0))
-            fits = got.shape == shape and got.dtype.kind == "f"
-            known = got[~np.isnan(got)] if fits and name == "rest" else got  # NaN: never at rest
-            if not fits or not np.isfinite(known).all():
-                raise CalibrationError(
-                    f"{file}: {name}: must be finite numbers, shape {shape}; "
-                    f"got {got.dtype}, {got.shape}"
-                )
-        self.reset()
-        memory, bodies = self._data.memory, self._data.bodies
-        self._data.zero[:] = found["zero"]
-        bodies.held_s[:], bodies.voters[:] = found["common"][:, :2].T
-        bodies.field_ut[:] = bodies.kept_ut[:] = found["common"][:, 2:5]
-        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = found["common"][:, 5:].reshape(-1, 3, 3)
-        memory.rest_ut[:], memory.rest_film_c[:], memory.rest_s[:] = found["rest"]
-        kernels.compose(self._model, self._data)
-
-
-def _stands_on(topology: Topology) -> np.ndarray:
-    channels = [topology.scale, topology.offset]
-    return np.vstack([*(topology.parameters[name] for name in STANDS_ON), *channels])

@@ -8,11 +8,7 @@ looked at for the skin as a whole; where they are broken, patch by patch, for th
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Callable
-from typing import Any
 
-import msgspec
 import numpy as np
 
 from skin.errors import TooDenseError
@@ -20,10 +16,10 @@ from skin.physics.stencil import Stencil
 from skin.physics.stray import powers
 from topology import Topology
 from topology.errors import Issue
-from topology.layout import count, overfull, place
+from topology.layout import count
 from topology.read import open_source, read
 from topology.report import Report
-from topology.schema import File, List, Patch
+from topology.schema import File, Patch
 from topology.source import Key, Source
 
 __all__ = ["contraction_of", "sparse_enough"]
@@ -32,10 +28,6 @@ DEPTHS = 5
 """Depths, from rest to the largest of the stencil, at which the contraction is looked at."""
 TURNS = 60
 """Steps of the power iteration."""
-STEP_M = 1e-4
-"""Of the values that are looked for [assumed: how well a skin is made]."""
-FARTHEST_M = 0.1
-"""Of the values that are looked for [derived: films are not felt from farther]."""
 NAMED = 3
 """Units that a message names."""
 
@@ -148,21 +140,14 @@ def _issues(topology: Topology) -> list[Issue]:
 
 
 def _of_patch(skin: Topology, patch: Patch, at: Key, source: Source) -> list[Issue]:
-    """What is wrong with a patch alone: the first key that mends it."""
+    """What is wrong with a patch alone: the first key that decides how near its units are."""
     if not (why := _fault(skin)):
         return []
-    if isinstance(patch, List):
-        i, j = _nearest(skin, ~np.eye(skin.n, dtype=bool))
-        at = (*at, "units", j, "xyz_m")
-        return _spread(skin, (i, j), skin.position, (source, at, why))
     for name in ("pitch_m", "row_pitch_m", "radius_m"):
-        given = getattr(patch, name, None)
-        value = (
-            None if given is None else _least(functools.partial(_shaped, skin, patch, name), given)
-        )
-        if value is not None:
-            return [_issue(source, (*at, name), f"{value:g} or more, {why}", f"{given:g}")]
-    return []
+        if (given := getattr(patch, name, None)) is not None:
+            return [_issue(source, (*at, name), f"larger, {why}", f"{given:g}")]
+    pair = _nearest(skin, ~np.eye(skin.n, dtype=bool))
+    return [_too_near(skin, pair, (source, (*at, "units", pair[1], "xyz_m"), why))]
 
 
 def _of_two(skin: Topology, source: Source) -> list[Issue]:
@@ -172,9 +157,8 @@ def _of_two(skin: Topology, source: Source) -> list[Issue]:
     why = _fault(skin)
     if not why or not other.any():
         return []
-    i, j = _nearest(skin, other)
-    away = (skin.position[:, [j]] - skin.position[:, [i]]) * (skin.patch == skin.patch[j])
-    return _spread(skin, (i, j), away, (source, ("patches", int(skin.patch[j]), "pose"), why))
+    pair = _nearest(skin, other)
+    return [_too_near(skin, pair, (source, ("patches", int(skin.patch[pair[1]]), "pose"), why))]
 
 
 def _nearest(skin: Topology, of: np.ndarray) -> tuple[int, int]:
@@ -185,27 +169,17 @@ def _nearest(skin: Topology, of: np.ndarray) -> tuple[int, int]:
     return int(min(i, j)), int(max(i, j))
 
 
-def _spread(
-    skin: Topology, pair: tuple[int, int], away: np.ndarray, told: tuple[Source, Key, str]
-) -> list[Issue]:
-    """The issue of a pair that is to be farther apart, all units moving in proportion to `away`."""
+def _too_near(skin: Topology, pair: tuple[int, int], told: tuple[Source, Key, str]) -> Issue:
+    """The issue of a pair that is to be farther apart."""
     i, j = pair
-    now = float(np.linalg.norm(skin.position[:, i] - skin.position[:, j]))
-
-    def moved(value: float) -> Topology:
-        position = skin.position + (value / now - 1.0) * away
-        return dataclasses.replace(skin, position=position)
-
-    value = _least(moved, now)
-    if value is None:
-        return []
+    now = 1e3 * float(np.linalg.norm(skin.position[:, i] - skin.position[:, j]))
     source, at, why = told
-    expected = f"{1e3 * value:g} mm or more from {skin.unit_names[i]}, {why}"
-    return [_issue(source, at, expected, f"{skin.unit_names[j]} at {1e3 * now:.4g} mm")]
+    expected = f"farther from {skin.unit_names[i]}, {why}"
+    return _issue(source, at, expected, f"{skin.unit_names[j]} at {now:.4g} mm")
 
 
 def _issue(source: Source, at: Key, expected: str, got: str) -> Issue:
-    message = f"must be {expected}; got {got}"
+    message = f"must be {expected}; got {got} (12 mm suffices for films as in the paper)"
     return Issue("too-dense", source.shown, source.line(at), source.where(at), message)
 
 
@@ -222,38 +196,6 @@ def _fault(skin: Topology) -> str:
         what = "for what films add at the chips next to them to grow less with every sweep"
     names = ", ".join(skin.unit_names[unit] for unit in units[:NAMED])
     return f"{what} ({names}{f', … {len(units)} units' if len(units) > NAMED else ''})"
-
-
-def _least(skin_of: Callable[[float], Topology | None], given: float) -> float | None:
-    """The least value above the given one, in steps, at which a skin is not too dense."""
-
-    def works(steps: int) -> bool:
-        skin = skin_of(steps * STEP_M)
-        return skin is not None and not _fault(skin)
-
-    low = int(given / STEP_M)
-    high = low + 1
-    while not works(high):
-        low, high = high, high + 2 * (high - low)
-        if high * STEP_M > FARTHEST_M:
-            return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if works(middle) else (middle, high)
-    return round(high * STEP_M, 6)
-
-
-def _shaped(skin: Topology, patch: Patch, name: str, value: float) -> Topology | None:
-    """The skin of a patch alone with another value of a key; None where that cannot be built."""
-    changed: Any = msgspec.structs.replace(patch, **{name: value})
-    if overfull(changed) is not None:
-        return None
-    placed = place(changed)
-    n = len(placed.names)
-    units = np.arange(n) if n == skin.n else np.zeros(n, int)
-    return dataclasses.replace(
-        _part(skin, units), position=placed.position, rotation=placed.rotation
-    )
 
 
 def _part(skin: Topology, units: np.ndarray) -> Topology:

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 LANES = 64
 """Units in a block: enough that what is done once for a block is cheap, few enough that it stays in
 the nearest cache."""
-NOT_NEGATIVE = 2**62 - 1
-"""Mask that changes nothing, but shows the compiler that an index does not count from the end: it
-would turn every load into a gather to be able to do so."""
-
 LAW_TERMS = 4
 """Of `skin.physics.force_law.TERMS`, which brings the compiler along."""
 

@@ -12,7 +12,7 @@ that pose with ``rigid=True``.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -22,7 +22,6 @@ import numpy as np
 from skin.errors import ScanError, SkinError, TooDenseError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
-from skin.physics.least_squares import Fit
 from skin.physics.multipoles import films_as_made, multipole_field
 from skin.physics.stray import (
     DEGREES,
@@ -62,9 +61,8 @@ SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
 how well units are placed]."""
 STENCIL_FILE = arrays_of("a stencil", "format", "neighbour", "coefficients", "strength", "rest_ut")
-FORMAT, READ = 3, (1, 2, 3)
-"""Of the file that a stencil is saved to, and those that can be read: 1 holds more than is used,
-and neither 1 nor 2 holds `rest_sigma_ut` and `drawn`."""
+FORMAT = 1
+"""Of the file that a stencil is saved to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,12 +204,9 @@ class Stencil:
         check_path("path", path, SkinError)
         try:
             saved = read_arrays(path)
-            if (version := int(saved["format"])) not in READ:
-                raise SkinError(f"{path}: format: must be one of {READ}; got {version}")
-            added = ("rest_sigma_ut", "drawn") if version < FORMAT else ()
-            values: dict[str, Any] = {
-                f.name: saved[f.name][()] for f in dataclasses.fields(cls) if f.name not in added
-            }
+            if (version := int(saved["format"])) != FORMAT:
+                raise SkinError(f"{path}: format: must be {FORMAT}; got {version}")
+            values: dict[str, Any] = {f.name: saved[f.name][()] for f in dataclasses.fields(cls)}
             found = cls(**values)
             found._check()
         except (OSError, LookupError, AttributeError, ValueError, TypeError) as error:
@@ -256,57 +251,6 @@ class Stencil:
                 raise ValueError(f"start or {name} out of range")
         if self.degree not in DEGREES or terms != len(powers(self.degree)):
             raise ValueError(f"degree {self.degree} with {terms} terms")
-
-    @classmethod
-    def measured(
-        cls,
-        topology: Topology,
-        unit: Sequence[int],
-        neighbour: Sequence[int],
-        fits: Sequence[tuple[Fit, Fit, Fit]],
-        *,
-        depth_max_mm: float = DEPTH_MAX_MM,
-        displacement_max_mm: float = DISPLACEMENT_MAX_MM,
-    ) -> Stencil:
-        """From fits of pairs of the very skin: one unit moves, the chips around it are read.
-
-        Pairs that were not measured count as left out; what rests is taken from magnet theory.
-
-        Parameters
-        ----------
-        topology : Topology
-        unit, neighbour : sequence of int, length m
-            Whose chip was read, and whose film was moved.
-        fits : sequence of tuple of Fit, length m
-            Of `fit_stray`, of one degree.
-        depth_max_mm, displacement_max_mm : float
-            Range of the scans.
-
-        Raises
-        ------
-        ScanError
-            No pair at all.
-        """
-        if not len(fits):
-            raise ScanError("fits: must be one or more; got none")
-        place = np.lexsort((neighbour, unit))
-        i, j = np.asarray(unit)[place], np.asarray(neighbour, np.int32)[place]
-        start = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=topology.n))])
-        fits = [fits[p] for p in place]
-        values = np.array([[axis.values for axis in fit] for fit in fits])
-        degree = next(d for d in DEGREES if len(powers(d)) == values.shape[2])
-        gram = _gram(depth_max_mm, displacement_max_mm, degree)
-        known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
-        missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
-        distance = _distance(topology, i, j)
-        separated = _frames_separated(_with_films(topology))
-        beyond = left_out(separated, i, j, depth_max_mm, displacement_max_mm)
-        return cls(
-            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), distance,
-            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(separated), degree,
-            float(distance.max()), depth_max_mm, displacement_max_mm, beyond,
-            rest_sigma_ut(topology),
-        )  # fmt: skip
 
     @classmethod
     def of(
@@ -451,12 +395,6 @@ def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.nd
     moved, share = scan_poses(depth_max_mm, displacement_max_mm)
     terms = monomials(moved.T, degree)
     return terms * share @ terms.T
-
-
-def _missed(fit: Fit) -> float:
-    """Mean square of what the polynomial misses: of the residual, what noise cannot explain."""
-    by_chance = 3.0 * np.sqrt(2.0 / max(fit.samples - len(fit.values), 1))
-    return fit.residual_rms**2 * (1.0 - 1.0 / fit.chi2) if fit.chi2 > 1.0 + by_chance else 0.0
 
 
 def _with_films(topology: Topology) -> Topology:

@@ -12,15 +12,13 @@ from itertools import product
 
 import numpy as np
 
-from skin.errors import ScanError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES, HalbachField
-from skin.physics.least_squares import Fit, check_levels, check_samples, least_squares
 from topology import Topology
 from topology.neighbours import neighbour_pairs
 
 __all__ = [
-    "DEGREES", "HORIZON_M", "SEPARATION_M", "Pairs", "blocked", "field_at_rest", "fit_stray",
+    "DEGREES", "HORIZON_M", "SEPARATION_M", "Pairs", "blocked", "field_at_rest",
     "left_out", "monomials", "moving_ut2", "near", "powers", "scan_poses", "scan_stray",
 ]  # fmt: skip
 
@@ -65,50 +63,6 @@ def near(topology: Topology, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of units nearer than a radius, on any frames, each once."""
     n = topology.n
     return neighbour_pairs(topology.position, np.full(n, radius_m), np.zeros(n, int))
-
-
-def fit_stray(
-    stray_ut: np.ndarray,
-    displacement_mm: np.ndarray,
-    *,
-    degree: int = 3,
-    sigma_ut: float = 1.0,
-) -> tuple[Fit, Fit, Fit]:
-    """Fit the three axes of a neighbour's stray field to a scan of the neighbour.
-
-    Parameters
-    ----------
-    stray_ut : ndarray, shape (t, 3)
-        Change of the field at the chip since the neighbour was at rest.
-    displacement_mm : ndarray, shape (t, 3)
-        Of the neighbour: dx, dy, H.
-    degree : int
-        1 to 4.
-    sigma_ut : float
-
-    Returns
-    -------
-    tuple of Fit
-        Coefficients of `powers` along x, y and z.
-
-    Raises
-    ------
-    ScanError
-        Too few samples or levels of a displacement, or a value that is not finite.
-    """
-    if degree not in DEGREES:
-        raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
-    terms = powers(degree)
-    check_samples(len(terms), stray_ut=stray_ut, displacement_mm=displacement_mm)
-    moved = np.asarray(displacement_mm, float)
-    for axis, name in enumerate(("dx", "dy", "H")):
-        check_levels(f"displacement_mm ({name})", moved[:, axis], degree + 1, 0.05)
-    matrix = monomials(moved.T, degree).T
-    names = tuple("".join(f"{name}^{e} " for name, e in zip(("dx", "dy", "H"), term, strict=True)
-                          if e).strip() for term in terms)  # fmt: skip
-    stray = np.asarray(stray_ut, float)
-    x, y, z = (least_squares(matrix, axis, sigma_ut, names) for axis in stray.T)
-    return x, y, z
 
 
 def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> tuple[np.ndarray, np.ndarray]:

@@ -25,7 +25,6 @@ from bus.logs import Recording
 from bus.logs.candump import CandumpReader
 from skin.contact.graph import neighbour_graph
 from skin.contact.stream import ContactStream
-from skin.decode.ambient import Ambient
 from skin.errors import SkinError
 from skin.physics.stencil import Stencil
 from skin.sim.scenes.load import load_scene, open_scene
@@ -160,7 +159,6 @@ OPTIONS |= {
     "LogReader": (lambda log: list(CandumpReader(log)), "log"),
     "Recording": (within(lambda log: Recording(log, STRIP).close()), "log"),
     "Stencil.load": (lambda path: Stencil.load(path, STRIP), "path"),
-    "Ambient.restore": (lambda file: Ambient(STRIP, "float32").restore(file), "file"),
 }
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ import topology
 from bus.status import Status
 from skin.decode import ambient_kernels
 from skin.decode.ambient import Ambient
-from skin.errors import CalibrationError, OptionError
+from skin.errors import OptionError
 from tests.fixtures.ambient import World, apart, without_bz
 from tests.fixtures.decode import calibrated, with_parameters
 
@@ -253,38 +251,6 @@ def copied(data):
 def arrays_of(data):
     """The arrays of nested named tuples."""
     return [a for part in data for a in arrays_of(part)] if isinstance(data, tuple) else [data]
-
-
-def test_saved_state_goes_on(tmp_path):
-    skin = apart(8, 250.0)
-    ambient, world = settled(skin)
-    world.ambient_ut[:] = EARTH
-    world.run(ambient, 2.0)
-    ambient.save(tmp_path / "state.npz")
-    other = Ambient(skin)
-    other.restore(tmp_path / "state.npz")
-    for name in ("background", "field_ut", "covariance_ut2", "zero", "rest_ut"):
-        assert np.array_equal(getattr(other, name), getattr(ambient, name)), name
-    # what the angles of a cycle add is not known before the first one
-    np.testing.assert_allclose(other.residue_ut2, ambient.residue_ut2, rtol=0.2)
-    assert [file.name for file in tmp_path.iterdir()] == ["state.npz"]
-
-
-@pytest.mark.parametrize(
-    ("change", "what"),
-    [
-        (lambda skin: with_parameters(skin, hall_offset_x_ut=3.0), "calibration"),
-        (lambda skin: with_parameters(skin, frequency_rest_hz=4490.0), "calibration"),
-        (lambda skin: dataclasses.replace(skin, unit_names=tuple("abcdefgh")), "units"),
-    ],
-)
-def test_state_of_another_calibration_is_refused(change, what, tmp_path):
-    skin = apart(8, 250.0)
-    Ambient(skin).save(tmp_path / "state.npz")
-    other = Ambient(change(skin))
-    with pytest.raises(CalibrationError, match=f"must be saved with the {what} of 'row' as now"):
-        other.restore(tmp_path / "state.npz")
-    assert not other.background.any()
 
 
 @pytest.mark.parametrize("guard_m", [-0.01, np.nan, np.inf])

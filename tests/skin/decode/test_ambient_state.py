@@ -21,40 +21,6 @@ def anyhow(seed=0):
     return ambient, naive
 
 
-def test_saved_state_is_that_of_all_bodies(tmp_path):
-    """Averages begin anew; what is to be taken off is worked out from what was saved."""
-    ambient, naive = anyhow()
-    before = state_of(ambient)
-    naive.compose(before)
-    ambient.save(tmp_path / "state.npz")
-    other = Ambient(tumbled(), dtype="float64")
-    other.restore(tmp_path / "state.npz")
-    found = state_of(other)
-    for name in ("zero", "held_s", "voters", "field_ut", "covariance_ut2", "rest_ut",
-                 "rest_film_c", "rest_s"):  # fmt: skip
-        np.testing.assert_array_equal(getattr(found, name), getattr(before, name), name)
-    for name in ("fast_hz", "slow_hz", "long_ut", "age_s", "calm_s", "alone_s"):
-        assert not getattr(found, name).any(), name
-    np.testing.assert_allclose(other.background, before.background)
-    np.testing.assert_allclose(other.residue_ut2, before.residue_ut2)
-
-
-def test_a_save_that_fails_leaves_the_old_state(tmp_path, monkeypatch):
-    ambient, _ = anyhow()
-    file = tmp_path / "state.npz"
-    ambient.save(file)
-    before = file.read_bytes()
-
-    def full(*_):
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr("os.replace", full)
-    with pytest.raises(OSError, match="no space"):
-        ambient.save(file)
-    assert [path.name for path in tmp_path.iterdir()] == ["state.npz"]
-    assert file.read_bytes() == before
-
-
 def test_nothing_is_known_at_first_and_after_a_reset():
     ambient, _ = anyhow()
     ambient.reset()

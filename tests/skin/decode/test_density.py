@@ -60,9 +60,9 @@ def checked(tmp_path, text, capsys):
 @pytest.mark.parametrize(
     ("text", "line", "where"),
     [
-        (GRID, 19, "patches[0] 'p' pitch_m: must be 0.00"),
-        (LIST, 21, "patches[0] 'p' units[1] xyz_m: must be "),
-        (STACK, 30, "patches[1] 'q' pose: must be "),
+        (GRID, 19, "patches[0] 'p' pitch_m: must be larger, for "),
+        (LIST, 21, "patches[0] 'p' units[1] xyz_m: must be farther from p/0, for "),
+        (STACK, 30, "patches[1] 'q' pose: must be farther from p/"),
     ],
 )
 def test_check_says_which_key_of_a_dense_skin_to_change(text, line, where, tmp_path, capsys):
@@ -75,18 +75,6 @@ def test_check_says_which_key_of_a_dense_skin_to_change(text, line, where, tmp_p
     with pytest.raises(TooDenseError) as refused:
         skin.Decoder(topology.load(file), sweeps=1, ambient=False)
     assert str(refused.value) == message
-
-
-def test_the_value_that_check_names_is_the_least_that_works(tmp_path, capsys):
-    file, _, report = checked(tmp_path, GRID, capsys)
-    least = float(re.search(r"must be (\S+) or more", report["too_dense"][0])[1])
-    for pitch_m, works in ((least, True), (least - 1e-4, False)):
-        file.write_text(BUS + GRID.replace("0.004", f"{pitch_m:.4f}"))
-        if works:
-            assert sparse_enough(topology.load(file))[1] < 1.0
-        else:
-            with pytest.raises(TooDenseError):
-                sparse_enough(topology.load(file))
 
 
 def test_sound_skins_pass(tmp_path, capsys):
