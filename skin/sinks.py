@@ -15,7 +15,7 @@ A sink defines methods for the events that it wants. A thread of its own calls t
 slow disk or network costs the cycle only a copy of the state. Where a sink is too slow, events are
 dropped and counted. One that raises is detached, and the logger "skin" reports why.
 
-Recorder, publisher, live view and learner are sinks that are called within the cycle
+Recorder, publisher and live view are sinks that are called within the cycle
 (`Sink.inline`): they copy into shared memory, and a process of their own does the work.
 """
 
