@@ -329,8 +329,8 @@ class Pipeline:
 
     def hear(self, frames: np.ndarray) -> None:
         """Pass frames, shape (m,), to the sinks that want them before they are assembled."""
-        if self.sinks.live:
-            self.sinks.frames(frames)
+        if self.sinks.live and frames.size:
+            self.sinks.tell("frames", frames)
 
     def expire(self, now_ns: int) -> State | None:
         """The state of the open cycle if its time is over; see `bus.assemble.Assembler.expire`."""
@@ -353,7 +353,7 @@ class Pipeline:
         cycle = self.assembler.flush()
         if cycle is None:
             return None
-        self.sinks.closing(Ending.FLUSHED, 0)
+        self.sinks.tell("closing", Ending.FLUSHED, 0)
         return self.state(cycle)
 
     def _show_ending(
@@ -362,7 +362,7 @@ class Pipeline:
         """Report to sinks a cycle that a clock has closed, or whose time it begins to measure."""
         starts = since_ns is None and self.assembler.since_ns is not None
         if cycle is not None or starts:
-            self.sinks.closing(event, 0 if since_ns is None else now_ns - since_ns)
+            self.sinks.tell("closing", event, 0 if since_ns is None else now_ns - since_ns)
 
     def __call__(self, cycle: RawCycle) -> State:
         """The state of a cycle that the caller has assembled.
@@ -404,7 +404,7 @@ class Pipeline:
             self.contacts.move(position, rotation)
         self.poses, self.q = (np.array(position), np.array(rotation)), q
         if self.sinks.live:
-            self.sinks.moved(*self.poses)
+            self.sinks.tell("moved", *self.poses)
 
     @cached_property
     def joints(self) -> Joints:
@@ -467,5 +467,5 @@ class Pipeline:
         now.counters, now.overruns = cycle.counters, overruns
         now.sampled_ns = cycle.sampled_ns
         if self.sinks.live:
-            self.sinks.state(now)
+            self.sinks.tell("state", now)
         return now

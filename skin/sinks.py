@@ -169,46 +169,16 @@ class Sinks:
         self._every: list[tuple[Sink, Sink]] = []  # as given, and as called
         self.live: tuple[Sink, ...] = ()
         self._failures: dict[int, str] = {}
-        self._calls: dict[str, tuple[Callable[..., None], ...]] = dict.fromkeys(METHODS, ())
+        self._calls: dict[str, list[tuple[Sink, Callable[..., None]]]] = {}
+        self._set(())
 
-    def wants(self, method: str) -> bool:
-        """Whether any sink has a method of this name."""
-        return bool(self._calls[method])
-
-    # -- events, called by the pipeline ------------------------------------------------------------
-
-    def frames(self, frames: np.ndarray) -> None:
-        """See `Sink.frames`."""
-        if frames.size:
-            for call in self._calls["frames"]:
-                try:
-                    call(frames)
-                except Exception as error:
-                    self._fail(call, error)
-
-    def closing(self, event: Ending, elapsed_ns: int) -> None:
-        """See `Sink.closing`."""
-        for call in self._calls["closing"]:
+    def tell(self, method: str, *given: Any) -> None:
+        """Call a method of all sinks that have it; one that raises is detached."""
+        for sink, call in self._calls[method]:
             try:
-                call(event, elapsed_ns)
+                call(*given)
             except Exception as error:
-                self._fail(call, error)
-
-    def moved(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """See `Sink.moved`."""
-        for call in self._calls["moved"]:
-            try:
-                call(position, rotation)
-            except Exception as error:
-                self._fail(call, error)
-
-    def state(self, state: State) -> None:
-        """See `Sink.state`."""
-        for call in self._calls["state"]:
-            try:
-                call(state)
-            except Exception as error:
-                self._fail(call, error)
+                self._fail(sink, method, error)
 
     # -- attaching ---------------------------------------------------------------------------------
 
@@ -262,7 +232,7 @@ class Sinks:
         """Replace the list of sinks; a call in progress finishes with the old one."""
         self.live = live
         self._calls = {
-            method: tuple(getattr(sink, method) for sink in live if _has(sink, method))
+            method: [(sink, _call_of(sink, method)) for sink in live if _has(sink, method)]
             for method in METHODS
         }
 
@@ -280,10 +250,9 @@ class Sinks:
         except Exception as error:
             self._warn(called, "stop", error)
 
-    def _fail(self, call: Callable[..., None], error: Exception) -> None:
+    def _fail(self, called: Sink, method: str, error: Exception) -> None:
         """A method has raised: detach its sink and continue the cycle."""
-        called: Sink = call.__self__  # type: ignore[attr-defined]
-        is_first, method = self._remove(called), call.__name__
+        is_first = self._remove(called)
         if is_first or method == "stop":
             self._warn(called, method, error)
         if is_first:
@@ -308,7 +277,7 @@ class _Queued(Sink):
     rate_hz : float
         Cycles a second.
     fail : callable
-        Called with the method of this object, in place of the sink's, and the exception.
+        Called with this object, the name of the method that has raised, and the exception.
     """
 
     inline = True
@@ -322,21 +291,11 @@ class _Queued(Sink):
         self._thread = Thread(target=self._run, name=f"sink {_name(sink)}", daemon=True)
         self._thread.start()
 
-    def frames(self, frames: np.ndarray) -> None:
+    def put(self, method: str, *given: Any) -> None:
+        """Let a method wait for its call, with copies of what it is given."""
         if self._has_room():
-            self._waiting.put(partial(self._call, "frames", frames.copy()))
-
-    def closing(self, event: Ending, elapsed_ns: int) -> None:
-        if self._has_room():
-            self._waiting.put(partial(self._call, "closing", event, elapsed_ns))
-
-    def moved(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        if self._has_room():
-            self._waiting.put(partial(self._call, "moved", position.copy(), rotation.copy()))
-
-    def state(self, state: State) -> None:
-        if self._has_room():
-            self._waiting.put(partial(self._call, "state", state.copy()))
+            own = [one.copy() if hasattr(one, "copy") else one for one in given]
+            self._waiting.put(partial(self._call, method, *own))
 
     def stop(self) -> None:
         """Let the sink process its backlog, and stop it."""
@@ -374,7 +333,7 @@ class _Queued(Sink):
             getattr(self.sink, method)(*given)
         except Exception as error:
             self._ended = True
-            self._fail(getattr(self, method), error)
+            self._fail(self, method, error)
 
     def _run(self) -> None:
         while (call := self._waiting.get()) is not None:
@@ -483,6 +442,14 @@ def _has(sink: Sink, method: str) -> bool:
     """Whether a sink defines a method."""
     own = sink.sink if isinstance(sink, _Queued) else sink
     return getattr(type(own), method) is not getattr(Sink, method)
+
+
+def _call_of(sink: Sink, method: str) -> Callable[..., None]:
+    """How a method of a sink is called within the cycle."""
+    if isinstance(sink, _Queued):
+        return partial(sink.put, method)
+    call: Callable[..., None] = getattr(sink, method)
+    return call
 
 
 def _name(sink: Sink) -> str:
