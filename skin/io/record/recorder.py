@@ -41,8 +41,8 @@ SPARE_FRAMES = 8
 
 
 FED, PART = 0, 4
-"""Events beside those of `Ending`, as in ``f3t_msgs/msg/CanFrames``: so many frames, and so many of
-a batch that continues with the next event."""
+"""Further events than those of `Ending`, as in ``f3t_msgs/msg/CanFrames``: so many frames, and so
+many of a batch that continues with the next event."""
 PACK = [struct.Struct(f"<{3 + 2 * count}q").pack_into for count in range(EVENTS + 1)]
 """Write the counts of a slot and so many events."""
 
