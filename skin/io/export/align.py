@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from skin.pipeline import Pipeline
     from skin.state import State
 
-__all__ = ["CONTACT_COLUMNS", "Alignment", "Sampler", "aligned"]
+__all__ = ["CONTACT_COLUMNS", "RATE_SHARE", "Alignment", "Sampler", "aligned"]
 
 CONTACT_COLUMNS = tuple(name for one in QUANTITIES for name, _ in one.heads)
 """Columns of a contact; ``slip`` is the number of its state."""
@@ -48,6 +48,12 @@ class Alignment:
     stamps_ns: list[int] = field(default_factory=list, repr=False)
     """Of the frames."""
 
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the camera: of the steps between frames that have no gap, NaN without a step."""
+        steps = np.diff(np.array(self.stamps_ns, np.int64))
+        return 1e9 / float(steps[steps < 1.5 * np.median(steps)].mean()) if steps.size else np.nan
+
     def judge(self, fps: int) -> None:
         """Compare the frames with a nominal rate.
 
@@ -57,11 +63,9 @@ class Alignment:
             They come at another rate.
         """
         steps_s, period_s = 1e-9 * np.diff(np.array(self.stamps_ns, np.int64)), 1.0 / fps
-        if steps_s.size >= LEAST_STEPS:
-            rate_hz = 1.0 / float(steps_s[steps_s < 1.5 * np.median(steps_s)].mean())
-            if abs(rate_hz / fps - 1.0) > RATE_SHARE:
-                raise SkinError(f"fps: must be the rate of the camera, whose frames come at "
-                                f"{rate_hz:.4g} a second; got {fps}")  # fmt: skip
+        if steps_s.size >= LEAST_STEPS and abs(self.rate_hz / fps - 1.0) > RATE_SHARE:
+            raise SkinError(f"fps: must be the rate of the camera, whose frames come at "
+                            f"{self.rate_hz:.4g} a second; got {fps}")  # fmt: skip
         is_gap = steps_s >= 1.5 * period_s
         self.camera_gaps = int(np.count_nonzero(is_gap))
         self.jitter_s = float(np.abs(steps_s[~is_gap] - period_s).max(initial=0.0))

@@ -21,7 +21,7 @@ import numpy as np
 from skin.arrow import arrow_for
 from skin.contact.record import LOADS
 from skin.errors import OptionError, SkinError, check_number, shown
-from skin.io.export.align import CONTACT_COLUMNS, Alignment, Sampler, aligned
+from skin.io.export.align import CONTACT_COLUMNS, RATE_SHARE, Alignment, Sampler, aligned
 from skin.io.export.camera import Frame, encoded
 from skin.io.export.lerobot_files import COUNTED, Feature, Files
 from skin.io.export.provenance import calibration_hashes, provenance_of
@@ -41,8 +41,6 @@ TAXELS, TAXELS_VALID = "observation.tactile.image.", "observation.tactile.image_
 TAKEN = ("observation.tactile.", "tactile.", "camera.", IMAGES)
 """Prefixes that names of the user may not have."""
 MOST_FPS = 1000
-MOST_PERIODS = 2.0
-"""Maximum age of the newest sample at a frame, in periods of the skin."""
 ROWS = 64
 """Frames per write [assumed]."""
 EXACT = 1 << 24
@@ -58,13 +56,15 @@ class Dataset:
     folder : path
         New or empty.
     topology : Topology
-    fps : int
-        Frames a second of the camera. Episodes whose frames come at another rate are refused:
-        `timestamp` would not be the time of the world.
+    fps : int, optional
+        Frames a second of the camera; as the first episode has them if not given. Episodes whose
+        frames come at another rate are refused: `timestamp` would not be the time of the world.
     window : int
         Samples of the skin in a window, k.
     contacts : int
         Rows for contacts; further ones are left out and counted.
+    max_age_s : float, optional
+        Maximum age of the newest sample at a frame; two periods of the skin if not given.
     fill : float
         Value in place of those that are not valid; NaN cannot be mistaken for a reading.
     robot : str
@@ -93,18 +93,21 @@ class Dataset:
         folder: str | os.PathLike[str],
         topology: Topology,
         *,
-        fps: int,
+        fps: int | None = None,
         window: int = 8,
         contacts: int = 8,
+        max_age_s: float | None = None,
         fill: float = float("nan"),
         robot: str = "f3t-skin",
         taxels: Sequence[str | TaxelGrid] = (),
     ) -> None:
         check_path("folder", folder, OptionError)
-        check_number("fps", fps, 1, MOST_FPS, whole=True)
+        if fps is not None:
+            check_number("fps", fps, 1, MOST_FPS, whole=True)
         check_number("window", window, 1, 1000, whole=True)
         check_number("contacts", contacts, 1, 64, whole=True)
-        self._max_age_s = MOST_PERIODS / topology.cycle_rate_hz
+        self._max_age_s = 2.0 / topology.cycle_rate_hz if max_age_s is None else max_age_s
+        check_number("max_age_s", self._max_age_s, 0, 3600)
         grids = [one if isinstance(one, TaxelGrid) else TaxelGrid(topology, one) for one in taxels]
         self._taxels = {grid.patch: grid for grid in grids}
         # resolved: the folder is replaced by a sibling
@@ -178,8 +181,7 @@ class Dataset:
             self._files.check(f"camera: frame {number}", row)
             waiting.append(row)
             if len(waiting) == ROWS:
-                self._files.write(waiting)
-                waiting = []
+                self._write(waiting, alignment)
         if not alignment.frames:
             raise SkinError(f"{name}: must have frames; got none")
         if alignment.without_sample == alignment.frames:
@@ -187,8 +189,8 @@ class Dataset:
                 f"{name}: must have frames while the skin was read; got {alignment.frames} frames, "
                 f"none within {self._max_age_s:g} s after a sample (of two clocks?)"
             )
-        if waiting:
-            self._files.write(waiting)
+        self._write(waiting, alignment)
+        assert self._files.fps is not None
         alignment.judge(self._files.fps)
         self._files.end_episode()
         self.episodes.append(alignment)
@@ -199,6 +201,12 @@ class Dataset:
         )  # fmt: skip
         self._is_whole = True
         return alignment
+
+    def _write(self, waiting: list[dict[str, Any]], alignment: Alignment) -> None:
+        if waiting:
+            self._files.fps = self._files.fps or _whole_rate(alignment)
+            self._files.write(waiting)
+            waiting.clear()
 
     def _row(self, where: str, frame: Frame, sample: dict[str, np.ndarray]) -> dict[str, Any]:
         """Values of a frame; an image is its file and its pixels."""
@@ -245,6 +253,16 @@ class Dataset:
             "measure": {"force": "N", "temperature": "degC", "wrench": "N, N m", "position": "m"},
             "provenance": self._provenance,
         } | self.report()  # fmt: skip
+
+
+def _whole_rate(alignment: Alignment) -> int:
+    """The rate of a camera, frames a second, from the first frames of an episode."""
+    rate_hz = alignment.rate_hz
+    fps = 0 if np.isnan(rate_hz) else round(rate_hz)
+    if not 1 <= fps <= MOST_FPS or abs(rate_hz / fps - 1.0) > RATE_SHARE:
+        raise SkinError(f"fps: must be given where frames do not come at a whole rate from 1 to "
+                        f"{MOST_FPS} a second; got none, and {rate_hz:.4g} a second")  # fmt: skip
+    return fps
 
 
 def _single(where: str, values: Any) -> np.ndarray:

@@ -56,10 +56,11 @@ class Files:
     ----------
     library : Arrow
     folder : Path
-    fps : int
+    fps : int, optional
+        Known before rows are written.
     """
 
-    def __init__(self, library: Arrow, folder: Path, fps: int) -> None:
+    def __init__(self, library: Arrow, folder: Path, fps: int | None) -> None:
         self._library, self._folder, self.fps = library, folder, fps
         self._features: dict[str, Feature] = {}
         self._tasks: dict[str, int] = {}
@@ -95,6 +96,7 @@ class Files:
     def write(self, rows: list[dict[str, Any]]) -> None:
         """Write rows with consecutive indices."""
         count = len(rows)
+        assert self.fps is not None
         frame = np.arange(self._rows - self._first, self._rows - self._first + count)
         counted = {
             "timestamp": (frame / self.fps).astype(np.float32), "frame_index": frame,

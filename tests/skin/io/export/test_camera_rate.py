@@ -7,6 +7,7 @@ import pytest
 
 from skin.errors import SkinError
 from skin.io.export.align import Alignment
+from skin.io.export.lerobot import _whole_rate
 
 
 def camera(rate_hz, count=90, jitter_s=0.0, lost=0.0, seed=0):
@@ -26,9 +27,16 @@ def camera(rate_hz, count=90, jitter_s=0.0, lost=0.0, seed=0):
     ],
 )  # fmt: skip
 def test_the_rate_of_a_camera_is_measured_with_jitter_and_lost_frames(found, fps):
+    assert _whole_rate(found) == fps
     found.judge(fps)
     with pytest.raises(SkinError, match=rf"fps: must be the rate of the camera.*; got {2 * fps}"):
         found.judge(2 * fps)
+
+
+@pytest.mark.parametrize("rate_hz", [12.5, 0.4, 2000.0])
+def test_a_rate_that_is_no_whole_number_of_frames_must_be_given(rate_hz):
+    with pytest.raises(SkinError, match="fps: must be given"):
+        _whole_rate(camera(rate_hz))
 
 
 def test_gaps_are_counted_against_the_rate():
