@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from bus.compiled.bound import Bound
 from skin.errors import OptionError, SceneError
-from skin.sim.grasping.mesh import triangles
 from skin.sim.grasping.model import compile_model, engine_library, name_of
 from skin.sim.grasping.object import GraspObject
 from skin.sim.grasping.records import Bodies, Mounted, Surfaces, Touch
 from skin.sim.grasping.touch import feel
-from skin.sim.mechanics.rays import PLANE
+from skin.sim.mechanics.rays import MESH, PLANE
 from skin.sim.mechanics.springs import Springs
 from topology import Topology
 
@@ -208,8 +208,23 @@ class Plant:
         return Surfaces(
             kind, np.array(model.geom_bodyid, np.int32), np.array(model.geom_size),
             np.where(kind == PLANE, np.inf, model.geom_rbound), static, kinetic, compliance,
-            *triangles(model),
+            *_hulls(model),
         )  # fmt: skip
+
+
+def _hulls(model: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Faces of the convex hull of each mesh, by which the engine has contacts too, shape (p, 4),
+    frame of the geom, and the first face of each geom and the first behind it, shape (g, 2)."""
+    planes, of_geom = [np.zeros((0, 4))], np.zeros((model.ngeom, 2), np.int64)
+    count = 0
+    for g in np.flatnonzero(model.geom_type == MESH):
+        mesh = model.geom_dataid[g]
+        first = model.mesh_vertadr[mesh]
+        corners = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+        planes.append(np.unique(ConvexHull(corners).equations.round(9), axis=0))
+        of_geom[g] = count, count + len(planes[-1])
+        count += len(planes[-1])
+    return np.concatenate(planes), of_geom
 
 
 def _rims(model: Any) -> np.ndarray:

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from bus.compiled.jit import compiled, jitable
 from skin.sim.grasping.laws import STEEPEST, elastic, lost, onto_cone, slid
-from skin.sim.grasping.mesh import mesh_crossing
-from skin.sim.mechanics.rays import MESH, crossing
+from skin.sim.mechanics.rays import MESH, crossing, hull_crossing
 from skin.sim.mechanics.vectors import add, dot, turned, turned_back
 
 __all__ = ["DEEPEST_M", "LOSS_S", "feel"]
@@ -52,13 +51,11 @@ def _deepest(bodies, surfaces, weight, face, direction):
         point = turned_back(bodies.geom_rotation, g, off)
         along = turned_back(bodies.geom_rotation, g, direction)
         if surfaces.kind[g] == MESH:
-            out, x, y, z = mesh_crossing(
-                surfaces.corners, surfaces.faces[g], point, along, DEEPEST_M
-            )
+            enters, out, x, y, z = hull_crossing(surfaces.planes, surfaces.faces[g], point, along)
         else:
             enters, out, x, y, z = crossing(surfaces.kind[g], surfaces.size[g], point, along)
-            if enters > DEEPEST_M:
-                continue
+        if enters > DEEPEST_M:
+            continue
         if out > depth and x * along[0] + y * along[1] + z * along[2] > STEEPEST:
             best, depth, normal = g, out, turned(bodies.geom_rotation, g, (x, y, z))
     return best, depth, normal
