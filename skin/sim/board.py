@@ -9,6 +9,7 @@ import numpy as np
 
 __all__ = ["Counter", "Divider", "Gate", "HallConverter"]
 
+
 @dataclass(frozen=True)
 class Counter:
     """Reciprocal counting: whole periods within a gate, timed by the ticks of a clock.
