@@ -21,7 +21,6 @@ from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.mechanics.body import Body, Pose, penetration
 from skin.sim.mechanics.contact import Coefficient, Mechanics
-from skin.sim.mechanics.foundation import Winkler
 from skin.sim.mechanics.springs import Springs
 from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
@@ -235,10 +234,10 @@ def _fields(name: str, pitch_m: float) -> tuple[HalbachField, HalbachField]:
 
 
 @lru_cache(4)
-def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Winkler:
+def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Springs:
     topology = skin_of(skin, pitch_m)
     if np.isinf(modulus_pa):
-        return Winkler(Springs.of(topology))
+        return Springs.of(topology)
     return HalfSpace.of(topology, modulus_pa)
 
 

@@ -10,7 +10,7 @@ gradient of an elastic energy, so that a cycle of loading and unloading gains no
 with U' and V' the unit's own elastic laws (`skin.physics.elastic`) and g their stiffening with
 depth. The tip slides over the solid only where that force leaves the cone of friction about the
 solid's normal (Coulomb's return map); otherwise it sticks exactly. Both bodies get the same force,
-at the tip. This is the Winkler foundation of `skin.sim.mechanics.foundation` for bodies that are
+at the tip. This is the Winkler foundation of `skin.sim.mechanics.springs` for bodies that are
 moved by forces.
 """
 

@@ -16,8 +16,7 @@ from scipy.optimize import brentq
 
 from skin.errors import SkinError
 from skin.sim.mechanics.body import Body, Pose, carried, penetration
-from skin.sim.mechanics.foundation import Faces, Winkler
-from skin.sim.mechanics.springs import Springs
+from skin.sim.mechanics.springs import Faces, Springs
 from topology import Topology
 
 __all__ = ["Coefficient", "Mechanics", "MechanicsTruth", "Slip"]
@@ -109,7 +108,7 @@ class Mechanics:
     ----------
     topology : Topology
     body : Body
-    foundation : Winkler, optional
+    foundation : Springs, optional
         Support of the units, or another with its methods; that of the topology if not given.
     static, kinetic : float, ndarray of shape (n,), or function of the time
         Coefficients of friction at rest and in motion; the latter at most the former, and equal to
@@ -138,13 +137,13 @@ class Mechanics:
         topology: Topology,
         body: Body,
         *,
-        foundation: Winkler | None = None,
+        foundation: Springs | None = None,
         static: Coefficient = 0.5,
         kinetic: Coefficient | None = None,
     ) -> None:
         n = topology.n
         self.body = body
-        self.foundation = foundation or Winkler(Springs.of(topology))
+        self.foundation = foundation or Springs.of(topology)
         self._friction = static, static if kinetic is None else kinetic
         self._position, self._rotation = topology.position, topology.rotation
         self._depth_mm = np.full(n, -np.inf)

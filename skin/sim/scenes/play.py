@@ -125,9 +125,7 @@ class PlayedBody:
             return np.zeros(2)
         held = np.einsum("ijn,jn->i", self._topology.rotation, truth.force) @ axes[:, :2]
         stuck = truth.contact & ~truth.slipping
-        steep = slope(
-            np.hypot(*truth.displacement_mm[:2]), tuple(self.mechanics.foundation.springs.shear)
-        )
+        steep = slope(np.hypot(*truth.displacement_mm[:2]), tuple(self.mechanics.foundation.shear))
         stiffness = float(np.sum(steep[stuck])) if stuck.any() else 0.0
         lacking = wanted_n - held
         size = float(np.hypot(*lacking))
