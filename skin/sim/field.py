@@ -6,11 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from skin.physics.halbach import CHIP_AXES
-from skin.physics.surroundings import Surroundings
 from topology import Topology
 
-__all__ = ["Field", "SineField", "StrayField"]
+__all__ = ["Field", "SineField"]
 
 
 class Field(Protocol):
@@ -117,22 +115,3 @@ class SineField:
         growth = np.exp(self._growth * (depth_mm - self._reference_mm))
         drift = 1.0 + self._drift * (film_temperature - self._reference_c)
         return self._amplitude * growth * drift
-
-
-class StrayField:
-    """A `Field` plus the ambient field of surroundings, which may change between calls; without
-    tools."""
-
-    def __init__(self, topology: Topology, field: Field, surroundings: Surroundings) -> None:
-        self._field, self._surroundings = field, surroundings
-        # to_chip[a, n, b]: component a of chip n from component b of the skin frame
-        to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 2, 0)
-        self._to_chip = np.ascontiguousarray(to_chip)
-
-    def __call__(
-        self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
-    ) -> np.ndarray:
-        """Field in µT, shape (..., 3, n); see `Field`."""
-        field = self._field(displacement_mm, depth_mm, film_temperature)
-        field += self._to_chip @ self._surroundings.in_skin()
-        return field

@@ -7,8 +7,7 @@ from collections import deque
 import numpy as np
 
 from skin.errors import SkinError
-from skin.sim.scene import Scene
-from skin.sim.truth import Truth
+from skin.sim.truth import Scene, Truth
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS
 

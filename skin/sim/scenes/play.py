@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from bus.faults import FaultScript
 from skin.errors import SceneError, SkinError
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
@@ -20,7 +21,7 @@ from skin.physics.force_law import slope
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
 from skin.sim.board import Counter, Divider, HallConverter
-from skin.sim.field import Field, SineField, StrayField
+from skin.sim.field import Field, SineField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs, under
 from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
@@ -163,7 +164,7 @@ class _Weights:
 
 
 class ScriptedScene:
-    """A scene file on a skin (a `skin.sim.scene.Scene`).
+    """A scene file on a skin (a `skin.sim.truth.Scene`).
 
     Parameters
     ----------
@@ -249,6 +250,12 @@ class ScriptedScene:
         self._time_s, self._began = 0.0, False
 
     @property
+    def faults(self) -> FaultScript | None:
+        """The faults of the file; None without any."""
+        own = self.script
+        return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
+
+    @property
     def touches(self) -> dict[str, tuple[str, ...]]:
         """Patches or units that bodies are on, one after the other, by body."""
         return {body.name: body.motion.places for body in self.bodies}
@@ -332,9 +339,8 @@ class ScriptedScene:
 
     def _field(self) -> Field:
         wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings
-        if not (wanted.magnet or wanted.fabrication or wanted.crosstalk or self._tools):
-            field = SineField(topology)
-            return field if surroundings is None else StrayField(topology, field, surroundings)
+        if not (wanted.magnet or wanted.fabrication or wanted.crosstalk or surroundings):
+            return SineField(topology)
         made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
         reach_m = FELT_M if wanted.crosstalk else 0.0
         return HalbachField(topology, fabrication=made, reach_m=reach_m, surroundings=surroundings)

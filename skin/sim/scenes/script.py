@@ -246,15 +246,19 @@ class NonIdeal(_Table, frozen=True, kw_only=True):
     thermal: Annotated[
         bool, Meta(description="Heat takes its way through film and elastomer, and is lost on it")
     ] = False
-    magnet: Annotated[bool, Meta(description="Field of the Halbach film; else the sine law")] = True
+    magnet: Annotated[
+        bool,
+        Meta(
+            description="Field of the Halbach film; else, without what else acts on it, the sine "
+            "law"
+        ),
+    ] = True
     fabrication: Annotated[bool, Meta(description="Errors of Halbach films, from the seed")] = False
     crosstalk: Annotated[bool, Meta(description="Halbach films of the neighbours")] = True
     ambient_field: Annotated[bool, Meta(description="The field of the Earth as the skin turns")] = (
         False
     )
-    tools: Annotated[
-        bool, Meta(description="What is in [[tools]]; where there is one, films are Halbach films")
-    ] = True
+    tools: Annotated[bool, Meta(description="What is in [[tools]]")] = True
     counter: Annotated[
         bool, Meta(description="The timer's periods are counted within a gate, by a clock")
     ] = False
