@@ -25,7 +25,7 @@ from skin.sim.field import Field, SineField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs, under
 from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
-from skin.sim.scenes.motion import Motion, Track, shape_of, units_on
+from skin.sim.scenes.motion import Motion, Track, units_on
 from skin.sim.scenes.script import NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import ThermalChain
@@ -69,7 +69,7 @@ class PlayedBody:
         self.motion = motion = Motion(table, topology, room_c, script.period_s)
         self.mechanics = Mechanics(
             topology,
-            shape_of(table.shape, table.compliance_mm_per_n),
+            motion.body,
             static=motion.friction,
             kinetic=lambda time_s: table.friction_share * motion.friction(time_s),
         )
@@ -88,14 +88,14 @@ class PlayedBody:
         motion = self.motion
         axes, _ = motion.frame(time_s)
         rotation, place = motion.pose(time_s)
-        if motion.dragged:
+        if motion.drag_n.given:
             self._dragged_m += axes[:, :2] @ self._yield_to_drag(motion.drag_n(time_s), axes, dt_s)
         pose = rotation, place + self._dragged_m
         self.mechanics.passed = motion.passed(time_s)
         try:
-            if not motion.pressed:
+            if not motion.press_n.given:
                 truth = self.mechanics.step(time_s, pose)
-            elif (press_n := motion.press_n(time_s)) > 0.0:
+            elif (press_n := float(motion.press_n(time_s))) > 0.0:
                 truth = self.mechanics.push(time_s, pose, press_n, -axes[:, 2])
             else:
                 truth = self.mechanics.step(time_s, (rotation, place + axes[:, 2]))
@@ -112,7 +112,8 @@ class PlayedBody:
 
     def _hint(self, time_s: float) -> str:
         """In whose frame it is, as the end of a message; a robot's fingers have bodies around."""
-        hint = f"; its frame is that of {self.motion.place(time_s)!r}"
+        motion = self.motion
+        hint = f"; its frame is that of {motion.places[motion.index(time_s)]!r}"
         if self._topology.robot is not None:
             hint += "; between the fingers of a robot, bodies are those of `skin.sim.grasp`"
         return hint

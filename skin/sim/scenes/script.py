@@ -352,13 +352,3 @@ class SceneFile(_Table, frozen=True, kw_only=True):
         name = getattr(getattr(self, str(table))[index], "name", None)
         words = f"{table}[{index}]" + (f" {name!r}" if name else "")
         return f"{words} {rest[0]}[{rest[1]}]" if rest else words
-
-
-def lowest_m(shape: Shape) -> float:
-    """Depth of the lowest point of a shape below its origin."""
-    match shape:
-        case Sphere(radius_m=radius) | Cylinder(radius_m=radius):
-            return radius
-        case Block(z_m=height):
-            return 0.5 * height
-    return 0.0
