@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from benchmarks.accuracy_skin import BAG_SIDE, PITCH_M, QUICK_BAG_SIDE, Made, square
 from benchmarks.creep import Stretched
@@ -36,6 +37,7 @@ from benchmarks.timing import times as timed
 from skin import Decoder
 from skin.physics.fabrication import Fabrication
 from skin.physics.surroundings import Surroundings
+from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import NonIdeal, SceneFile
@@ -196,7 +198,9 @@ def table(figures: dict[str, Any]) -> str:
 def _board(script: SceneFile) -> dict[str, Any]:
     parts = script.electronics
     return {
-        "counter": parts.counter(), "divider": parts.divider(), "converter": parts.hall_converter()
+        "counter": Counter(parts.gate_s, parts.clock_hz),
+        "divider": Divider(parts.reference_v, parts.series_ohm, parts.adc_bits),
+        "converter": HallConverter(parts.hall_lsb_ut, parts.hall_range_ut),
     }  # fmt: skip
 
 
@@ -204,7 +208,8 @@ def _play(
     skin: Made, script: SceneFile, rate_hz: float, material: Stretched
 ) -> tuple[np.ndarray, ...]:
     """Times (t,), counts (t, c, n), true forces (t, 3, n) and gel temperatures (t, n)."""
-    scene = ScriptedScene(skin.true, script, non_ideal=NonIdeal.everything(), material=material)
+    scene = ScriptedScene(skin.true, replace(script, non_ideal=NonIdeal.everything()))
+    scene.material = material
     # the skin lies still in the Earth's field, and feels all of its films, not the nearest alone
     field = skin.field(reach_m=EVERYWHERE_M, surroundings=Surroundings())
     units = UnitSimulator(skin.true, seed=script.seed, field=field, **_board(script))

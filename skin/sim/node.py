@@ -113,8 +113,8 @@ class SimulatedUnits:
     def exact(self) -> bool:
         """Whether the units' constants equal the parameters of the topology: the scene has no
         errors of fabrication."""
-        non_ideal = getattr(self.scene, "non_ideal", None)
-        return non_ideal is None or not non_ideal.fabrication
+        script = getattr(self.scene, "script", None)
+        return not (isinstance(script, SceneFile) and script.non_ideal.fabrication)
 
     @property
     def truth(self) -> Truth:

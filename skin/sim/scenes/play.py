@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +25,9 @@ from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.field import Field, SineField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs, under
-from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
+from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 from skin.sim.scenes.motion import Motion, Track, units_on
-from skin.sim.scenes.script import NonIdeal, SceneFile
+from skin.sim.scenes.script import SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import ThermalChain
 from skin.sim.truth import Truth, sum_wrench, wrench_map
@@ -146,9 +147,8 @@ class _Weights:
         self._where = partial(script.where, "loads", index)
         self.units = np.unique(np.concatenate([units_on(topology, on) for on in table.units]))
         self._most_n = float(Elastic(topology).normal(DEEPEST_MM)[self.units].min())
-        self._force = Track("force_n", table.keys, table.waves, (0.0, 0.0, 0.0), period_s)
-        self._temperature = Track("temperature_c", table.keys, (), room_c, period_s)
-        self.warms = self._temperature.given
+        self._force = Track("force_n", table.keys, (), (0.0, 0.0, 0.0), period_s)
+        self.temperature_c = Track("temperature_c", table.keys, (), room_c, period_s)
 
     def force(self, time_s: float) -> np.ndarray:
         """On each of the units; SceneError where it presses them too deep."""
@@ -160,9 +160,6 @@ class _Weights:
             )
         return np.array([x, y, max(z, 0.0)])
 
-    def temperature(self, time_s: float) -> float:
-        return float(self._temperature(time_s))
-
 
 class ScriptedScene:
     """A scene file on a skin (a `skin.sim.truth.Scene`).
@@ -172,11 +169,6 @@ class ScriptedScene:
     topology : Topology
     script : SceneFile
         From `skin.sim.scenes.load.load_scene`, which checks it against the topology.
-    non_ideal : NonIdeal, optional
-        Overrides the file's.
-    material : Material, optional
-        Creep of faces. By default it follows the units' parameters; units without such parameters
-        creep like a soft silicone if `viscoelastic` is set.
 
     Attributes
     ----------
@@ -187,6 +179,9 @@ class ScriptedScene:
         When it is over: infinite for a scene that repeats.
     units : UnitSimulator
         Units with imperfect electronics, for `skin.sim.node.SimulatedUnits`.
+    material : Prony, or another with its method `elastic`, or None
+        Creep of faces: that of the units' parameters; units without such parameters creep like a
+        soft silicone if `viscoelastic` is set.
 
     Examples
     --------
@@ -198,15 +193,11 @@ class ScriptedScene:
     (False, True)
     """
 
-    def __init__(
-        self, topology: Topology, script: SceneFile, *, non_ideal: NonIdeal | None = None,
-        material: Material | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, topology: Topology, script: SceneFile) -> None:
         self.topology, self.script = topology, script
-        self.non_ideal = script.non_ideal if non_ideal is None else non_ideal
         self.seconds = script.seconds
         self.ends_s = math.inf if script.repeat else script.seconds
-        wanted, n, period_s = self.non_ideal, topology.n, script.period_s
+        wanted, n, period_s = script.non_ideal, topology.n, script.period_s
         self._room_c = Track("temperature_c", script.room, (), ROOM_C, period_s)
         self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0), period_s)
         room_c = float(self._room_c(0.0))
@@ -218,7 +209,7 @@ class ScriptedScene:
         )
         self._springs = Springs.of(topology)
         self._chain = ThermalChain(topology, ambient=room_c, direct=not wanted.thermal)
-        self._material = material or Prony.of(topology, wanted.viscoelastic)
+        self.material: Any = Prony.of(topology, wanted.viscoelastic)
         self._loops = None
         if wanted.hysteresis:
             span_n = float(topology.parameters["normal_max_n"].max())
@@ -232,19 +223,15 @@ class ScriptedScene:
             ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
             self._surroundings = Surroundings(ambient_ut)
         parts = script.electronics
+        counter = Counter(parts.gate_s, parts.clock_hz)
+        divider = Divider(parts.reference_v, parts.series_ohm, parts.adc_bits)
+        converter = HallConverter(parts.hall_lsb_ut, parts.hall_range_ut)
         self.units = UnitSimulator(
-            topology,
-            seed=script.seed,
-            noise=wanted.noise,
-            field=self._field(),
-            counter=Counter(parts.gate_s, parts.clock_hz) if wanted.counter else None,
-            divider=Divider(parts.reference_v, parts.series_ohm, parts.adc_bits)
-            if wanted.divider
-            else None,
-            converter=HallConverter(parts.hall_lsb_ut, parts.hall_range_ut)
-            if wanted.hall_converter
-            else None,
-        )
+            topology, seed=script.seed, noise=wanted.noise, field=self._field(),
+            counter=counter if wanted.counter else None,
+            divider=divider if wanted.divider else None,
+            converter=converter if wanted.hall_converter else None,
+        )  # fmt: skip
         self._to_wrench = wrench_map(topology.position, topology.rotation)
         self._source_c = np.empty(n)
         self._truth = Truth.at_rest(n, room_c)
@@ -297,8 +284,8 @@ class ScriptedScene:
         for weights in self._weights:
             force = weights.force(time_s)
             truth.force[:, weights.units] += force[:, np.newaxis]
-            if weights.warms and force[2] > 0.0:
-                source[weights.units] = weights.temperature(time_s)
+            if weights.temperature_c.given and force[2] > 0.0:
+                source[weights.units] = weights.temperature_c(time_s)
         np.greater(truth.force[2], 0.0, out=truth.contact)
         sum_wrench(self._to_wrench, self.topology.position, truth)
         self._yield(dt_s)
@@ -334,12 +321,12 @@ class ScriptedScene:
             needed = np.vstack(
                 [dragging.lagging(truth.force[:2]), pressing.lagging(truth.force[2])]
             )
-        if self._material is not None:
-            needed = self._material.elastic(needed, dt_s)
+        if self.material is not None:
+            needed = self.material.elastic(needed, dt_s)
         under(self._springs, needed, truth.depth_mm, truth.displacement_mm)
 
     def _field(self) -> Field:
-        wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings
+        wanted, topology, surroundings = self.script.non_ideal, self.topology, self._surroundings
         if not (wanted.magnet or wanted.fabrication or wanted.crosstalk or surroundings):
             return SineField(topology)
         made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None

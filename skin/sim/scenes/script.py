@@ -49,7 +49,6 @@ __all__ = [
     "Key",
     "LoadKey",
     "LoadTable",
-    "LoadWave",
     "NonIdeal",
     "RoomKey",
     "SceneFile",
@@ -182,15 +181,6 @@ class LoadKey(_Table, frozen=True, kw_only=True):
     temperature_c: Annotated[_Celsius | None, Meta(description="Of what loads the units")] = None
 
 
-class LoadWave(_Table, frozen=True, kw_only=True):
-    """A sine added to the keys (`waves` of `[[loads]]`)."""
-
-    from_s: _Seconds
-    to_s: _Seconds
-    frequency_hz: Annotated[float, Meta(ge=1e-3, le=100)]
-    force_n: tuple[_Force, _Force, _Force]
-
-
 class LoadTable(_Table, frozen=True, kw_only=True):
     """Weights glued to the faces of units (`[[loads]]`): without friction or other units."""
 
@@ -198,7 +188,6 @@ class LoadTable(_Table, frozen=True, kw_only=True):
         tuple[str, ...], Meta(min_length=1, description="Units, patches, or `*`: all of them")
     ]
     keys: Annotated[tuple[LoadKey, ...], Meta(min_length=1)]
-    waves: tuple[LoadWave, ...] = ()
 
 
 class ToolKey(_Table, frozen=True, kw_only=True):

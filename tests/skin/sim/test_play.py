@@ -60,7 +60,7 @@ def skin(name: str = "palm") -> Topology:
 
 
 def scene_of(name: str, non_ideal: NonIdeal = IDEAL, on: str = "palm") -> ScriptedScene:
-    return ScriptedScene(skin(on), load_scene(name, skin(on)), non_ideal=non_ideal)
+    return ScriptedScene(skin(on), replace(load_scene(name, skin(on)), non_ideal=non_ideal))
 
 
 @cache
@@ -253,7 +253,7 @@ def test_the_electronics_are_those_of_the_file() -> None:
     for name, (channel, in_steps) in steps.items():
         off = []
         for wanted in (IDEAL, NonIdeal.only(name)):
-            scene = ScriptedScene(skin(), script, non_ideal=wanted)
+            scene = ScriptedScene(skin(), replace(script, non_ideal=wanted))
             value = [scene.units.values(scene.at(t))[channel] for t in np.arange(0.0, 2.0, 0.1)]
             step = in_steps(np.array(value[1:]))
             off.append(np.abs(step - np.rint(step)).max())
@@ -281,7 +281,7 @@ def test_what_a_magnetised_tool_adds_is_a_dipole() -> None:
     script = SceneFile(format=1, seconds=1.0, tools=(tool,))
     read = []
     for wanted in (NonIdeal.only("magnet"), NonIdeal.only("magnet", "tools")):
-        scene = ScriptedScene(skin(), script, non_ideal=wanted)
+        scene = ScriptedScene(skin(), replace(script, non_ideal=wanted))
         read.append(scene.units.values(scene.at(0.0))[2:5])
     rotation, origin = frame_of(skin(), None)
     film = load_film_table().film
@@ -402,7 +402,7 @@ def test_a_played_scene_is_felt_through_a_bus(
     script = replace(script, bodies=(replace(script.bodies[0], keys=PRESS),))
     path = tmp_path / "truth.npz"
     felt = []
-    played_scene = ScriptedScene(topology, script, non_ideal=IDEAL)
+    played_scene = ScriptedScene(topology, replace(script, non_ideal=IDEAL))
     with ExitStack() as opened:
         recorder = opened.enter_context(Recorder(played_scene, path))
         nodes = SimulatedUnits(topology, recorder)
