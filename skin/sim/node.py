@@ -119,9 +119,9 @@ class SimulatedUnits:
     @property
     def truth(self) -> Truth:
         """Truth of the latest cycle."""
-        if not self._sampled.history:
+        if not self._sampled.truths:
             raise SkinError("truth: must be asked for after the first cycle; got none yet")
-        return self._sampled.history[-1][1]
+        return self._sampled.truths[self._sampled.cycle]
 
     def truth_at(self, cycle: int) -> Truth:
         """Truth of one of the last `history` cycles; SkinError for others."""
@@ -130,7 +130,7 @@ class SimulatedUnits:
     @property
     def history(self) -> tuple[tuple[int, Truth], ...]:
         """Stored cycles and their truths, oldest first."""
-        return tuple(self._sampled.history)
+        return tuple(self._sampled.truths.items())
 
     def time_ns(self, bus: int = 0) -> int:
         """Time of the scene at the latest cycle of a bus, by which its faults are scheduled."""
