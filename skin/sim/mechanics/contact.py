@@ -147,11 +147,9 @@ class Mechanics:
         self._friction = static, static if kinetic is None else kinetic
         self._position, self._rotation = topology.position, topology.rotation
         self._depth_mm = np.full(n, -np.inf)
-        self._load = np.zeros(n)
-        # state of the last step, from which trials start
+        # of the last step, from which trials start
         self._before_mm = np.full(n, -np.inf)
-        self._held_mm, self._traction = np.zeros((2, n)), np.zeros((2, n))
-        self._slipping = np.zeros(n, bool)
+        self._held_mm = np.zeros((2, n))
         self._slip = Slip(n)
         self._last: Pose | None = None
         self.passed: np.ndarray | None = None
@@ -186,7 +184,7 @@ class Mechanics:
 
         def excess(sunk_m: float) -> float:
             self._press((pose[0], pose[1] + sunk_m * direction))
-            return float(along @ self._load) - load_n
+            return float(along @ self.truth.load) - load_n
 
         found = self._sink(excess, load_n)
         if found is None:
@@ -220,13 +218,14 @@ class Mechanics:
         if self.passed is not None:
             self._depth_mm[self.passed] = -np.inf
         self.foundation.press(
-            self._depth_mm, self._load, self.truth.displacement_mm[2],
+            self._depth_mm, self.truth.load, self.truth.displacement_mm[2],
             body_mm_per_n=self.body.compliance_mm_per_n,
         )  # fmt: skip
 
     def _drag(self, time_s: float, pose: Pose) -> None:
         """Drag the pressed faces along from the last step's pose to this one."""
-        truth, depth_mm, n = self.truth, self._depth_mm, self._load.size
+        truth, depth_mm = self.truth, self._depth_mm
+        load, traction, n = truth.load, truth.force[:2], depth_mm.size
         want_mm = carried(
             pose if self._last is None else self._last, pose, self._position, self._rotation,
             depth_mm,
@@ -235,22 +234,19 @@ class Mechanics:
         if new.size:
             # a face is dragged from its present place, while it is in contact
             want_mm[:, new] *= depth_mm[new] / (depth_mm[new] - self._before_mm[new])
-            self._held_mm[:, new] = self.foundation.surface(new, self._traction)
+            self._held_mm[:, new] = self.foundation.surface(new, traction)
         static, kinetic = (
             np.zeros(n) + (each(time_s) if callable(each) else each) for each in self._friction
         )
         self.foundation.drag(
             Faces(
-                want_mm + self._held_mm, self._load, truth.displacement_mm[2], static, kinetic,
-                self._slipping, self._traction, truth.displacement_mm[:2], self._held_mm,
-                truth.slip_mm,
+                want_mm + self._held_mm, load, truth.displacement_mm[2], static, kinetic,
+                truth.slipping, traction, truth.displacement_mm[:2], self._held_mm, truth.slip_mm,
             ),
             body_mm_per_n=self.body.compliance_mm_per_n,
         )  # fmt: skip
-        truth.force[:2], truth.force[2] = self._traction, self._load
-        truth.slipping[:] = self._slipping
-        np.greater(self._load, 0.0, out=truth.contact)
+        np.greater(load, 0.0, out=truth.contact)
         self._before_mm[:] = depth_mm
         self._last = truth.pose = pose
-        self._slip.follow(self._load, truth.slipping)
+        self._slip.follow(load, truth.slipping)
         truth.slip_share = self._slip.share
