@@ -74,8 +74,6 @@ class SimulatedUnits:
         have Halbach films with cross-talk.
     seed : int
         Seed of the noise.
-    noise : bool
-        False: quantisation only.
     history : int or None
         Cycles for which `truth_at` works; None for all, 0 for none.
     """
@@ -86,13 +84,12 @@ class SimulatedUnits:
         scene: Scene | None = None,
         *,
         seed: int = 0,
-        noise: bool = True,
         history: int | None = 256,
     ) -> None:
         self.topology = topology
-        self.scene = scene or open_scene("demo", topology, seed=seed, noise=noise)
+        self.scene = scene or open_scene("demo", topology, seed=seed)
         self.units = getattr(self.scene, "units", None) or UnitSimulator(
-            topology, seed=seed, noise=noise, field=HalbachField(topology, reach_m=FELT_M)
+            topology, seed=seed, field=HalbachField(topology, reach_m=FELT_M)
         )
         self.served = Served()
         self._packer = Packer(topology)

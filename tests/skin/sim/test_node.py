@@ -262,16 +262,15 @@ def test_there_is_no_truth_before_the_first_cycle() -> None:
         SimulatedUnits(PALM).truth_at(0)
 
 
-@pytest.mark.parametrize("noise", [True, False])
-def test_the_seed_determines_every_byte(noise: bool) -> None:
+def test_the_seed_determines_every_byte() -> None:
     batches = []
     for seed in (4, 4, 5):
-        nodes, out = SimulatedUnits(PALM, seed=seed, noise=noise), FrameBatch(4096)
+        nodes, out = SimulatedUnits(PALM, seed=seed), FrameBatch(4096)
         for cycle in range(20):
             nodes.respond(sync(cycle), out)
         batches.append(out.frames.copy())
     assert batches[0].tobytes() == batches[1].tobytes()
-    assert (batches[0].tobytes() == batches[2].tobytes()) == (not noise)
+    assert batches[0].tobytes() != batches[2].tobytes()
 
 
 # -- configuration ---------------------------------------------------------------------------------
