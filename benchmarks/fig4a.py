@@ -52,6 +52,7 @@ CASES = (*((name, name, True) for name in ESTIMATORS), (ELASTIC, ESTIMATORS[0], 
 EVERYWHERE_M = 1.0
 """Reach of the films."""
 SIDE, BENCH_SEED = 6, 11
+BOARD = {"counter": Counter(), "divider": Divider(), "converter": HallConverter()}
 WINDOW_S = 1.0
 FRESH_S = 20.0
 """How long a load counts as fresh."""
@@ -71,7 +72,7 @@ def run(quick: bool) -> dict[str, Any]:
     script = load_scene("fig4a", whole)
     material = Stretched(few.n, script.seed)
     alone = Made(few, few, Fabrication.draw(few.n, script.seed))
-    bench = alone.bench(seed=BENCH_SEED, material=material.stage_driven(), **_board(script))
+    bench = alone.bench(seed=BENCH_SEED, material=material.stage_driven(), **BOARD)
     which = np.arange(SIDE**2) % few.n
     units = dataclasses.replace(alone, known=bench.calibrated())
     skin = units.dealt(whole, which)
@@ -195,15 +196,6 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join([*rows, f"picture: {figures['picture']}"])
 
 
-def _board(script: SceneFile) -> dict[str, Any]:
-    parts = script.electronics
-    return {
-        "counter": Counter(parts.gate_s, parts.clock_hz),
-        "divider": Divider(parts.reference_v, parts.series_ohm, parts.adc_bits),
-        "converter": HallConverter(parts.hall_lsb_ut, parts.hall_range_ut),
-    }  # fmt: skip
-
-
 def _play(
     skin: Made, script: SceneFile, rate_hz: float, material: Stretched
 ) -> tuple[np.ndarray, ...]:
@@ -212,7 +204,7 @@ def _play(
     scene.material = material
     # the skin lies still in the Earth's field, and feels all of its films, not the nearest alone
     field = skin.field(reach_m=EVERYWHERE_M, surroundings=Surroundings())
-    units = UnitSimulator(skin.true, seed=script.seed, field=field, **_board(script))
+    units = UnitSimulator(skin.true, seed=script.seed, field=field, **BOARD)
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     counts, force, warm = [], [], []
     for time_s in times:

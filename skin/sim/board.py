@@ -3,27 +3,22 @@ field; the Hall chip is `skin.sim.hall`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct
 
 __all__ = ["Counter", "Divider", "Gate", "HallConverter"]
 
 
-@dataclass(frozen=True)
-class Counter:
+class Counter(Struct, frozen=True, forbid_unknown_fields=True):
     """Reciprocal counting: whole periods within a gate, timed by the ticks of a clock.
 
     With N periods in M ticks the reading is N clock / M. The clock is not synchronous with the
     timer, so M is the true time rounded up or down at random: unbiased, with an error of at most
     one tick, that is about ``frequency / (gate_s * clock_hz)``, of which 1/sqrt(6) is the standard
     deviation over all frequencies.
-
-    Attributes
-    ----------
-    gate_s : float
-        Counting time. A reading is the mean over the gate, so it is half a gate old.
-    clock_hz : float
+    A reading is the mean over the gate, so it is half a gate old.
 
     Examples
     --------
@@ -31,8 +26,8 @@ class Counter:
     4500.0
     """
 
-    gate_s: float = 0.01
-    clock_hz: float = 1e6
+    gate_s: Annotated[float, Meta(ge=1e-6, le=1, description="How long periods are counted")] = 0.01
+    clock_hz: Annotated[float, Meta(ge=1e3, le=1e10, description="That times the periods")] = 1e6
 
     def read(self, frequency_hz: np.ndarray, phase: np.ndarray | float) -> np.ndarray:
         """Reading of a frequency that is constant over the gate.
@@ -99,22 +94,14 @@ class Gate:
         return ((periods[past_s.size :] - opened) / self._gate_s).reshape(frequency_hz.shape)
 
 
-@dataclass(frozen=True)
-class Divider:
+class Divider(Struct, frozen=True, forbid_unknown_fields=True):
     """The gel between the reference and a resistor to ground; the converter measures across the
     resistor.
 
     The gel's current of its law is what the reference drives through the gel alone. The converter
     has the same reference, so only the resistor matters. A step has the same size in temperature at
-    both ends of a range if the resistor is the geometric mean of the gel's resistances there.
-
-    Attributes
-    ----------
-    reference_v : float
-    series_ohm : float
-        The default is for a gel of 10 µA at 20 °C and 120 µA at 80 °C: a step of 12 bits is
-        0.034 °C at both.
-    bits : int
+    both ends of a range if the resistor is the geometric mean of the gel's resistances there. The
+    default is for a gel of 10 µA at 20 °C and 120 µA at 80 °C: 12 bits are 0.034 °C at both.
 
     Examples
     --------
@@ -122,9 +109,9 @@ class Divider:
     array([ 10.01, 119.92])
     """
 
-    reference_v: float = 3.3
-    series_ohm: float = 95_000.0
-    bits: int = 12
+    reference_v: Annotated[float, Meta(ge=1e-3, le=100, description="Of divider and ADC")] = 3.3
+    series_ohm: Annotated[float, Meta(ge=1, le=1e9, description="In series with the gel")] = 95e3
+    bits: Annotated[int, Meta(ge=1, le=32, description="Of the ADC")] = 12
 
     def read(self, current_ua: np.ndarray) -> np.ndarray:
         """The current that a board computes from the code for a gel of this current, µA.
@@ -139,20 +126,13 @@ class Divider:
         return np.where(at_end, np.inf, alone_ua * code / np.where(at_end, 1.0, steps - code))
 
 
-@dataclass(frozen=True)
-class HallConverter:
-    """The converter of a Hall chip: its step and its range.
+class HallConverter(Struct, frozen=True, forbid_unknown_fields=True):
+    """The converter of a Hall chip: its step and its range, by default those of a common one."""
 
-    Attributes
-    ----------
-    lsb_ut : float
-        One step, µT; the default is a common chip's.
-    range_ut : float
-        Largest measurable field of either sign, µT.
-    """
-
-    lsb_ut: float = 98.0
-    range_ut: float = 130_000.0
+    lsb_ut: Annotated[float, Meta(ge=1e-3, le=1e5, description="Step, µT")] = 98.0
+    range_ut: Annotated[
+        float, Meta(ge=1, le=1e7, description="Largest field of either sign, µT")
+    ] = 130e3
 
     def read(self, field_ut: np.ndarray) -> np.ndarray:
         """The field in whole steps, shape as given.

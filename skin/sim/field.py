@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,29 +11,9 @@ from topology import Topology
 __all__ = ["Field", "SineField"]
 
 
-class Field(Protocol):
-    """Field of the films of n units at their own Hall chips."""
-
-    def __call__(
-        self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
-    ) -> np.ndarray:
-        """Field in µT, unit frame.
-
-        Parameters
-        ----------
-        displacement_mm : ndarray, shape (..., 2, n)
-            Tangential displacement of the film, unit frame.
-        depth_mm : ndarray, shape (..., n)
-            Pressed depth H.
-        film_temperature : ndarray, shape (..., n)
-            Degree Celsius.
-
-        Returns
-        -------
-        ndarray, shape (..., 3, n)
-        """
-        ...
-
+Field = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Field of the films of n units at their own Hall chips, as `SineField` is called; `HalbachField`
+is another."""
 
 NEAR_MM = 1e-9
 """Displacement that counts as 0."""
@@ -96,7 +76,21 @@ class SineField:
     def __call__(
         self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
     ) -> np.ndarray:
-        """Field in µT, shape (..., 3, n); see `Field`."""
+        """Field in µT, unit frame.
+
+        Parameters
+        ----------
+        displacement_mm : ndarray, shape (..., 2, n)
+            Tangential displacement of the film, unit frame.
+        depth_mm : ndarray, shape (..., n)
+            Pressed depth H.
+        film_temperature : ndarray, shape (..., n)
+            Degree Celsius.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, n)
+        """
         amplitude = self.amplitude(depth_mm, film_temperature)
         displacement = np.hypot(displacement_mm[..., 0, :], displacement_mm[..., 1, :])
         phase = self._wavenumber * displacement

@@ -124,11 +124,6 @@ class SimulatedUnits:
         """Truth of one of the last `history` cycles; SkinError for others."""
         return self._sampled.truth_at(cycle)
 
-    @property
-    def history(self) -> tuple[tuple[int, Truth], ...]:
-        """Stored cycles and their truths, oldest first."""
-        return tuple(self._sampled.truths.items())
-
     def time_ns(self, bus: int = 0) -> int:
         """Time of the scene at the latest cycle of a bus, by which its faults are scheduled."""
         return round(1e9 * self._sent[bus] / self.topology.cycle_rate_hz)

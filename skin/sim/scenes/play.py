@@ -21,7 +21,6 @@ from skin.physics.fabrication import Fabrication
 from skin.physics.force_law import slope
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
-from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.field import Field, SineField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs, under
@@ -216,21 +215,14 @@ class ScriptedScene:
             pressing = Hysteresis((n,), width_n=LOOP_SHARE * span_n, span_n=span_n)
             dragging = Hysteresis((2, n), width_n=LOOP_SHARE * 2.0, span_n=2.0, one_sided=False)
             self._loops = pressing, dragging
-        tools = script.tools if wanted.tools else ()
-        self._tools = tuple(MovingTool(script, i, topology) for i in range(len(tools)))
+        self._tools = tuple(MovingTool(script, i, topology) for i in range(len(script.tools)))
         self._surroundings = None
-        if wanted.ambient_field or tools:
+        if wanted.ambient_field or self._tools:
             ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
             self._surroundings = Surroundings(ambient_ut)
-        parts = script.electronics
-        counter = Counter(parts.gate_s, parts.clock_hz)
-        divider = Divider(parts.reference_v, parts.series_ohm, parts.adc_bits)
-        converter = HallConverter(parts.hall_lsb_ut, parts.hall_range_ut)
         self.units = UnitSimulator(
             topology, seed=script.seed, noise=wanted.noise, field=self._field(),
-            counter=counter if wanted.counter else None,
-            divider=divider if wanted.divider else None,
-            converter=converter if wanted.hall_converter else None,
+            counter=script.counter, divider=script.divider, converter=script.hall_converter,
         )  # fmt: skip
         self._to_wrench = wrench_map(topology.position, topology.rotation)
         self._source_c = np.empty(n)

@@ -247,7 +247,7 @@ def test_remembered_truth_is_that_of_its_cycle() -> None:
         forces.append(scene.at(cycle / 250.0).force.copy())
     for cycle in (400, 450, 499):
         np.testing.assert_array_equal(nodes.truth_at(cycle).force, forces[cycle])
-    whole = Truth.stack(truth for _, truth in nodes.history)
+    whole = Truth.stack(nodes.truth_at(cycle) for cycle in range(400, 500))
     assert whole.force.shape == (100, 3, 64)
     np.testing.assert_array_equal(whole.force, forces[400:])
     np.testing.assert_allclose(whole.time_s, np.arange(400, 500) / 250.0)
