@@ -83,16 +83,6 @@ class GraspTruth:
     limit_n: np.ndarray
     bottomed: np.ndarray
 
-    @classmethod
-    def at_rest(cls, n: int, objects: tuple[str, ...]) -> GraspTruth:
-        """n untouched units, in a room."""
-        count = len(objects)
-        return cls(
-            0.0, Truth.at_rest(n, ROOM_C), objects, np.zeros((3, count)), np.zeros((3, 3, count)),
-            np.zeros((6, count)), np.zeros((6, count)), np.full(n, -1, np.int32),
-            np.zeros(n, bool), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, bool),
-        )  # fmt: skip
-
     def margin(self, index: int = 0) -> float:
         """Free fraction of the friction on an object; NaN without contact."""
         mine = self.touched_by == index
@@ -183,7 +173,13 @@ class GraspScene:
         self._index[-1] = -1
         self._index[plant.object_bodies] = np.arange(len(plant.objects))
         self._time_s = 0.0
-        self.truth = GraspTruth.at_rest(loaded.n, plant.objects)
+        count, touch = len(plant.objects), plant.touch
+        self.truth = GraspTruth(
+            0.0, Truth.at_rest(loaded.n, ROOM_C), plant.objects, np.zeros((3, count)),
+            np.zeros((3, 3, count)), np.zeros((6, count)), np.zeros((6, count)),
+            np.full(loaded.n, -1, np.int32), touch.slipping, touch.normal_n, touch.drag_n,
+            touch.limit_n, np.zeros(loaded.n, bool),
+        )  # fmt: skip
         self._update_truth(0.0)
 
     def at(self, time_s: float) -> Truth:
@@ -231,8 +227,6 @@ class GraspScene:
         units.temperature[:], units.film_temperature[:] = warm[0], warm[1]
         units.hall_temperature[:] = warm[3]
         truth.touched_by[:] = self._index[touch.body]
-        truth.slipping[:], truth.normal_n[:] = touch.slipping, touch.normal_n
-        truth.drag_n[:], truth.limit_n[:] = touch.drag_n, touch.limit_n
         np.greater(touch.tip_mm[2], 1e3 * DEEPEST_M, out=truth.bottomed)
         for i, body in enumerate(plant.object_bodies):
             truth.position[:, i] = plant.data.xipos[body]
