@@ -67,12 +67,8 @@ class PlayedBody:
         self.name = table.name
         self._where = partial(script.where, "bodies", index)
         self.motion = motion = Motion(table, topology, room_c, script.period_s)
-        self.mechanics = Mechanics(
-            topology,
-            motion.body,
-            static=motion.friction,
-            kinetic=lambda time_s: table.friction_share * motion.friction(time_s),
-        )
+        self.mechanics = Mechanics(topology, motion.body)
+        self._friction_share = table.friction_share
         self.force = np.zeros((3, topology.n))
         self._topology = topology
         self._dragged_m = np.zeros(3)
@@ -91,14 +87,16 @@ class PlayedBody:
         if motion.drag_n.given:
             self._dragged_m += axes[:, :2] @ self._yield_to_drag(motion.drag_n(time_s), axes, dt_s)
         pose = rotation, place + self._dragged_m
+        friction = float(motion.friction(time_s))
+        self.mechanics.friction = friction, self._friction_share * friction
         self.mechanics.passed = motion.passed(time_s)
         try:
             if not motion.press_n.given:
-                truth = self.mechanics.step(time_s, pose)
+                truth = self.mechanics.step(pose)
             elif (press_n := float(motion.press_n(time_s))) > 0.0:
-                truth = self.mechanics.push(time_s, pose, press_n, -axes[:, 2])
+                truth = self.mechanics.push(pose, press_n, -axes[:, 2])
             else:
-                truth = self.mechanics.step(time_s, (rotation, place + axes[:, 2]))
+                truth = self.mechanics.step((rotation, place + axes[:, 2]))
         except SkinError as error:
             raise SceneError(f"{self._where(time_s)}: {error}{self._hint(time_s)}") from None
         self.force[...] = truth.force
