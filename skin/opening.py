@@ -178,9 +178,9 @@ def _nodes(
     if not scene:
         return topology, None
     _check_simulated(has_transports, sync, topology)
-    from skin.sim.node import units_of
+    from skin.sim.node import simulated_units
 
-    nodes = units_of(topology, scene, seed, repeat)
+    nodes = simulated_units(topology, scene, seed, repeat)
     undo.callback(nodes.close)
     return topology.exact() if nodes.exact else topology, nodes
 

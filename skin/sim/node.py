@@ -32,7 +32,7 @@ from skin.sim.truth import Scene, Truth
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
-__all__ = ["Served", "SimulatedUnits", "units_of"]
+__all__ = ["Served", "SimulatedUnits", "simulated_units"]
 
 POLL_S = 0.05
 """Poll interval of a bus, for the stop flag."""
@@ -380,7 +380,7 @@ class SimulatedUnits:
             self.respond(heard.frames, out, bus)
 
 
-def units_of(
+def simulated_units(
     topology: Topology, scene: Any, seed: int | None = None, repeat: bool = False
 ) -> SimulatedUnits:
     """Units that play a scene: True for "demo", a name, a file, a loaded one, or a scene; with its
