@@ -28,7 +28,6 @@ from skin.io.messages.record import (
     record_dtype,
 )
 from skin.io.publish import process, publisher
-from skin.sim.attached import in_process
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.state import Status
@@ -67,7 +66,7 @@ def run(tmp_path_factory):
     loaded = dataclasses.replace(loaded, enabled=np.arange(loaded.n) != OFF)
     nodes = SimulatedUnits(loaded, open_scene("slide", loaded, seed=5), seed=5)
     script = FaultScript(faults=(kinds.Kill(units=[KILLED], from_s=1.2, to_s=1.6),), seed=5)
-    ends = [FaultyTransport(end, script, topology=loaded) for end in in_process(nodes)]
+    ends = [FaultyTransport(end, script, topology=loaded) for end in nodes.in_process()]
     patch = pytest.MonkeyPatch()
     patch.setattr(process, "Participant", Heard)
     patch.setattr(publisher, "require", lambda *_: None)
