@@ -23,7 +23,7 @@ SPECTRUM_S = np.geomspace(1e-4, 1e4, 33)
 
 
 class Stretched:
-    """The material under n units; a `skin.sim.mechanics.viscoelastic.Material`."""
+    """The material under n units, in place of that of a `skin.sim.scenes.play.ScriptedScene`."""
 
     def __init__(self, n: int, seed: int) -> None:
         rng = np.random.default_rng(seed)

@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from benchmarks.accuracy_skin import BAG_SIDE, PITCH_M, QUICK_BAG_SIDE, Made, square
 from benchmarks.creep import Stretched
@@ -36,6 +37,7 @@ from benchmarks.timing import times as timed
 from skin import Decoder
 from skin.physics.fabrication import Fabrication
 from skin.physics.surroundings import Surroundings
+from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import NonIdeal, SceneFile
@@ -50,6 +52,7 @@ CASES = (*((name, name, True) for name in ESTIMATORS), (ELASTIC, ESTIMATORS[0], 
 EVERYWHERE_M = 1.0
 """Reach of the films."""
 SIDE, BENCH_SEED = 6, 11
+BOARD = {"counter": Counter(), "divider": Divider(), "converter": HallConverter()}
 WINDOW_S = 1.0
 FRESH_S = 20.0
 """How long a load counts as fresh."""
@@ -69,7 +72,7 @@ def run(quick: bool) -> dict[str, Any]:
     script = load_scene("fig4a", whole)
     material = Stretched(few.n, script.seed)
     alone = Made(few, few, Fabrication.draw(few.n, script.seed))
-    bench = alone.bench(seed=BENCH_SEED, material=material.stage_driven(), **_board(script))
+    bench = alone.bench(seed=BENCH_SEED, material=material.stage_driven(), **BOARD)
     which = np.arange(SIDE**2) % few.n
     units = dataclasses.replace(alone, known=bench.calibrated())
     skin = units.dealt(whole, which)
@@ -193,21 +196,15 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join([*rows, f"picture: {figures['picture']}"])
 
 
-def _board(script: SceneFile) -> dict[str, Any]:
-    parts = script.electronics
-    return {
-        "counter": parts.counter(), "divider": parts.divider(), "converter": parts.hall_converter()
-    }  # fmt: skip
-
-
 def _play(
     skin: Made, script: SceneFile, rate_hz: float, material: Stretched
 ) -> tuple[np.ndarray, ...]:
     """Times (t,), counts (t, c, n), true forces (t, 3, n) and gel temperatures (t, n)."""
-    scene = ScriptedScene(skin.true, script, non_ideal=NonIdeal.everything(), material=material)
+    scene = ScriptedScene(skin.true, replace(script, non_ideal=NonIdeal.everything()))
+    scene.material = material
     # the skin lies still in the Earth's field, and feels all of its films, not the nearest alone
     field = skin.field(reach_m=EVERYWHERE_M, surroundings=Surroundings())
-    units = UnitSimulator(skin.true, seed=script.seed, field=field, **_board(script))
+    units = UnitSimulator(skin.true, seed=script.seed, field=field, **BOARD)
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     counts, force, warm = [], [], []
     for time_s in times:

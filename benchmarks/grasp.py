@@ -24,7 +24,6 @@ from benchmarks.grasp_hand import hand_model, hand_topology
 from skin.sim.grasping.model import engine_library
 from skin.sim.grasping.object import GraspObject
 from skin.sim.grasping.plant import Plant
-from skin.sim.grasping.steps import split
 from skin.sim.grasping.world import grasp
 from topology import load
 
@@ -97,9 +96,7 @@ def _pinched(thing: GraspObject, target_m: float, seconds: float = 1.5) -> Plant
 
 def _go(plant: Plant, seconds: float) -> None:
     for _ in range(round(seconds / PERIOD_S)):
-        count = split(plant, PERIOD_S, None)
-        for _ in range(count):
-            plant.step(PERIOD_S / count)
+        plant.advance(PERIOD_S)
 
 
 def _height(plant: Plant) -> float:

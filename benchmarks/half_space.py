@@ -22,8 +22,7 @@ from bus.compiled.jit import compiled, jitable
 from skin.errors import SkinError
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import force, inverse, scaled, stiffening
-from skin.sim.mechanics.foundation import SHORT, SLIP_MM, Faces
-from skin.sim.mechanics.springs import Springs, yields
+from skin.sim.mechanics.springs import SHORT, SLIP_MM, Faces, Springs, yields
 from topology import Topology
 
 __all__ = ["HalfSpace", "influence"]

@@ -20,8 +20,7 @@ from benchmarks.half_space import HalfSpace
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.mechanics.body import Body, Pose, penetration
-from skin.sim.mechanics.contact import Coefficient, Mechanics
-from skin.sim.mechanics.foundation import Winkler
+from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs
 from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
@@ -235,10 +234,10 @@ def _fields(name: str, pitch_m: float) -> tuple[HalbachField, HalbachField]:
 
 
 @lru_cache(4)
-def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Winkler:
+def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Springs:
     topology = skin_of(skin, pitch_m)
     if np.isinf(modulus_pa):
-        return Winkler(Springs.of(topology))
+        return Springs.of(topology)
     return HalfSpace.of(topology, modulus_pa)
 
 
@@ -313,8 +312,7 @@ def play(
     skin = skin_of(plan.skin, plan.pitch_m)
     mechanics = Mechanics(
         skin, plan.body, foundation=_foundation(plan.skin, plan.pitch_m, plan.modulus_pa),
-        static=_friction(plan, plan.friction, bool(sticks_for)),
-        kinetic=_friction(plan, plan.kinetic, bool(sticks_for)),
+        static=plan.friction, kinetic=plan.kinetic,
     )  # fmt: skip
     prony = Prony((3, skin.n))
     grip = _grip(plan)
@@ -337,7 +335,9 @@ def play(
                 if travel == plan.farthest_mm:
                     ends_s = min(ends_s, time_s + rest_s)
             depth = grip(since)
-        truth = mechanics.step(time_s, _pose(plan, depth, travel, max(since, 0.0)))
+        if sticks_for and since > 0.0:
+            mechanics.friction = STICKS, STICKS
+        truth = mechanics.step(_pose(plan, depth, travel, max(since, 0.0)))
         slipped |= truth.slipping
         slipped &= truth.contact
         share = float(truth.load @ slipped) / max(float(truth.load.sum()), 1e-12)
@@ -361,13 +361,6 @@ def play(
     )
     time = dt_s * np.arange(1, len(force) + 1)
     return Trial(plan, time, np.array(force), displacement, np.array(shares), np.array(travelled))
-
-
-def _friction(plan: Plan, coefficient: np.ndarray, sticks: bool) -> Coefficient:
-    """The plan's; where it `sticks`, only until the body begins to move."""
-    if not sticks:
-        return coefficient
-    return lambda time_s: coefficient if time_s <= plan.begins_s else STICKS + 0.0 * coefficient
 
 
 def _grip(plan: Plan) -> Callable[[float], float]:

@@ -18,7 +18,6 @@ import skin as product
 import topology
 from bus.faults import FaultyTransport
 from bus.faults.script import FaultScript, Kill
-from skin.sim.attached import in_process
 from skin.sim.node import SimulatedUnits
 from skin.view import show, snapshot
 from tests.fixtures.browser import Browser
@@ -98,7 +97,9 @@ def _shoot(
 ) -> float:
     """One picture, of a moment; the time of the scene."""
     faults = FaultScript(faults=tuple(Kill(units=(unit,)) for unit in silent))
-    ends = [FaultyTransport(end, faults, topology=skin) for end in in_process(SimulatedUnits(skin))]
+    ends = [
+        FaultyTransport(end, faults, topology=skin) for end in SimulatedUnits(skin).in_process()
+    ]
     now_ns = [0]
     snapshot.time = SimpleNamespace(monotonic_ns=lambda: now_ns[0])
     opened = product.open(skin.exact(), transports=ends, pace=False, deadline_s=0.002)

@@ -115,19 +115,15 @@ class DecodedLog(Attachable):
         return self.pipeline.counters
 
     @property
-    def damage(self) -> str | None:
-        """Where reading stopped, and why; None if the log is intact."""
-        return None if self._reader.damage is None else str(self._reader.damage)
-
-    @property
     def faults(self) -> list[str]:
-        """Faults of the log so far, as messages: bus or SYNC missing, stamps that run back or jump
-        ahead, frames that the logger lost, no valid reading."""
+        """Faults of the log so far, as messages: where it is damaged, bus or SYNC missing, stamps
+        that run back or jump ahead, frames that the logger lost, no valid reading."""
         found = [*self._watch.faults()]
         if self._cycles and not self._has_valid:
             found.append(_nothing_valid(self.pipeline, self._cycles))
-        of_log = filter(None, (self._reader.lacking, self._reader.loss))
-        return [*of_log, *(f"{self._reader.path}: {fault}" for fault in found)]
+        reader = self._reader
+        of_log = [str(one) for one in (reader.damage, reader.lacking, reader.loss) if one]
+        return [*of_log, *(f"{reader.path}: {fault}" for fault in found)]
 
     @property
     def notes(self) -> list[str]:

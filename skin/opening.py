@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
     from skin.io.record.recorder import Recorder
     from skin.sim.node import SimulatedUnits
-    from skin.sim.scene import Scene
     from skin.sim.scenes.script import SceneFile
+    from skin.sim.truth import Scene
 
 __all__ = ["open"]
 
@@ -178,9 +178,9 @@ def _nodes(
     if not scene:
         return topology, None
     _check_simulated(has_transports, sync, topology)
-    from skin.sim.attached import nodes_of
+    from skin.sim.node import simulated_units
 
-    nodes = nodes_of(topology, scene, seed, repeat)
+    nodes = simulated_units(topology, scene, seed, repeat)
     undo.callback(nodes.close)
     return topology.exact() if nodes.exact else topology, nodes
 
@@ -195,9 +195,7 @@ def _ends(
     if nodes is None:
         opened = (open_transport(bus, i) for i, bus in enumerate(topology.buses))
         return [undo.enter_context(end) for end in opened]
-    from skin.sim.attached import in_process
-
-    return [undo.enter_context(end) for end in in_process(nodes)]
+    return [undo.enter_context(end) for end in nodes.in_process()]
 
 
 def _script(faults: Any, topology: Topology) -> FaultScript | None:
@@ -222,9 +220,7 @@ def _checked(
         raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")
     script = _script(faults, topology)
     if script is None and nodes is not None:
-        from skin.sim.attached import own_faults
-
-        script = own_faults(nodes.scene)
+        script = getattr(nodes.scene, "faults", None)
     if script is None or not script.faults:
         return ends
     from bus.faults import FaultyTransport

@@ -23,7 +23,7 @@ from topology.schema import Bus
 from topology.wire import CHANNELS, WireLayout
 
 __all__ = [
-    "PARAMETER", "TEXTS", "from_arrays", "packed", "robot_of", "robot_text", "to_arrays",
+    "TEXTS", "from_arrays", "is_calibration", "packed", "robot_of", "robot_text", "to_arrays",
     "unpacked",
 ]  # fmt: skip
 
@@ -55,6 +55,17 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
     robot: RobotModel | None = None
     serials: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+
+def is_calibration(name: str) -> bool:
+    """Whether an array of `to_arrays`, by its name, is part of the calibration.
+
+    Examples
+    --------
+    >>> is_calibration("tared"), is_calibration("position")
+    (True, False)
+    """
+    return name.startswith(PARAMETER) or name in ("calibrated", "tared")
 
 
 def to_arrays(topology: Topology) -> dict[str, np.ndarray]:

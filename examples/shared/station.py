@@ -101,7 +101,7 @@ class Station:
         topology = load("gripper")
         self.vessel, self._name = vessel, thing.name
         self.world = grasp(
-            Path(__file__).with_name("station.xml"), topology, objects=[thing], seed=seed,
+            topology, objects=[thing], model=Path(__file__).with_name("station.xml"), seed=seed,
             episode=UNITS.draw(topology, seed=seed), want=("force", "temperature", "sigma"),
         )  # fmt: skip
         self.period_s = 1.0 / topology.cycle_rate_hz

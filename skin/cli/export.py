@@ -55,12 +55,7 @@ Tasks = Annotated[
     tuple[str, ...],
     tyro.conf.arg(metavar="TEXT [TEXT ...]", help="what was done: for all logs, or for each"),
 ]
-Fps = Annotated[
-    int | None,
-    options.quiet(
-        "frames a second of the camera; otherwise as they come", metavar="INT", constructor=int
-    ),
-]
+Fps = Annotated[int, tyro.conf.arg(metavar="INT", help="frames a second of the camera")]
 Window = Annotated[int, tyro.conf.arg(metavar="INT", help="samples of the skin in a window")]
 TaxelImages = Annotated[
     tuple[str, ...],
@@ -83,7 +78,7 @@ def lerobot(
     frames: Frames,
     output: Output,
     task: Tasks,
-    fps: Fps = None,
+    fps: Fps,
     window: Window = 8,
     taxel_image: TaxelImages = (),
     offset_s: Offset = 0.0,
@@ -104,7 +99,7 @@ def lerobot(
     from skin.io.export.camera import read_frames
     from skin.io.export.lerobot import Dataset
     from skin.io.record import is_recording
-    from skin.io.record.replay import recorded_topology, redecode, replay
+    from skin.io.record.replay import recorded_topology, replay
     from topology import load
 
     if len(frames) != len(logs):
@@ -121,9 +116,8 @@ def lerobot(
     asked, wrong = options.chosen(sweeps=sweeps, dtype=dtype) | options.mapped(map, *logs), []
     with Dataset(output, loaded, fps=fps, window=window, taxels=taxel_image) as written:
         for log, folder, text in zip(logs, frames, tasks, strict=True):
-            is_run = is_recording(log)
-            decode = redecode if is_run and asked else replay
-            states = decode(log, loaded, **asked if is_run else dict[str, Any](want=WANT) | asked)
+            wanted: dict[str, Any] = {} if is_recording(log) else {"want": WANT}
+            states = replay(log, loaded, **wanted | asked)
             written.add_episode(states, read_frames(folder, round(1e9 * offset_s)), text)
             wrong += states.faults
     report = written.report() | {"output": str(output.resolve()), "faults": wrong}

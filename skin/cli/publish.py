@@ -38,7 +38,7 @@ def publish(
 
     ROS 2 need not be installed here; the domain is ROS_DOMAIN_ID of the environment, or 0. Topics,
     as `ros2 topic list` shows them: skin/state, skin/layout, skin/wrench, skin/contact/<slot>,
-    skin/points, skin/forces, /tf_static, /diagnostics (docs/guides/connect.md). With `--simulate`
+    skin/points, skin/forces, /tf, /diagnostics (docs/guides/connect.md). With `--simulate`
     simulated units play a scene. Exits with 1 if no unit ever answered.
     """
     from skin.io.publish import ros

@@ -69,7 +69,6 @@ def sim(
     from bus.faults import load_script
     from skin.compiling import announcer
     from skin.errors import OptionError
-    from skin.sim.attached import own_faults
     from skin.sim.node import SimulatedUnits
     from skin.sim.scenes.load import open_scene
     from skin.sim.scenes.record import TRUTH, Recorder
@@ -87,7 +86,7 @@ def sim(
             nodes = SimulatedUnits(loaded, seed=seed or 0)
         else:
             played = open_scene(scene, loaded, seed=seed)
-            script = script or own_faults(played)
+            script = script or played.faults
             watched = played if truth is None else opened.enter_context(Recorder(played, truth))
             nodes = SimulatedUnits(loaded, watched, history=0)
         options.note_scene(nodes.scene)

@@ -45,9 +45,6 @@ __all__ = ["decode_logs", "decode_one"]
 
 WANT = ("temperature", "force", "sigma", "test_ratio", "wrench", "centroid", "contacts", "slip")
 """Quantities that are decoded by default."""
-END_BYTES = 1 << 20
-"""Bytes at the beginning and at the end of a log that are hashed, with its size, to detect a
-change: a change between them is not detected."""
 BLOCKS_AHEAD = 2
 
 OnLog = Callable[[dict[str, Any]], object]
@@ -198,9 +195,9 @@ def decode_one(
     threads = processors() > 1 if threads is None else threads
     played: Any
     if is_recording(log):
-        from skin.io.record.replay import redecode
+        from skin.io.record.replay import replay
 
-        played = redecode(log, topology, **options)
+        played = replay(log, topology, **options)
         blocks = blocks_of(played, played.pipeline)
     else:
         played = decode_log(topology, log, channels=channels, **{"want": WANT} | dict(options))
@@ -216,8 +213,7 @@ def decode_one(
             tally.add(block)
             if tables is not None:
                 tables.add(block)
-        damage = getattr(played, "damage", None)
-        faults = [*([damage] if damage else []), *played.faults]
+        faults = [*played.faults]
         if not tally.cycles and not faults:
             faults.append(f"{log}: must hold cycles of the skin {topology.name!r}; got none")
         report = {
@@ -293,10 +289,7 @@ def _keys(logs: Iterable[Path]) -> dict[str, Path]:
 
 
 def _provenance_of_log(log: Path, channels: Mapping[str, str] | None) -> dict[str, str]:
-    digest = hashlib.sha256(b"%d\n" % log.stat().st_size)
     with log.open("rb") as file:
-        digest.update(file.read(END_BYTES))
-        file.seek(max(log.stat().st_size - END_BYTES, 0))
-        digest.update(file.read(END_BYTES))
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
     named = json.dumps(dict(channels or {}), sort_keys=True)
-    return {"log": log.name, "log_sha256": digest.hexdigest(), "channels": named}
+    return {"log": log.name, "log_sha256": digest, "channels": named}

@@ -1,89 +1,24 @@
-"""Electronics of a unit's board: the timer of its capacitor, and what counts and converts.
-
-Timer, counter, divider and converter; the Hall chip is `skin.sim.hall`.
-"""
+"""Electronics of a unit's board: what counts the periods of its timer, and what converts gel and
+field; the Hall chip is `skin.sim.hall`."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct
 
-from topology import Topology
-
-__all__ = ["Counter", "Divider", "Gate", "HallConverter", "Timer", "picofarad"]
-
-COULOMB_CONSTANT = 8.9875517862e9
-"""k of Coulomb's law, N·m²/C²."""
-
-TIMER_CONSTANT = 1.44
-"""f = 1.44 / ((R1 + 2 R2) C) of the astable NE555."""
-
-RADII_MM = (2.25, 3.0, 3.75)
-"""The facing plates S1, S2, S3 of the three gaps: the smaller disc of each pair of the 4.5, 6, 7.5
-and 9 mm discs."""
-
-GAP_MM = 1.0
-"""Distance of the discs at rest."""
-
-PERMITTIVITY = 150.0
-"""Relative permittivity of the ionic elastomer between them [assumed]. Not given in the paper; only
-its product with the timer's resistors matters, and those follow from the rest frequency."""
-
-SQUEEZED = 0.999
-"""Compression at which the discs touch: beyond it the frequency stays at its lowest."""
+__all__ = ["Counter", "Divider", "Gate", "HallConverter"]
 
 
-def picofarad(compression: np.ndarray | float = 0.0) -> np.ndarray | float:
-    """Capacitance in pF of four soft discs in a stack, two of each polarity, with every gap
-    narrowed by the fraction `compression` (supplement S4, Fig. S3).
-
-    C = eps_r (3 S1 + 2 S2 + 2 S3) / (8 pi k d).
-
-    Examples
-    --------
-    >>> round(picofarad() / PERMITTIVITY, 3)
-    0.853
-    """
-    s1, s2, s3 = (math.pi * (1e-3 * r) ** 2 for r in RADII_MM)
-    gap = 1e-3 * GAP_MM * (1.0 - compression)
-    area = 3.0 * s1 + 2.0 * s2 + 2.0 * s3
-    return PERMITTIVITY * area / (8.0 * math.pi * COULOMB_CONSTANT * gap) * 1e12
-
-
-class Timer:
-    """Pressed depth to frequency for n units.
-
-    The height of the layer with the discs follows from `frequency_slope_hz_per_mm`, and the
-    resistors from `frequency_rest_hz`.
-    """
-
-    def __init__(self, topology: Topology) -> None:
-        rest_hz = topology.parameters["frequency_rest_hz"]
-        self._layer_mm = rest_hz / topology.parameters["frequency_slope_hz_per_mm"]
-        self._resistance_ohm = TIMER_CONSTANT / (rest_hz * picofarad() * 1e-12)
-
-    def frequency(self, depth_mm: np.ndarray) -> np.ndarray:
-        """Frequency in Hz at a pressed depth H, shape (..., n)."""
-        compression = np.minimum(depth_mm / self._layer_mm, SQUEEZED)
-        return TIMER_CONSTANT / (self._resistance_ohm * picofarad(compression) * 1e-12)
-
-
-@dataclass(frozen=True)
-class Counter:
+class Counter(Struct, frozen=True, forbid_unknown_fields=True):
     """Reciprocal counting: whole periods within a gate, timed by the ticks of a clock.
 
     With N periods in M ticks the reading is N clock / M. The clock is not synchronous with the
     timer, so M is the true time rounded up or down at random: unbiased, with an error of at most
     one tick, that is about ``frequency / (gate_s * clock_hz)``, of which 1/sqrt(6) is the standard
     deviation over all frequencies.
-
-    Attributes
-    ----------
-    gate_s : float
-        Counting time. A reading is the mean over the gate, so it is half a gate old.
-    clock_hz : float
+    A reading is the mean over the gate, so it is half a gate old.
 
     Examples
     --------
@@ -91,8 +26,8 @@ class Counter:
     4500.0
     """
 
-    gate_s: float = 0.01
-    clock_hz: float = 1e6
+    gate_s: Annotated[float, Meta(ge=1e-6, le=1, description="How long periods are counted")] = 0.01
+    clock_hz: Annotated[float, Meta(ge=1e3, le=1e10, description="That times the periods")] = 1e6
 
     def read(self, frequency_hz: np.ndarray, phase: np.ndarray | float) -> np.ndarray:
         """Reading of a frequency that is constant over the gate.
@@ -159,22 +94,14 @@ class Gate:
         return ((periods[past_s.size :] - opened) / self._gate_s).reshape(frequency_hz.shape)
 
 
-@dataclass(frozen=True)
-class Divider:
+class Divider(Struct, frozen=True, forbid_unknown_fields=True):
     """The gel between the reference and a resistor to ground; the converter measures across the
     resistor.
 
     The gel's current of its law is what the reference drives through the gel alone. The converter
     has the same reference, so only the resistor matters. A step has the same size in temperature at
-    both ends of a range if the resistor is the geometric mean of the gel's resistances there.
-
-    Attributes
-    ----------
-    reference_v : float
-    series_ohm : float
-        The default is for a gel of 10 µA at 20 °C and 120 µA at 80 °C: a step of 12 bits is
-        0.034 °C at both.
-    bits : int
+    both ends of a range if the resistor is the geometric mean of the gel's resistances there. The
+    default is for a gel of 10 µA at 20 °C and 120 µA at 80 °C: 12 bits are 0.034 °C at both.
 
     Examples
     --------
@@ -182,9 +109,9 @@ class Divider:
     array([ 10.01, 119.92])
     """
 
-    reference_v: float = 3.3
-    series_ohm: float = 95_000.0
-    bits: int = 12
+    reference_v: Annotated[float, Meta(ge=1e-3, le=100, description="Of divider and ADC")] = 3.3
+    series_ohm: Annotated[float, Meta(ge=1, le=1e9, description="In series with the gel")] = 95e3
+    bits: Annotated[int, Meta(ge=1, le=32, description="Of the ADC")] = 12
 
     def read(self, current_ua: np.ndarray) -> np.ndarray:
         """The current that a board computes from the code for a gel of this current, µA.
@@ -199,20 +126,13 @@ class Divider:
         return np.where(at_end, np.inf, alone_ua * code / np.where(at_end, 1.0, steps - code))
 
 
-@dataclass(frozen=True)
-class HallConverter:
-    """The converter of a Hall chip: its step and its range.
+class HallConverter(Struct, frozen=True, forbid_unknown_fields=True):
+    """The converter of a Hall chip: its step and its range, by default those of a common one."""
 
-    Attributes
-    ----------
-    lsb_ut : float
-        One step, µT; the default is a common chip's.
-    range_ut : float
-        Largest measurable field of either sign, µT.
-    """
-
-    lsb_ut: float = 98.0
-    range_ut: float = 130_000.0
+    lsb_ut: Annotated[float, Meta(ge=1e-3, le=1e5, description="Step, µT")] = 98.0
+    range_ut: Annotated[
+        float, Meta(ge=1, le=1e7, description="Largest field of either sign, µT")
+    ] = 130e3
 
     def read(self, field_ut: np.ndarray) -> np.ndarray:
         """The field in whole steps, shape as given.

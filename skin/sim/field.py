@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
-from skin.physics.halbach import CHIP_AXES
-from skin.physics.surroundings import Surroundings
 from topology import Topology
 
-__all__ = ["Field", "SineField", "StrayField"]
+__all__ = ["Field", "SineField"]
 
 
-class Field(Protocol):
-    """Field of the films of n units at their own Hall chips."""
-
-    def __call__(
-        self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
-    ) -> np.ndarray:
-        """Field in µT, unit frame.
-
-        Parameters
-        ----------
-        displacement_mm : ndarray, shape (..., 2, n)
-            Tangential displacement of the film, unit frame.
-        depth_mm : ndarray, shape (..., n)
-            Pressed depth H.
-        film_temperature : ndarray, shape (..., n)
-            Degree Celsius.
-
-        Returns
-        -------
-        ndarray, shape (..., 3, n)
-        """
-        ...
-
+Field = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Field of the films of n units at their own Hall chips, as `SineField` is called; `HalbachField`
+is another."""
 
 NEAR_MM = 1e-9
 """Displacement that counts as 0."""
@@ -98,7 +76,21 @@ class SineField:
     def __call__(
         self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
     ) -> np.ndarray:
-        """Field in µT, shape (..., 3, n); see `Field`."""
+        """Field in µT, unit frame.
+
+        Parameters
+        ----------
+        displacement_mm : ndarray, shape (..., 2, n)
+            Tangential displacement of the film, unit frame.
+        depth_mm : ndarray, shape (..., n)
+            Pressed depth H.
+        film_temperature : ndarray, shape (..., n)
+            Degree Celsius.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, n)
+        """
         amplitude = self.amplitude(depth_mm, film_temperature)
         displacement = np.hypot(displacement_mm[..., 0, :], displacement_mm[..., 1, :])
         phase = self._wavenumber * displacement
@@ -117,22 +109,3 @@ class SineField:
         growth = np.exp(self._growth * (depth_mm - self._reference_mm))
         drift = 1.0 + self._drift * (film_temperature - self._reference_c)
         return self._amplitude * growth * drift
-
-
-class StrayField:
-    """A `Field` plus the ambient field of surroundings, which may change between calls; without
-    tools."""
-
-    def __init__(self, topology: Topology, field: Field, surroundings: Surroundings) -> None:
-        self._field, self._surroundings = field, surroundings
-        # to_chip[a, n, b]: component a of chip n from component b of the skin frame
-        to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 2, 0)
-        self._to_chip = np.ascontiguousarray(to_chip)
-
-    def __call__(
-        self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
-    ) -> np.ndarray:
-        """Field in µT, shape (..., 3, n); see `Field`."""
-        field = self._field(displacement_mm, depth_mm, film_temperature)
-        field += self._to_chip @ self._surroundings.in_skin()
-        return field

@@ -9,26 +9,30 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from bus.codec import Packer
 from bus.configure import IDENTIFIER, understands
 from bus.frame import ECHO, FrameBatch
 from bus.memory import MemoryTransport
 from bus.transport import Transport
-from skin.errors import SkinError
+from skin.errors import OptionError, SkinError, shown
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.heartbeat import Heartbeats
 from skin.sim.sampled import SampledScene
-from skin.sim.scene import Scene
-from skin.sim.scenes.load import open_scene
+from skin.sim.scenes.load import load_scene, open_scene
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.scenes.script import SceneFile
 from skin.sim.settings import BoardSettings
-from skin.sim.truth import Truth
+from skin.sim.truth import Scene, Truth
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
-__all__ = ["Served", "SimulatedUnits"]
+__all__ = ["Served", "SimulatedUnits", "simulated_units"]
 
 POLL_S = 0.05
 """Poll interval of a bus, for the stop flag."""
@@ -70,8 +74,6 @@ class SimulatedUnits:
         have Halbach films with cross-talk.
     seed : int
         Seed of the noise.
-    noise : bool
-        False: quantisation only.
     history : int or None
         Cycles for which `truth_at` works; None for all, 0 for none.
     """
@@ -82,13 +84,12 @@ class SimulatedUnits:
         scene: Scene | None = None,
         *,
         seed: int = 0,
-        noise: bool = True,
         history: int | None = 256,
     ) -> None:
         self.topology = topology
-        self.scene = scene or open_scene("demo", topology, seed=seed, noise=noise)
+        self.scene = scene or open_scene("demo", topology, seed=seed)
         self.units = getattr(self.scene, "units", None) or UnitSimulator(
-            topology, seed=seed, noise=noise, field=HalbachField(topology, reach_m=FELT_M)
+            topology, seed=seed, field=HalbachField(topology, reach_m=FELT_M)
         )
         self.served = Served()
         self._packer = Packer(topology)
@@ -109,24 +110,19 @@ class SimulatedUnits:
     def exact(self) -> bool:
         """Whether the units' constants equal the parameters of the topology: the scene has no
         errors of fabrication."""
-        non_ideal = getattr(self.scene, "non_ideal", None)
-        return non_ideal is None or not non_ideal.fabrication
+        script = getattr(self.scene, "script", None)
+        return not (isinstance(script, SceneFile) and script.non_ideal.fabrication)
 
     @property
     def truth(self) -> Truth:
         """Truth of the latest cycle."""
-        if not self._sampled.history:
+        if not self._sampled.truths:
             raise SkinError("truth: must be asked for after the first cycle; got none yet")
-        return self._sampled.history[-1][1]
+        return self._sampled.truths[self._sampled.cycle]
 
     def truth_at(self, cycle: int) -> Truth:
         """Truth of one of the last `history` cycles; SkinError for others."""
         return self._sampled.truth_at(cycle)
-
-    @property
-    def history(self) -> tuple[tuple[int, Truth], ...]:
-        """Stored cycles and their truths, oldest first."""
-        return tuple(self._sampled.history)
 
     def time_ns(self, bus: int = 0) -> int:
         """Time of the scene at the latest cycle of a bus, by which its faults are scheduled."""
@@ -225,6 +221,12 @@ class SimulatedUnits:
                 transport.listener = partial(self._answer, transport, self.batch(bus), bus)
             else:
                 self._start(self.topology.buses[bus].name, self._send_freely, transport, bus)
+
+    def in_process(self) -> list[Transport]:
+        """Attach to new buses within the process; returns the host's end of each."""
+        pairs = [MemoryTransport.pair(index=i) for i in range(len(self.topology.buses))]
+        self.attach([far for _, far in pairs])
+        return [near for near, _ in pairs]
 
     def serve(
         self,
@@ -376,3 +378,30 @@ class SimulatedUnits:
             transport.receive(heard)
             out.clear()
             self.respond(heard.frames, out, bus)
+
+
+def simulated_units(
+    topology: Topology, scene: Any, seed: int | None = None, repeat: bool = False
+) -> SimulatedUnits:
+    """Units that play a scene: True for "demo", a name, a file, a loaded one, or a scene; with its
+    own seed, or 0, if none is given; with `repeat` it starts again at its end.
+
+    Raises
+    ------
+    OptionError
+        `scene` is not one, or cannot repeat, since it is not from a file.
+    topology.TopologyError
+        There is no such file, or it cannot be played.
+    """
+    if scene is True or isinstance(scene, str | Path):
+        scene = load_scene("demo" if scene is True else scene, topology)
+    if isinstance(scene, SceneFile):
+        given = {} if seed is None else {"seed": seed}
+        script = replace(scene, repeat=repeat or scene.repeat, **given)
+        scene = ScriptedScene(topology, script)
+    elif not hasattr(scene, "at"):
+        expected = "True, a scene, or the name or file of one"
+        raise OptionError(f"simulate: must be {expected}; got {shown(scene)}")
+    elif repeat:
+        raise OptionError(f"repeat: must be given with the file of a scene; got {shown(scene)}")
+    return SimulatedUnits(topology, scene, seed=seed or 0)

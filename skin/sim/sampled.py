@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections import deque
+from typing import Any
 
 import numpy as np
 
 from skin.errors import SkinError
-from skin.sim.scene import Scene
-from skin.sim.truth import Truth
+from skin.sim.truth import Scene, Truth
 from skin.sim.unit import UnitSimulator
-from topology import CHANNELS
 
 __all__ = ["RECENT", "SampledScene"]
 
@@ -34,55 +32,42 @@ class SampledScene:
         The last and the first cycle; -1 before it.
     cycles : int
         Number of sampled cycles.
-    history : deque of (int, Truth)
-        Stored cycles and their truths, oldest first.
+    truths : dict of int to Truth
+        Of the stored cycles, oldest first.
     """
 
     def __init__(self, scene: Scene, units: UnitSimulator, history: int | None) -> None:
-        n = units.topology.n
         self.scene, self.units = scene, units
         self.cycle = self.first = -1
         self.cycles = 0
-        self.history: deque[tuple[int, Truth]] = deque(maxlen=history)
+        self.truths: dict[int, Truth] = {}
+        self._history = history
+        self._counts: dict[int, np.ndarray] = {}
         self._rate_hz = units.topology.cycle_rate_hz
-        self._counts = np.zeros((RECENT, len(CHANNELS), n), np.int16)
-        self._cycles: list[int | None] = [None] * RECENT
-        self._start = self._begun()
-
-    def _begun(self) -> Truth:
-        """Sample the first instant, whichever cycle it is, without noise: compiles the kernels of
-        scene and units before the first cycle."""
-        truth = self.scene.at(0.0)
-        self.units.quantities(
-            truth.depth_mm, truth.displacement_mm, truth.temperature, truth.film_temperature,
-            truth.hall_temperature,
+        # the first instant, whichever cycle it is: compiles the kernels of scene and units
+        self._start = scene.at(0.0)
+        units.quantities(
+            self._start.depth_mm, self._start.displacement_mm, self._start.temperature,
+            self._start.film_temperature, self._start.hall_temperature,
         )  # fmt: skip
-        return truth
 
     def counts(self, cycle: int) -> np.ndarray:
         """Counts of a cycle, shape (c, n), int16; those of the last one if it is not stored."""
         if cycle > self.cycle:
-            self._counts[cycle % RECENT] = self.units.counts(self._go_on(cycle))
-        slot = cycle % RECENT
-        if self._cycles[slot] != cycle:  # it was skipped by all buses; the scene is past it
-            slot = self.cycle % RECENT
-        return self._counts[slot]
+            _keep(self._counts, cycle, self.units.counts(self._go_on(cycle)), RECENT)
+        # a cycle that all buses skipped: the scene is past it
+        return self._counts.get(cycle, self._counts[self.cycle])
 
     def recent(self, last: int) -> np.ndarray:
         """Stored counts of the cycles that end with `last`, shape (m, c, n)."""
-        slots = [
-            slot
-            for slot, cycle in enumerate(self._cycles)
-            if cycle is not None and last - RECENT < cycle <= last
-        ]
-        return self._counts[slots]
+        stored = [counts for number, counts in self._counts.items() if number <= last]
+        return np.array(stored)
 
     def truth_at(self, cycle: int) -> Truth:
         """Truth of a stored cycle; SkinError for others."""
-        for number, truth in reversed(self.history):
-            if number == cycle:
-                return truth
-        known = f"{self.history[0][0]} to {self.history[-1][0]}" if self.history else "none"
+        if cycle in self.truths:
+            return self.truths[cycle]
+        known = f"{min(self.truths)} to {max(self.truths)}" if self.truths else "none"
         raise SkinError(f"cycle: must be a stored one ({known}); got {cycle}")
 
     def _go_on(self, cycle: int) -> Truth:
@@ -91,9 +76,15 @@ class SampledScene:
             self.first, truth = cycle, self._start
         else:
             truth = self.scene.at((cycle - self.first) / self._rate_hz)
-        self._cycles[cycle % RECENT] = cycle
-        if self.history.maxlen != 0:
-            self.history.append((cycle, truth.copy()))
+        if self._history != 0:
+            _keep(self.truths, cycle, truth.copy(), self._history)
         self.cycle = cycle
         self.cycles += 1
         return truth
+
+
+def _keep(kept: dict[int, Any], number: int, value: Any, most: int | None) -> None:
+    """Add a value, in place of the oldest one where there are more."""
+    kept[number] = value
+    if most is not None and len(kept) > most:
+        del kept[next(iter(kept))]

@@ -45,8 +45,6 @@ class BoardSettings:
         self._asks = [bool((own & synced)[rows].any()) for rows in self._rows]
         self._last, self._left_out = [-1] * len(self._rows), [0] * len(self._rows)
         """Of each bus with such counts: its last cycle, and cycles so far without a SYNC."""
-        self._as_made = [True] * len(topology.buses)
-        """Of each bus: whether all its boards answer every cycle, with its number."""
         self._scratch = FrameBatch(max(1, len(frames)))
 
     def obey(self, record: np.void, bus: int, cycle: int, recent: np.ndarray) -> bool:
@@ -72,8 +70,6 @@ class BoardSettings:
             at = cycle - self._left_out[bus]
             self._base[asked] += at // self._rate[asked] - at // order.value
             self._rate[asked] = order.value
-            other = (self._rate != 1) | (self._base != 0) & self._counts
-            self._as_made[bus] = not other[self._rows[bus]].any()
         else:
             carried = self._topology.frames.units[asked]
             units = np.unique(carried[carried >= 0])
@@ -114,16 +110,17 @@ class BoardSettings:
             self._last[bus] = cycle
         itself = self._counts[self._rows[bus]]
         at = cycle - self._left_out[bus] * itself
-        if self._as_made[bus] and (at == at[:1]).all():
-            packer(counts, out, sequence=at.min(initial=cycle) & 0xFF, stamp_ns=stamp_ns, bus=bus)
-            return
         rate, base = self._rate[self._rows[bus]], self._base[self._rows[bus]]
         due = at % rate == 0
-        own = np.where(itself, base + at // rate, cycle)
+        own = np.where(itself, base + at // rate, cycle) & 0xFF
+        if due.all() and (own == own[:1]).all():
+            number = int(own.min(initial=0xFF))
+            packer(counts, out, sequence=number, stamp_ns=stamp_ns, bus=bus)
+            return
         chosen = np.empty(rate.size, out.records.dtype)
-        for number in np.unique(own[due] & 0xFF).tolist():
+        for number in np.unique(own[due]).tolist():
             self._scratch.clear()
             packer(counts, self._scratch, sequence=number, stamp_ns=stamp_ns, bus=bus)
-            mine = due & (own & 0xFF == number)
+            mine = due & (own == number)
             chosen[mine] = self._scratch.frames[mine]
         out.extend(chosen[due])

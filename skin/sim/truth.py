@@ -1,13 +1,14 @@
-"""Truth: the true state of every unit at one instant."""
+"""Truth: the true state of every unit at one instant; and what a scene is that has it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 
-__all__ = ["Truth", "sum_wrench", "wrench_map"]
+__all__ = ["Scene", "Truth", "sum_wrench", "wrench_map"]
 
 
 @dataclass(slots=True)
@@ -73,6 +74,22 @@ class Truth:
         """A copy that the scene does not overwrite."""
         values = (getattr(self, field.name) for field in fields(self))
         return Truth(*(v.copy() if isinstance(v, np.ndarray) else v for v in values))
+
+
+class Scene(Protocol):
+    """Contacts and temperatures of a skin over time.
+
+    One with an end has an attribute `ends_s`, in seconds: a skin that plays it has no states from
+    then on. One with `units`, a `skin.sim.unit.UnitSimulator`, has units of its own, and one with
+    `faults`, a `bus.faults.FaultScript`, faults of its frames.
+    """
+
+    def at(self, time_s: float) -> Truth:
+        """Advance to `time_s`, which must not be before the last one.
+
+        The truth belongs to the scene and is valid until the next call.
+        """
+        ...
 
 
 def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:

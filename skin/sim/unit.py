@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.sim.board import Counter, Divider, Gate, HallConverter, Timer
+from skin.sim.board import Counter, Divider, Gate, HallConverter
 from skin.sim.field import Field, SineField
 from skin.sim.hall import HallChip
 from skin.sim.truth import Truth
@@ -15,12 +15,16 @@ __all__ = ["UnitSimulator"]
 
 GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
 
+SQUEEZED = 1e-3
+"""Fraction of its frequency at rest below which a timer does not fall: its discs touch."""
+
 
 class UnitSimulator:
     """Forward model of the n units of a topology, from displacement and temperature to counts.
 
-    Gel current from its law, frequency from the capacitor's formula, field from the
-    film's law; then noise, quantisation and the rails of the wire.
+    Gel current from its law, field from the film's law, and frequency from the gap of the
+    capacitor's discs, whose capacitance, 1 over the gap, cancels in the timer's 1 over it; then
+    noise, quantisation and the rails of the wire.
 
     Parameters
     ----------
@@ -60,7 +64,7 @@ class UnitSimulator:
         p = topology.parameters
         self.topology = topology
         self._gel_20c = p["gel_current_20c_ua"]
-        self._timer = Timer(topology)
+        self._rest_hz, self._slope_hz = p["frequency_rest_hz"], p["frequency_slope_hz_per_mm"]
         self._field = field or SineField(topology)
         self._hall = HallChip(topology)
         self._counter = counter
@@ -105,7 +109,8 @@ class UnitSimulator:
         field = self._hall(self._field(displacement_mm, depth_mm, film), chip)
         values = np.empty((*field.shape[:-2], len(CHANNELS), self.topology.n))
         values[..., GEL, :] = self._gel_20c * gel_share(self.topology.parameters, temperature)
-        values[..., FREQUENCY, :] = self._timer.frequency(depth_mm)
+        frequency = self._rest_hz - self._slope_hz * depth_mm
+        values[..., FREQUENCY, :] = np.maximum(frequency, SQUEEZED * self._rest_hz)
         values[..., BX : BZ + 1, :] = field
         values[..., HALL_TEMPERATURE, :] = chip
         return values

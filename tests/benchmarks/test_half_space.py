@@ -14,8 +14,7 @@ from benchmarks import half_space as room
 from benchmarks.half_space import HalfSpace, influence
 from skin.errors import SkinError
 from skin.physics.elastic import Elastic
-from skin.sim.mechanics.foundation import Faces
-from skin.sim.mechanics.springs import Springs
+from skin.sim.mechanics.springs import Faces, Springs
 from tests.naive.mechanics import held_tractions, line_integral_rectangle, linear_contact, square
 from topology import load
 

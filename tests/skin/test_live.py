@@ -21,7 +21,6 @@ from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import OptionError, SkinError
 from skin.pacing import SYNC_BITS
-from skin.sim.attached import in_process
 from skin.sim.node import SimulatedUnits
 from skin.state import WANTS
 from tests.fixtures.live import frames_of
@@ -59,7 +58,7 @@ def test_a_bus_within_the_process_that_need_not_wait_has_a_time_of_its_own():
     """So that neither faults nor forces hang on how fast this machine is."""
     loaded = topology.load("strip")
     nodes = SimulatedUnits(loaded)
-    with skin.open(loaded, transports=in_process(nodes), pace=False) as opened:
+    with skin.open(loaded, transports=nodes.in_process(), pace=False) as opened:
         stamps_ns = [state.stamp_ns for state in take(opened, 50)]
     period_ns = round(1e9 / loaded.cycle_rate_hz)
     assert np.diff(stamps_ns).tolist() == [period_ns] * 49
@@ -380,7 +379,7 @@ class Pulled(MemoryTransport):
 def test_of_an_adapter_that_is_pulled_out_everything_else_is_closed_and_kept(tmp_path, pulled):
     loaded = topology.load("hand")
     nodes = SimulatedUnits(loaded)
-    ends = in_process(nodes)
+    ends = nodes.in_process()
     log = tmp_path / "run.log"
     opened = skin.open(loaded, transports=ends, record=log, pace=False)
     seen = []

@@ -37,7 +37,7 @@ def test_what_a_skin_recorded_decodes_to_what_it_felt(name, suffix, tmp_path):
         assert state.cycle == cycle
         np.testing.assert_array_equal(state.units.force, force)
         np.testing.assert_array_equal(state.wrench, wrench)
-    assert (decoded.faults, decoded.damage) == ([], None)
+    assert decoded.faults == []
 
 
 def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
@@ -50,7 +50,7 @@ def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
         closing.join()
     decoded = skin.decode_log("strip", log)
     assert list(decoded)
-    assert decoded.damage is None
+    assert decoded.faults == []
 
 
 @pytest.mark.parametrize(
@@ -136,4 +136,4 @@ def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
         assert run.wait(LONG_S) == 128 + signal.SIGTERM
     decoded = skin.decode_log("strip", log)
     assert list(decoded)
-    assert decoded.damage is None
+    assert decoded.faults == []

@@ -70,6 +70,8 @@ def watch(way):
 
 def scene(way):
     """The scene "demo", by units with all that is not ideal about films where it is wanted."""
+    from msgspec.structs import replace
+
     import topology
     from skin.sim.scenes.load import load_scene
     from skin.sim.scenes.play import ScriptedScene
@@ -78,7 +80,7 @@ def scene(way):
     if way != "fabricated":
         return "demo"
     palm = topology.load("palm")
-    return ScriptedScene(palm, load_scene("demo", palm), non_ideal=NonIdeal.everything())
+    return ScriptedScene(palm, replace(load_scene("demo", palm), non_ideal=NonIdeal.everything()))
 
 
 def record(path):

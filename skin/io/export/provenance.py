@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from topology.packed import PARAMETER, TEXTS, to_arrays
+from topology.packed import TEXTS, is_calibration, to_arrays
 
 if TYPE_CHECKING:
     from skin.options import Options
@@ -29,8 +29,7 @@ def provenance_of(topology: Topology, options: Options) -> dict[str, str]:
     """
     wiring, calibration = hashlib.sha256(), hashlib.sha256()
     for name, array in sorted(to_arrays(topology).items()):
-        is_calibration = name.startswith(PARAMETER) or name in ("calibrated", "tared")
-        digest = calibration if is_calibration else wiring
+        digest = calibration if is_calibration(name) else wiring
         digest.update(name.encode())
         if name == TEXTS:
             texts = json.loads(str(array))

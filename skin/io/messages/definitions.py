@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any
 
 from skin.contact.field import Quantity
 from skin.contact.record import QUANTITIES
@@ -27,7 +27,6 @@ __all__ = [
     "TF",
     "TOPICS",
     "WRENCH",
-    "Field",
     "decode",
     "definition",
     "encode",
@@ -202,35 +201,19 @@ def definition(name: str) -> str:
     return _store().generate_msgdef(name, ros_version=2)[0]
 
 
-class Field(NamedTuple):
-    """A field of a message.
-
-    Attributes
-    ----------
-    name : str
-    kind : str
-        "float64", "string", …, or the full name of a message.
-    size : int or None
-        Of an array, 0 for any; None for one value.
-    """
-
-    name: str
-    kind: str
-    size: int | None
-
-
-def fields_of(message: str) -> list[Field]:
-    """The fields of a message, in their order.
+def fields_of(message: str) -> dict[str, tuple[str, int | None]]:
+    """The fields of a message in their order: the kind of each ("float64", "string", …, or the full
+    name of a message), and its size if it is an array, 0 for any.
 
     Examples
     --------
-    >>> fields_of("geometry_msgs/msg/Wrench")[0]
-    Field(name='force', kind='geometry_msgs/msg/Vector3', size=None)
+    >>> fields_of("geometry_msgs/msg/Wrench")["force"]
+    ('geometry_msgs/msg/Vector3', None)
     """
-    found = []
+    found = {}
     for name, node in _store().fielddefs[message][1]:
         kind, of = node
         size = of[1] if kind.name in ("ARRAY", "SEQUENCE") else None
         inner, of = node if size is None else of[0]
-        found.append(Field(name, of if inner.name == "NAME" else of[0], size))
+        found[name] = of if inner.name == "NAME" else of[0], size
     return found

@@ -44,23 +44,17 @@ class Diagnostics:
 
     def message(self, record: np.ndarray) -> bytes:
         """Diagnostics at the record of a cycle."""
-        entries = [self._units(record["status"]), self._frames(record), *self._buses(record),
-                   _contacts(record), self._left_out(record)]  # fmt: skip
-        return self._message(int(record["stamp_ns"]), entries)
-
-    def silence(self, stamp_ns: int, seconds: float) -> bytes:
-        """Diagnostics of a skin without cycles."""
-        return self._message(stamp_ns, [(STALE, "units", f"no cycle for {seconds:.0f} s", {})])
-
-    def _message(self, stamp_ns: int, entries: list[Entry]) -> bytes:
         found = []
-        for level, name, text, values in entries:
+        for level, name, text, values in (
+            self._units(record["status"]), self._frames(record), *self._buses(record),
+            _contacts(record), self._left_out(record),
+        ):  # fmt: skip
             pairs = [make("diagnostic_msgs/msg/KeyValue", *pair) for pair in values.items()]
             found.append(make(
                 "diagnostic_msgs/msg/DiagnosticStatus", level, f"{self._name}: {name}", text,
                 self._skin["topology"], pairs,
             ))  # fmt: skip
-        head = header(stamp_ns, "")
+        head = header(int(record["stamp_ns"]), "")
         return encode(DIAGNOSTICS, make("diagnostic_msgs/msg/DiagnosticArray", head, found))
 
     def _units(self, status: np.ndarray) -> Entry:

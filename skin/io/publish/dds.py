@@ -117,10 +117,10 @@ def _idl_type(message: str) -> Any:
         "float32": types.float32, "float64": types.float64, "string": str,
     }  # fmt: skip
     found = {}
-    for field in fields_of(message):
-        one = numbers[field.kind] if field.kind in numbers else _idl_type(field.kind)
-        if field.size is not None:
-            one = types.array[one, field.size] if field.size else types.sequence[one]
-        found[field.name] = one
+    for field, (kind, size) in fields_of(message).items():
+        one = numbers[kind] if kind in numbers else _idl_type(kind)
+        if size is not None:
+            one = types.array[one, size] if size else types.sequence[one]
+        found[field] = one
     package, middle, name = message.split("/")
     return make_idl_struct(f"{name}_", f"{package}.{middle}.dds_.{name}_", found)

@@ -27,8 +27,6 @@ __all__ = ["Publishing"]
 
 WAKES_S = 0.002
 """Poll interval of the ring [assumed: a fifth of the period at 100 Hz]."""
-SILENT_S = 2.0
-"""Silence after which the skin is reported as stale [assumed]."""
 SETTLES_S = 0.5
 """Timeout of readers for the last messages [assumed]."""
 
@@ -45,7 +43,7 @@ class Publishing(Service):
     rest_s = WAKES_S
 
     def __init__(self, request: dict[str, Any]) -> None:
-        self._prefix, self._has_joints = request["prefix"], request["has_joints"]
+        self._prefix = request["prefix"]
         self._messages = SkinMessages(
             request, "publishing", name=request["name"], frame=request["frame"]
         )
@@ -54,7 +52,6 @@ class Publishing(Service):
         for topic in (STATE, WRENCH, POINTS, FORCES, DIAGNOSTICS, POSES):
             self._writer(topic)
         self._write(self._messages.layout(time.time_ns()))
-        self._heard = self._said = time.monotonic()
         self._count = 0
         self.commands = {"sent": self._sent}
 
@@ -62,9 +59,7 @@ class Publishing(Service):
         """The writer of a topic of `skin.io.messages.definitions`, made when it is first used."""
         if topic not in self._writers:
             name = topic[1:].replace("skin", self._prefix, 1)
-            if topic == TF and not self._has_joints:
-                name = "tf_static"
-            latched = topic in (LAYOUT, POSES) or name == "tf_static"
+            latched = topic in (LAYOUT, POSES, TF)
             self._writers[topic] = self.participant.writer(name, type_of(topic), latched=latched)
         return self._writers[topic]
 
@@ -74,23 +69,10 @@ class Publishing(Service):
 
     def take(self, records: np.ndarray) -> None:
         """Publish a record."""
-        record, messages = records[0], self._messages
-        stamp_ns = int(record["stamp_ns"])
-        moves = [*messages.moves(record, stamp_ns)]
-        self._write(moves)
-        if moves and not self._has_joints:
-            self._write([(TF, messages.transforms(stamp_ns))])
-        self._write(one for one in messages.of_state(record) if one[0] != TF or self._has_joints)
+        record = records[0]
+        self._write(self._messages.moves(record, int(record["stamp_ns"])))
+        self._write(self._messages.of_state(record))
         self._count += 1
-        self._heard = self._said = time.monotonic()
-
-    def look(self) -> None:
-        """Report a silent skin."""
-        now = time.monotonic()
-        if now - self._said > SILENT_S:
-            silence = self._messages.diagnostics.silence(time.time_ns(), now - self._heard)
-            self._write([(DIAGNOSTICS, silence)])
-            self._said = now
 
     def stop(self) -> None:
         """Wait until readers have received all messages."""

@@ -43,8 +43,7 @@ def ros(
     Topics: ``skin/state`` (all units), ``skin/wrench``, ``skin/contact/<slot>`` while a contact
     lasts and one wrench of zeros after it, ``skin/points`` and ``skin/forces`` (point clouds, 20
     times a second), ``/diagnostics`` once a second; ``skin/layout`` once, ``skin/poses`` when units
-    move, also for late subscribers; frames of patches on ``/tf_static``, or 20 times a second on
-    ``/tf`` where the topology has a robot.
+    move, also for late subscribers; frames of patches on ``/tf``, 20 times a second.
     docs/guides/connect.md has the messages.
 
     Parameters
@@ -88,7 +87,7 @@ def ros(
     bare = _prefix(prefix)
     request = {
         **described(topology), "name": bare.replace("/", "_"), "prefix": bare,
-        "frame": _frame(frame), "has_joints": topology.robot is not None, "domain": _domain(),
+        "frame": _frame(frame), "domain": _domain(),
         "local": not (network or _reaches_out()),
     }  # fmt: skip
     return skin.attach(Publisher(skin, request, rate_hz))

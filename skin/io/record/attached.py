@@ -21,7 +21,7 @@ from skin.errors import SkinError, check_number
 from skin.options import Options
 from topology import Topology, TopologyError
 from topology.files import read_arrays
-from topology.packed import PARAMETER, TEXTS, from_arrays, to_arrays
+from topology.packed import TEXTS, from_arrays, is_calibration, to_arrays
 
 __all__ = ["Setup", "attachments", "differences", "read_setup"]
 
@@ -35,9 +35,8 @@ def attachments(topology: Topology, options: Options, deadline_s: float | None) 
     run = {"topology": topology.name, "options": given, "deadline_s": deadline_s}
     found = {RUN: json.dumps(run, indent=1).encode(), ARRAYS: _archive(topology)}
     if options.stencil is not None:
-        with tempfile.TemporaryDirectory() as folder:
-            options.stencil.save(Path(folder) / STENCIL)
-            found[STENCIL] = (Path(folder) / STENCIL).read_bytes()
+        options.stencil.write(file := io.BytesIO())
+        found[STENCIL] = file.getvalue()
     return found
 
 
@@ -86,18 +85,16 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
     return Setup(topology, options, deadline_s)
 
 
-def differences(recorded: Topology, given: Topology) -> list[str]:
-    """Names of what differs between two topologies; empty if they decode the same."""
+def differences(recorded: Topology, given: Topology) -> tuple[list[str], bool]:
+    """Names of what differs between two skins, and whether their calibrations do."""
     names = ("name", "unit_names", "patch_names", "layouts")
     found = [name for name in names if getattr(recorded, name) != getattr(given, name)]
     if [bus.name for bus in recorded.buses] != [bus.name for bus in given.buses]:
         found.append("buses")
     one, other = to_arrays(recorded), to_arrays(given)
-    found += [
-        name.removeprefix(PARAMETER) for name in one
-        if name != TEXTS and not np.array_equal(one[name], other[name])
-    ]  # fmt: skip
-    return found
+    arrays = [name for name in one if name != TEXTS and not np.array_equal(one[name], other[name])]
+    others = [name for name in arrays if not is_calibration(name)]
+    return [*found, *others], len(others) < len(arrays)
 
 
 def _slip(values: dict[str, Any]) -> Any:

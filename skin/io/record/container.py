@@ -31,41 +31,6 @@ def require_libraries(where: str) -> None:
     require(where, "log", "mcap", "rosbags")
 
 
-class _File:
-    """A new file that grows by complete pieces: incomplete ones are truncated."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        self._waiting = bytearray()
-        self.size = 0
-        """Of what is in the file."""
-
-    def write(self, data: bytes) -> int:
-        """Buffer bytes; `flush` writes them."""
-        self._waiting += data
-        return len(data)
-
-    def tell(self) -> int:
-        """Offset of the next byte."""
-        return self.size + len(self._waiting)
-
-    def flush(self) -> None:
-        """Write the buffered bytes."""
-        left = memoryview(bytes(self._waiting))
-        try:
-            while left:
-                left = left[os.write(self._file, left) :]
-        except OSError:
-            os.ftruncate(self._file, self.size)
-            raise
-        self.size += len(self._waiting)
-        self._waiting.clear()
-
-    def sync(self) -> None:
-        """Sync the file to the disk."""
-        os.fsync(self._file)
-
-
 class Container:
     """An MCAP file that is being written.
 
@@ -82,14 +47,14 @@ class Container:
     Raises
     ------
     OSError
-        By any method: the file cannot be written. It is complete up to the last `flush`.
+        By any method: the file cannot be written. What was written before can be read.
     """
 
     def __init__(self, path: Path) -> None:
         from mcap.writer import Writer
 
-        self._file = _File(path)
-        self._writer: Any = Writer(self._file)  # type: ignore[arg-type]
+        self._file = path.open("xb")
+        self._writer: Any = Writer(self._file)
         self._writer.start("ros2", "f3t-skin")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -101,7 +66,7 @@ class Container:
     @property
     def size(self) -> int:
         """Size of the file in bytes."""
-        return self._file.size
+        return self._file.tell()
 
     def attach(self, name: str, data: bytes) -> None:
         """Attach a file."""
@@ -131,7 +96,7 @@ class Container:
         """End the file and sync it; with an index, if there is room for one."""
         self._writer.finish()
         self._file.flush()
-        self._file.sync()
+        os.fsync(self._file.fileno())
 
 
 class RecordedFile:

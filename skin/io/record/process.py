@@ -7,8 +7,9 @@ every `FLUSH_S`, so that it loses less than a second if this process is killed a
 from __future__ import annotations
 
 import base64
-import sys
+import os
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +22,15 @@ from skin.io.messages.of_skin import SkinMessages
 from skin.io.record.container import Container
 from skin.worker import Service, WorkerEnd, run
 
-__all__ = ["Recording", "SlotsToMessages", "main"]
+__all__ = ["Recording", "main"]
 
 FLUSH_S = 0.4
 AT_ONCE = 64
 """Slots that are freed together."""
 
 
-class SlotsToMessages:
-    """Writes slots of the ring as messages.
+class Recording(Service):
+    """Writes slots of the ring to a file as messages, and answers commands.
 
     Parameters
     ----------
@@ -38,14 +39,22 @@ class SlotsToMessages:
         As of `skin.io.messages.record.described`.
     """
 
+    batch = AT_ONCE
+
     def __init__(self, file: Container, request: dict[str, Any]) -> None:
         self._file, self._messages = file, SkinMessages(request, "recording")
         self._stamp_ns, self._lost = 0, (0, 0)
-        self.cycles = self.frames = 0
+        self._cycles = self._frames = 0
         self._begun = False
+        self._flushed = time.monotonic()
+        self.commands = {"open": dict, "report": self._report, "finish": self._finish}
 
-    def write(self, slot: np.ndarray) -> None:
-        """Write one slot."""
+    def take(self, records: np.ndarray) -> None:
+        """Write slots."""
+        for slot in records:
+            self._write(slot)
+
+    def _write(self, slot: np.ndarray) -> None:
         frames = slot["frames"][: int(slot["frame_count"])]
         if slot["has_state"]:
             self._stamp_ns = max(0, int(slot["stamp_ns"]))
@@ -57,11 +66,11 @@ class SlotsToMessages:
             self._add(self._messages.layout(self._stamp_ns))
         if slot["event_count"]:
             self._add([(FRAMES, self._inputs(slot, frames))])
-            self.frames += len(frames)
+            self._frames += len(frames)
         self._add(self._messages.moves(slot, self._stamp_ns))
         if slot["has_state"]:
             self._add(self._messages.of_state(slot))
-            self.cycles += 1
+            self._cycles += 1
 
     def _inputs(self, slot: np.ndarray, frames: np.ndarray) -> bytes:
         """The events of a slot and their frames, as ``f3t_msgs/msg/CanFrames``."""
@@ -71,31 +80,9 @@ class SlotsToMessages:
             events[:, 0].astype(np.uint8), events[:, 1].copy(), frames.reshape(-1),
         ))  # fmt: skip
 
-    def _add(self, messages: Any) -> None:
+    def _add(self, messages: Iterable[tuple[str, bytes]]) -> None:
         for topic, data in messages:
             self._file.add(topic, self._stamp_ns, data)
-
-
-class Recording(Service):
-    """Writes slots to a file, and answers commands.
-
-    Parameters
-    ----------
-    file : Container
-    written : SlotsToMessages
-    """
-
-    batch = AT_ONCE
-
-    def __init__(self, file: Container, written: SlotsToMessages) -> None:
-        self._file, self._written = file, written
-        self._flushed = time.monotonic()
-        self.commands = {"open": dict, "report": self._report, "finish": self._finish}
-
-    def take(self, records: np.ndarray) -> None:
-        """Write slots."""
-        for slot in records:
-            self._written.write(slot)
 
     def look(self) -> None:
         """Flush the file when it is due."""
@@ -117,9 +104,8 @@ class Recording(Service):
         return self._facts()
 
     def _facts(self) -> dict[str, Any]:
-        file, written = self._file, self._written
-        return {"cycles": written.cycles, "frames": written.frames, "bytes": file.size,
-                "messages": file.count, "cpu_s": time.process_time()}  # fmt: skip
+        return {"cycles": self._cycles, "frames": self._frames, "bytes": self._file.size,
+                "messages": self._file.count, "cpu_s": time.process_time()}  # fmt: skip
 
 
 def begin(end: WorkerEnd) -> Recording:
@@ -134,7 +120,7 @@ def begin(end: WorkerEnd) -> Recording:
         if not isinstance(error, FileExistsError):
             path.unlink(missing_ok=True)  # no empty recording is left behind
         raise SkinError(f"{path}: {error.strerror}") from error
-    return Recording(file, SlotsToMessages(file, request))
+    return Recording(file, request)
 
 
 def main() -> None:
@@ -142,7 +128,7 @@ def main() -> None:
     try:
         run(begin)
     except OSError as error:
-        sys.exit(error.errno)
+        os._exit(error.errno or 1)  # at an ordinary end the file would be written to once more
 
 
 if __name__ == "__main__":

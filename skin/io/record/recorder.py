@@ -8,7 +8,6 @@ import os
 import struct
 import time
 from collections.abc import Sequence
-from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +28,7 @@ from topology.files import check_path
 if TYPE_CHECKING:
     from skin.pipeline import Pipeline
 
-__all__ = ["EVENTS", "Event", "Recorder", "slot_dtype"]
+__all__ = ["FED", "PART", "Recorder", "slot_dtype"]
 
 RING_S = 2.0
 """Time span of the ring [assumed: a process is not held up for longer]."""
@@ -41,20 +40,9 @@ EVENTS = 24
 SPARE_FRAMES = 8
 
 
-class Event(IntEnum):
-    """Inputs of a pipeline, as in ``f3t_msgs/msg/CanFrames``."""
-
-    FED = 0
-    """Frames; the value is their number."""
-    EXPIRED = int(Ending.EXPIRED)
-    """The value is the age of the cycle in ns, also of the next two."""
-    SILENT = int(Ending.SILENT)
-    FLUSHED = int(Ending.FLUSHED)
-    PART = 4
-    """As FED, and the batch continues with the next event."""
-
-
-FED, PART = int(Event.FED), int(Event.PART)
+FED, PART = 0, 4
+"""Further events than those of `Ending`, as in ``f3t_msgs/msg/CanFrames``: so many frames, and so
+many of a batch that continues with the next event."""
 PACK = [struct.Struct(f"<{3 + 2 * count}q").pack_into for count in range(EVENTS + 1)]
 """Write the counts of a slot and so many events."""
 
@@ -259,8 +247,6 @@ def check_new(file: str | os.PathLike[str]) -> None:
     """
     check_path("record", file, SkinError)
     path = Path(file)
-    if path.suffix != ".mcap":
-        raise SkinError(f"{path}: must end in .mcap; got {path.suffix or 'no suffix'!r}")
     if os.path.lexists(path):
         raise SkinError(f"{path}: must be a new file; got one that is there already")
     folder = path.absolute().parent

@@ -30,16 +30,16 @@ from skin.io.messages.record import RecordWriter, record_dtype
 from skin.io.record import is_recording
 from skin.io.record.attached import Setup, differences, read_setup
 from skin.io.record.container import RecordedFile
-from skin.io.record.recorder import Event
+from skin.io.record.recorder import FED, PART
 from skin.offline import DecodedLog, decode_log
-from skin.sinks import Attachable
+from skin.sinks import Attachable, Ending
 from topology import Topology
 
 if TYPE_CHECKING:
     from skin.pipeline import Pipeline
     from skin.state import State
 
-__all__ = ["Pace", "Replay", "recorded_topology", "redecode", "replay"]
+__all__ = ["Pace", "Replay", "recorded_topology", "replay"]
 
 LONGEST_WAIT_S = 5.0
 """Longest wait for a state in real time [assumed: longer gaps are skipped]."""
@@ -73,11 +73,13 @@ def replay(
     ----------
     file : path
     source : Topology, str or Path, optional
-        Needed for a log. A recording has its own; a given one must be equal.
+        Needed for a log. A recording has its own; of a given one, which must be of the same skin,
+        the calibration is used. Units that were simulated keep theirs.
     speed : float, optional
         1 for real time, 10 for ten times as fast; no waiting if not given.
     **options
-        Of a log: channels, what is computed, and how, as of `decode_log`. A recording has its own.
+        Of a log: channels, what is computed, and how, as of `decode_log`. Of a recording: what
+        replaces the options of its run.
 
     Returns
     -------
@@ -87,9 +89,9 @@ def replay(
     Raises
     ------
     bus.LogError
-        There is no such file, its format is unknown, or it was recorded with another topology.
+        There is no such file, its format is unknown, or it was recorded with another skin.
     OptionError
-        Options with a recording, or a log without a topology.
+        An option that cannot be, or a log without a topology.
     LibraryError
         The library that reads recordings is not installed.
 
@@ -111,72 +113,30 @@ def replay(
         if source is None:
             raise OptionError(f"{path}: topology: must be given with a log; got none")
         return PacedLog(decode_log(source, path, **options), speed)
-    if options:
-        raise OptionError(
-            f"{path}: {', '.join(options)}: must not be given with a recording, which has the "
-            "options of its run"
-        )
+    if "channels" in options:
+        raise OptionError(f"{path}: channels: must not be given with a recording")
     recorded = RecordedFile(path)
-    setup = read_setup(path, recorded.attached)
+    ran = setup = read_setup(path, recorded.attached)
     if source is not None:
         given = source if isinstance(source, Topology) else topology_package.load(source)
-        _check_same(path, setup.topology, given)
-    announcer()
-    return Replay(recorded, setup, speed)
-
-
-def redecode(
-    file: str | os.PathLike[str], source: Topology | None = None, **options: Any
-) -> Replay:
-    """The frames of a recording by the calibration that its skin has now, or by other options.
-
-    Parameters
-    ----------
-    file : path
-        A recording.
-    source : Topology, optional
-        The skin of the recording; its calibration may be another one. Of units that were simulated
-        that of the recording stays. The recording's own if not given.
-    **options
-        Replace those of the run.
-
-    Returns
-    -------
-    Replay
-        States are compared to those of the recording if nothing is changed.
-
-    Raises
-    ------
-    bus.LogError
-        There is no such file, it is not a recording, or it is of another skin.
-    """
-    recorded = RecordedFile(existing(file))
-    setup = read_setup(recorded.path, recorded.attached)
-    run = setup.topology
-    is_other = False
-    if source is not None:
-        is_other = all(differences(run, one) for one in (source, source.exact()))
-    if source is not None and is_other:
-        calibrated = dataclasses.replace(
-            run, parameters=source.parameters, calibrated=source.calibrated,
-            tared=source.tared,
-        )  # fmt: skip
-        _check_same(recorded.path, calibrated, source)
-        setup = dataclasses.replace(setup, topology=source)
+        if _is_recalibrated(path, ran.topology, given):
+            setup = dataclasses.replace(setup, topology=given)
     if options:
         setup = dataclasses.replace(setup, options=dataclasses.replace(setup.options, **options))
     announcer()
-    return Replay(recorded, setup, None, compares=not (is_other or options))
+    return Replay(recorded, setup, speed, compares=setup is ran)
 
 
-def _check_same(path: Path, recorded: Topology, given: Topology) -> None:
-    """Refuse a recording of another skin; simulated units had exact parameters."""
-    found = differences(recorded, given)
-    if found and differences(recorded, given.exact()):
+def _is_recalibrated(path: Path, recorded: Topology, given: Topology) -> bool:
+    """Whether the skin of a recording has another calibration now; another skin is refused. Units
+    that were simulated had exact parameters."""
+    others, is_other = differences(recorded, given)
+    if others:
         raise LogError(
             f"{path}: topology: must be recorded with {given.name!r} as it is now; got differences "
-            f"in {', '.join(found)}"
+            f"in {', '.join(others)}"
         )
+    return is_other and differences(recorded, given.exact())[1]
 
 
 class Pace:
@@ -257,9 +217,8 @@ class PacedLog(Paced):
 
     @property
     def faults(self) -> list[str]:
-        """Faults of the log so far, damage included."""
-        damage = self._decoded.damage
-        return [*([] if damage is None else [damage]), *self._decoded.faults]
+        """Faults of the log so far."""
+        return self._decoded.faults
 
     def _states(self) -> Iterator[State]:
         yield from self._decoded
@@ -271,11 +230,12 @@ class Replay(Paced):
     Attributes
     ----------
     count, same : int
-        States so far, and how many of them equal those of the recording, to the bit.
+        States that were compared so far, and how many of them equal those of the recording, to the
+        bit. None is compared that another calibration or another option gives.
     """
 
     def __init__(
-        self, recorded: RecordedFile, setup: Setup, speed: float | None, *, compares: bool = True
+        self, recorded: RecordedFile, setup: Setup, speed: float | None, *, compares: bool
     ) -> None:
         from skin.pipeline import Pipeline
 
@@ -302,7 +262,7 @@ class Replay(Paced):
         if self._unmade:
             found.append(f"{path}: must hold the frames of every state; got {self._unmade} states "
                          "without")  # fmt: skip
-        if self._compares and (other := self.count - self.same):
+        if other := self.count - self.same:
             found.append(f"{path}: must give the states of the run; got {other} of {self.count} "
                          "that differ")  # fmt: skip
         return found
@@ -339,15 +299,15 @@ class Replay(Paced):
         events = message.events.tolist(), message.values.tolist()
         done = 0
         for event, value in zip(*events, strict=True):
-            if event in (Event.FED, Event.PART):
+            if event in (FED, PART):
                 size = value * FRAME_DTYPE.itemsize
                 self._parts.append(message.frames[done : done + size].copy().view(FRAME_DTYPE))
                 done += size
-                if event == Event.FED:
+                if event == FED:
                     parts, self._parts = self._parts, []
                     yield from self.pipeline.feed(np.concatenate(parts))
                 continue
-            flushes = event == Event.FLUSHED
+            flushes = event == Ending.FLUSHED
             state = self.pipeline.flush() if flushes else self._timed(event, value)
             if state is not None:
                 yield state
@@ -355,7 +315,7 @@ class Replay(Paced):
     def _timed(self, event: int, elapsed_ns: int) -> State | None:
         """Apply an event of the clock, when a cycle or the silence was so old. Without SYNC, and
         before the first one, the first event starts the time."""
-        end = self.pipeline.expire if event == Event.EXPIRED else self.pipeline.silence
+        end = self.pipeline.expire if event == Ending.EXPIRED else self.pipeline.silence
         since_ns = self.pipeline.assembler.since_ns
         if since_ns is None:
             end(0)

@@ -1,21 +1,28 @@
-"""Plant: a robot with a skin, and objects, moved by MuJoCo and the forces of the skin."""
+"""Plant: a robot with a skin, and objects, moved by MuJoCo and the forces of the skin.
+
+These forces are explicit: a body of mass m on springs k oscillates at ``w = sqrt(k / m)``, and a
+step above ``2 / w`` is unstable. For many bodies w² is at most the sum, over both bodies of a
+contact, of the largest ``sum_i k_i (1 / m + r_i² / I)`` [Gershgorin].
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from bus.compiled.bound import Bound
 from skin.errors import OptionError, SceneError
-from skin.sim.grasping.mesh import triangles
+from skin.physics.force_law import at, slope
 from skin.sim.grasping.model import compile_model, engine_library, name_of
 from skin.sim.grasping.object import GraspObject
 from skin.sim.grasping.records import Bodies, Mounted, Surfaces, Touch
-from skin.sim.grasping.touch import feel
-from skin.sim.mechanics.rays import PLANE
+from skin.sim.grasping.touch import DEEPEST_M, feel
+from skin.sim.mechanics.rays import MESH, PLANE
 from skin.sim.mechanics.springs import Springs
 from topology import Topology
 
@@ -26,6 +33,13 @@ FELT = (0, 2, 3, 4, 5, 6, 7)
 
 INSIDE_M = 1e-6
 """Largest depth of a unit in an object at the start [numeric]."""
+
+SHARE = 0.6
+"""Step relative to ``2 / w``, reduced for viscosity [numeric: a pinched box diverges between 1.6
+and 2.0, a ball between 2.5 and 3.2, since w is a bound]."""
+
+LONGEST_S = 2e-3
+"""Longest step, without contact: that of MuJoCo's own models."""
 
 
 class Plant:
@@ -43,8 +57,6 @@ class Plant:
     mounted_at : tuple of ndarray, optional
         True poses of the units at home, shapes (3, n) and (3, 3, n), if they differ from the
         topology.
-    self_touch : bool
-        Whether links touch each other.
 
     Attributes
     ----------
@@ -56,10 +68,6 @@ class Plant:
     object_bodies : ndarray, shape (o,), int32
     mounted, surfaces, bodies, touch : NamedTuple
         See `skin.sim.grasping.records`.
-    rim_m : ndarray, shape (b,)
-        Radius of a ball about the centre of mass of each body that contains its geoms.
-    timestep_s : float
-        Time step of the model.
     pushes : ndarray, shape (b, 6)
         Other wrenches on the bodies: newton, and newton metre about the centre of mass.
 
@@ -73,7 +81,6 @@ class Plant:
         self, path: Path, topology: Topology, objects: Sequence[GraspObject | str], *,
         springs: Springs | None = None,
         mounted_at: tuple[np.ndarray, np.ndarray] | None = None,
-        self_touch: bool = True,
     ) -> None:  # fmt: skip
         self.engine = mujoco = engine_library()
         self.topology = topology
@@ -90,17 +97,34 @@ class Plant:
         found = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, base)
         self.base_body = max(found, 0)
         self.mounted = _mounted(self.model, topology, springs, mounted_at)
-        self.mounted.weight[...] = self._weights(self_touch)
+        self.mounted.weight[...] = self._weights()
         self.surfaces = self._surfaces(objects)
         self.touch = Touch.nothing(topology.n)
         self.pushes = np.zeros((self.model.nbody, 6))
-        self.rim_m = _rims(self.model)
-        self.timestep_s = float(self.model.opt.timestep)
+        self._rim_m = _rims(self.model)
+        self._longest_s = min(LONGEST_S, float(self.model.opt.timestep))
         self._elapsed_s = np.zeros(1)
         self._feel = Bound(
             feel, self.bodies, self.mounted, self.surfaces, self.touch, self._elapsed_s
         )
         self._begin()
+
+    def advance(self, period_s: float) -> None:
+        """Advance by a period, in the fewest steps that are stable for the present contacts."""
+        step_s = self._longest_s
+        units = np.flatnonzero(self.touch.body >= 0)
+        if units.size:
+            law = at(self.mounted.springs.normal, units)
+            stiffness = 1e3 * np.maximum(slope(0.0, law), slope(1e3 * DEEPEST_M, law))
+            square = 0.0
+            for bodies in (self.mounted.body[units], self.touch.body[units]):
+                sums = np.bincount(bodies, stiffness * self._inverse_masses()[bodies])
+                square += float(sums.max())
+            if square > 0.0:
+                step_s = min(step_s, SHARE * 2.0 / math.sqrt(square))
+        count = max(1, math.ceil(period_s / step_s * (1.0 - 1e-9)))
+        for _ in range(count):
+            self.step(period_s / count)
 
     def step(self, dt_s: float) -> None:
         """Advance the engine by one step, and compute the forces at its end."""
@@ -173,7 +197,15 @@ class Plant:
         same = self.mounted.body == self.mounted.body[unit]
         self.mounted.weight[np.ix_(same, self.surfaces.body == body)] = 0.0
 
-    def _weights(self, self_touch: bool) -> np.ndarray:
+    def _inverse_masses(self) -> np.ndarray:
+        """Inverse mass of every body at its rim, shape (b,), 1/kg: at most the trace of its inverse
+        inertia there."""
+        middle, rotational = self.model.body_invweight0.T
+        of_free = middle + rotational * self._rim_m**2
+        of_link = 3.0 * middle  # the mean over directions, of which one may have the whole sum
+        return np.where(self.model.body_dofnum == 6, of_free, of_link)
+
+    def _weights(self) -> np.ndarray:
         """Effect of each unit on each geom, shape (n, g)."""
         model = self.model
         links = set(self.mounted.body.tolist())
@@ -185,8 +217,6 @@ class Plant:
                 continue
             body = int(model.geom_bodyid[g])
             of_robot = body != 0 and model.body_rootid[body] == tree
-            if of_robot and not self_touch:
-                continue
             weight[:, g] = 0.5 if body in links else 1.0
             near = {body, int(model.body_parentid[body])} if of_robot else {body}
             for link in links:
@@ -208,11 +238,27 @@ class Plant:
         return Surfaces(
             kind, np.array(model.geom_bodyid, np.int32), np.array(model.geom_size),
             np.where(kind == PLANE, np.inf, model.geom_rbound), static, kinetic, compliance,
-            *triangles(model),
+            *_hulls(model),
         )  # fmt: skip
 
 
+def _hulls(model: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Faces of the convex hull of each mesh, by which the engine has contacts too, shape (p, 4),
+    frame of the geom, and the first face of each geom and the first behind it, shape (g, 2)."""
+    planes, of_geom = [np.zeros((0, 4))], np.zeros((model.ngeom, 2), np.int64)
+    count = 0
+    for g in np.flatnonzero(model.geom_type == MESH):
+        mesh = model.geom_dataid[g]
+        first = model.mesh_vertadr[mesh]
+        corners = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+        planes.append(np.unique(ConvexHull(corners).equations.round(9), axis=0))
+        of_geom[g] = count, count + len(planes[-1])
+        count += len(planes[-1])
+    return np.concatenate(planes), of_geom
+
+
 def _rims(model: Any) -> np.ndarray:
+    """Radius about the centre of mass of each body within which its geoms are, shape (b,)."""
     radius = np.zeros(model.nbody)
     off = np.linalg.norm(model.geom_pos - model.body_ipos[model.geom_bodyid], axis=1)
     np.maximum.at(

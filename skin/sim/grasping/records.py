@@ -50,9 +50,9 @@ class Surfaces(NamedTuple):
         Static and kinetic coefficients of friction.
     compliance : ndarray, shape (g,)
         mm/N, to the force of one unit.
-    corners : ndarray, shape (f, 3, 3)
+    planes : ndarray, shape (p, 4)
     faces : ndarray, shape (g, 2)
-        Of meshes, as `mesh_crossing` takes them.
+        Of the hulls of meshes, as `hull_crossing` takes them.
     """
 
     kind: np.ndarray
@@ -62,7 +62,7 @@ class Surfaces(NamedTuple):
     static: np.ndarray
     kinetic: np.ndarray
     compliance: np.ndarray
-    corners: np.ndarray
+    planes: np.ndarray
     faces: np.ndarray
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,6 @@ from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.grasping.episode import Episode
 from skin.sim.grasping.object import ROOM_C, GraspObject
 from skin.sim.grasping.plant import Plant
-from skin.sim.grasping.steps import split
 from skin.sim.grasping.touch import DEEPEST_M
 from skin.sim.mechanics.springs import under
 from skin.sim.thermal import ThermalChain
@@ -32,7 +31,7 @@ from skin.sim.truth import Truth, sum_wrench, wrench_map
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
-__all__ = ["GraspScene", "GraspTruth", "grasp_scene"]
+__all__ = ["GraspScene", "GraspTruth"]
 
 APART_M = 10.0
 """Distance between links: beyond the range of films."""
@@ -84,67 +83,103 @@ class GraspTruth:
     limit_n: np.ndarray
     bottomed: np.ndarray
 
-    @classmethod
-    def at_rest(cls, n: int, objects: tuple[str, ...]) -> GraspTruth:
-        """n untouched units, in a room."""
-        count = len(objects)
-        return cls(
-            0.0, Truth.at_rest(n, ROOM_C), objects, np.zeros((3, count)), np.zeros((3, 3, count)),
-            np.zeros((6, count)), np.zeros((6, count)), np.full(n, -1, np.int32),
-            np.zeros(n, bool), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, bool),
-        )  # fmt: skip
-
     def margin(self, index: int = 0) -> float:
         """Free fraction of the friction on an object; NaN without contact."""
         mine = self.touched_by == index
         limit = float(self.limit_n[mine].sum())
         return 1.0 - float(self.drag_n[mine].sum()) / limit if limit > 0.0 else float("nan")
 
-    def copy(self) -> GraspTruth:
-        """A copy that is not overwritten."""
-        values = (getattr(self, field.name) for field in fields(self))
-        return GraspTruth(*(v.copy() if hasattr(v, "copy") else v for v in values))
-
 
 class GraspScene:
-    """Steps a plant to requested instants (a `skin.sim.scene.Scene`).
+    """A robot with its skin and objects, stepped to requested instants (a `skin.sim.truth.Scene`),
+    for `skin.open(..., simulate=scene)` and `skin.sim.node.SimulatedUnits`.
 
     Parameters
     ----------
-    plant : Plant
-    units : UnitSimulator
-        Converts displacements to counts.
-    gain : ndarray, shape (3, n)
-        Factors of the units' displacement: 1 normal, 0 a dead unit.
-    step_s : float, optional
-        Longest step of the engine.
+    topology : Topology, str or Path
+        With ``[robot] model``, and a link for every patch.
+    objects : iterable of GraspObject or str
+        New ones, and names of bodies of the model.
+    model : str or Path, optional
+        Model to simulate, MJCF or URDF, if it is not that of the topology.
+    episode : Episode, optional
+        Deviations of this world from the files.
+    seed : int
+        Of the noise.
+    noise : bool
+        False: quantisation only; constant counts are no fault then.
 
     Attributes
     ----------
     plant : Plant
+    units : UnitSimulator
+        Converts displacements to counts.
     truth : GraspTruth
     surface_c : ndarray, shape (b,)
         Temperatures of the bodies, degree Celsius; may be set between two instants.
-    steps : int
-        Of the engine, so far.
     moved : callable, or None
         Called after the joints have moved, before the truth is returned.
+
+    Raises
+    ------
+    OptionError, SceneError, LibraryError, topology.TopologyError
+        Invalid arguments; the message says what to do.
     """
 
     def __init__(
-        self, plant: Plant, units: UnitSimulator, gain: np.ndarray, step_s: float | None = None
+        self,
+        topology: Topology | str | Path,
+        objects: Iterable[GraspObject | str] = (),
+        *,
+        model: str | Path | None = None,
+        episode: Episode | None = None,
+        seed: int = 0,
+        noise: bool = True,
     ) -> None:
-        self.plant, self.units = plant, units
-        self.steps = 0
+        check_number("seed", seed, 0, MOST_SEED, whole=True)
+        check_flag("noise", noise)
+        loaded = topology if isinstance(topology, Topology) else topology_package.load(topology)
+        robot = loaded.robot
+        if robot is None:
+            raise OptionError(
+                f"{loaded.path or loaded.name}: must have [robot] model, the file of the robot "
+                "that the skin is on; got none"
+            )
+        path = robot.path if model is None else Path(model)
+        if not path.is_file():
+            raise SceneError(f"model: must be an MJCF or URDF file; got {str(path)!r}, not there")
+        given = _objects(objects)
+        drawn = Episode() if episode is None else episode
+        drawn.check(loaded)
+        if not noise or drawn.noise < LEAST_NOISE:  # constant counts are no fault
+            never = np.zeros_like(loaded.parameters["frozen_cycles"])
+            loaded = _changed(loaded, frozen_cycles=never)
+        self.plant = plant = Plant(
+            path, loaded, drawn.objects(given), springs=drawn.springs(loaded),
+            mounted_at=drawn.poses(loaded),
+        )  # fmt: skip
+        scaled = {name: drawn.noise * loaded.parameters[name] for name in NOISES}
+        scaled["gel_current_20c_ua"] = drawn.gel * loaded.parameters["gel_current_20c_ua"]
+        field = HalbachField(_with_distant_links(loaded), reach_m=FELT_M)
+        self.units = UnitSimulator(_changed(loaded, **scaled), seed=seed, noise=noise, field=field)
         self.moved: Callable[[], Any] | None = None
-        self._step_s, self._gain = step_s, gain
+        self._gain = np.broadcast_to(drawn.gain, (3, loaded.n))
         self.surface_c = np.full(plant.model.nbody, ROOM_C)
-        self._chain = ThermalChain(plant.topology, ambient=ROOM_C, direct=True)
+        for body, thing in zip(plant.object_bodies, given, strict=True):
+            if isinstance(thing, GraspObject):
+                self.surface_c[body] = thing.temperature_c
+        self._chain = ThermalChain(loaded, ambient=ROOM_C, direct=True)
         self._index = np.full(plant.model.nbody + 1, -2, np.int32)
         self._index[-1] = -1
         self._index[plant.object_bodies] = np.arange(len(plant.objects))
         self._time_s = 0.0
-        self.truth = GraspTruth.at_rest(plant.topology.n, plant.objects)
+        count, touch = len(plant.objects), plant.touch
+        self.truth = GraspTruth(
+            0.0, Truth.at_rest(loaded.n, ROOM_C), plant.objects, np.zeros((3, count)),
+            np.zeros((3, 3, count)), np.zeros((6, count)), np.zeros((6, count)),
+            np.full(loaded.n, -1, np.int32), touch.slipping, touch.normal_n, touch.drag_n,
+            touch.limit_n, np.zeros(loaded.n, bool),
+        )  # fmt: skip
         self._update_truth(0.0)
 
     def at(self, time_s: float) -> Truth:
@@ -156,10 +191,7 @@ class GraspScene:
                 f"time_s: must not be before {self._time_s:g}, the last one; got {time_s:g}"
             )
         if period_s > 0.0:
-            count = split(self.plant, period_s, self._step_s)
-            for _ in range(count):
-                self.plant.step(period_s / count)
-            self.steps += count
+            self.plant.advance(period_s)
             self._check()
             if self.moved is not None:
                 self.moved()
@@ -175,7 +207,7 @@ class GraspScene:
         ):
             raise SkinError(
                 f"world: must stay finite; got accelerations without bound at {self._time_s:g} s: "
-                "give a shorter step_s, or heavier bodies"
+                "give heavier bodies, or a shorter timestep in the model"
             )
 
     def _update_truth(self, elapsed_s: float) -> None:
@@ -195,8 +227,6 @@ class GraspScene:
         units.temperature[:], units.film_temperature[:] = warm[0], warm[1]
         units.hall_temperature[:] = warm[3]
         truth.touched_by[:] = self._index[touch.body]
-        truth.slipping[:], truth.normal_n[:] = touch.slipping, touch.normal_n
-        truth.drag_n[:], truth.limit_n[:] = touch.drag_n, touch.limit_n
         np.greater(touch.tip_mm[2], 1e3 * DEEPEST_M, out=truth.bottomed)
         for i, body in enumerate(plant.object_bodies):
             truth.position[:, i] = plant.data.xipos[body]
@@ -216,80 +246,6 @@ class GraspScene:
         axes = data.xmat[base].reshape(3, 3).T
         position = axes @ (position - data.xpos[base][:, np.newaxis])
         return position, np.einsum("ij,jkn->ikn", axes, rotation)
-
-
-def grasp_scene(
-    topology: Topology | str | Path,
-    objects: Iterable[GraspObject | str] = (),
-    *,
-    model: str | Path | None = None,
-    episode: Episode | None = None,
-    seed: int = 0,
-    noise: bool = True,
-    step_s: float | None = None,
-    self_touch: bool = True,
-) -> GraspScene:
-    """A scene for `skin.open(..., simulate=scene)` and `skin.sim.node.SimulatedUnits`.
-
-    Parameters
-    ----------
-    topology : Topology, str or Path
-        With ``[robot] model``, and a link for every patch.
-    objects : iterable of GraspObject or str
-        New ones, and names of bodies of the model.
-    model : str or Path, optional
-        Model to simulate, MJCF or URDF, if it is not that of the topology.
-    episode : Episode, optional
-        Deviations of this world from the files.
-    seed : int
-        Of the noise.
-    noise : bool
-        False: quantisation only; constant counts are no fault then.
-    step_s : float, optional
-        Longest step of the engine; shorter ones are taken where stiffness over mass asks for them.
-    self_touch : bool
-        Whether links touch each other.
-
-    Raises
-    ------
-    OptionError, SceneError, LibraryError, topology.TopologyError
-        Invalid arguments; the message says what to do.
-    """
-    check_number("seed", seed, 0, MOST_SEED, whole=True)
-    check_flag("noise", noise)
-    check_flag("self_touch", self_touch)
-    if step_s is not None:
-        check_number("step_s", step_s, 1e-7, 1.0)
-    loaded = topology if isinstance(topology, Topology) else topology_package.load(topology)
-    robot = loaded.robot
-    if robot is None:
-        raise OptionError(
-            f"{loaded.path or loaded.name}: must have [robot] model, the file of the robot that "
-            "the skin is on; got none"
-        )
-    path = robot.path if model is None else Path(model)
-    if not path.is_file():
-        raise SceneError(f"model: must be an MJCF or URDF file; got {str(path)!r}, not there")
-    given = _objects(objects)
-    drawn = Episode() if episode is None else episode
-    drawn.check(loaded)
-    if not noise or drawn.noise < LEAST_NOISE:  # constant counts are no fault
-        never = np.zeros_like(loaded.parameters["frozen_cycles"])
-        loaded = _changed(loaded, frozen_cycles=never)
-    plant = Plant(
-        path, loaded, drawn.objects(given), springs=drawn.springs(loaded),
-        mounted_at=drawn.poses(loaded), self_touch=self_touch,
-    )  # fmt: skip
-    scaled = {name: drawn.noise * loaded.parameters[name] for name in NOISES}
-    scaled["gel_current_20c_ua"] = drawn.gel * loaded.parameters["gel_current_20c_ua"]
-    field = HalbachField(_with_distant_links(loaded), reach_m=FELT_M)
-    units = UnitSimulator(_changed(loaded, **scaled), seed=seed, noise=noise, field=field)
-    gain = np.broadcast_to(drawn.gain, (3, loaded.n))
-    scene = GraspScene(plant, units, gain, step_s)
-    for body, thing in zip(plant.object_bodies, given, strict=True):
-        if isinstance(thing, GraspObject):
-            scene.surface_c[body] = thing.temperature_c
-    return scene
 
 
 def _changed(topology: Topology, **parameters: np.ndarray) -> Topology:

@@ -10,22 +10,30 @@ gradient of an elastic energy, so that a cycle of loading and unloading gains no
 with U' and V' the unit's own elastic laws (`skin.physics.elastic`) and g their stiffening with
 depth. The tip slides over the solid only where that force leaves the cone of friction about the
 solid's normal (Coulomb's return map); otherwise it sticks exactly. Both bodies get the same force,
-at the tip. This is the Winkler foundation of `skin.sim.mechanics.foundation` for bodies that are
+at the tip. This is the Winkler foundation of `skin.sim.mechanics.springs` for bodies that are
 moved by forces.
 """
 
 from __future__ import annotations
 
+import math
+
 from bus.compiled.jit import compiled, jitable
-from skin.sim.grasping.laws import STEEPEST, elastic, lost, onto_cone, slid
-from skin.sim.grasping.mesh import mesh_crossing
-from skin.sim.mechanics.rays import MESH, crossing
+from skin.physics.force_law import at, energy, force, inverse, slope, stiffening
+from skin.sim.mechanics.rays import MESH, crossing, hull_crossing
+from skin.sim.mechanics.springs import yields
 from skin.sim.mechanics.vectors import add, dot, turned, turned_back
 
 __all__ = ["DEEPEST_M", "LOSS_S", "feel"]
 
 DEEPEST_M = 3.5e-3
 """Depth at which the film would lie on its chip; a line that enters below is behind the skin."""
+
+STEEPEST = 0.2
+"""Cosine of the tilt beyond which a solid passes a unit without pressing it [assumed]."""
+
+LEAST_STIFF = 0.1
+"""Lower bound of the shear stiffness over that at the reference depth [assumed]."""
 
 SLIDES = 4
 """Corrections of the path of a tip in one step for the curvature of the solid [numeric]."""
@@ -35,6 +43,73 @@ ON_CONE = 1e-9
 
 LOSS_S = 2e-4
 """Viscosity over stiffness of the elastomer: a loss of 6 % at 50 Hz [assumed, a soft silicone]."""
+
+
+@jitable
+def _stiffened(springs, i, deep_mm):
+    """Factor of the shear at a depth, and its slope."""
+    gain = springs.gain_per_mm[i]
+    stiff = stiffening(deep_mm, gain, springs.reference_mm[i])
+    if stiff < LEAST_STIFF:
+        stiff, gain = LEAST_STIFF, 0.0
+    return stiff, gain
+
+
+@jitable
+def _borne(target, law, soft_mm_per_n):
+    """Force and energy of a unit that yields by so much together with a compliance in series."""
+    own = yields(target, law, soft_mm_per_n)
+    push = force(own, law)
+    return push, energy(own, law) + 0.5 * soft_mm_per_n * push * push
+
+
+@jitable
+def _elastic(springs, i, tip, soft_mm_per_n):
+    """Force in newton, unit frame, and energy in N·mm, of a tip displaced by so many mm."""
+    stiff, gain = _stiffened(springs, i, tip[2])
+    travel = math.sqrt(tip[0] * tip[0] + tip[1] * tip[1])
+    side_n, side = _borne(travel, at(springs.shear, i), soft_mm_per_n)
+    push_n, push = _borne(tip[2], at(springs.normal, i), soft_mm_per_n)
+    across = stiff * side_n / travel if travel > 0.0 else 0.0
+    return (across * tip[0], across * tip[1], push_n + gain * side), push + stiff * side
+
+
+@jitable
+def _onto_cone(pull, normal, friction):
+    """Components of a force along a normal and across it, and the force projected onto the cone of
+    friction; its part along the unit's z stays. Unit frame."""
+    along = dot(pull, normal)
+    side = add(pull, normal, -along)
+    size = math.sqrt(dot(side, side))
+    if size <= friction * along:
+        return along, size, pull
+    direction = add(normal, side, friction / size)
+    share = pull[2] / max(direction[2], STEEPEST)
+    return along, size, (share * direction[0], share * direction[1], pull[2])
+
+
+@jitable
+def _slid(springs, i, pull, soft_mm_per_n, deep_mm):
+    """Displacement of the tip, across the unit's normal, under a force within the cone of friction;
+    mm."""
+    stiff, _ = _stiffened(springs, i, deep_mm)
+    size = math.sqrt(pull[0] * pull[0] + pull[1] * pull[1]) / stiff
+    travel = inverse(size, at(springs.shear, i)) + soft_mm_per_n * size
+    share = travel / (stiff * size) if size > 0.0 else 0.0
+    return share * pull[0], share * pull[1]
+
+
+@jitable
+def _lost(springs, i, pull, tip, before, rate):
+    """A force plus viscosity: stiffness times the rate of each displacement."""
+    normal, shear = at(springs.normal, i), at(springs.shear, i)
+    steep = slope(inverse(pull[2], normal), normal)
+    travel = math.sqrt(tip[0] * tip[0] + tip[1] * tip[1])
+    size = math.sqrt(pull[0] * pull[0] + pull[1] * pull[1])
+    across = size / travel if travel > 1e-9 else slope(0.0, shear)
+    return (pull[0] + rate * across * (tip[0] - before[0]),
+            pull[1] + rate * across * (tip[1] - before[1]),
+            pull[2] + rate * steep * (tip[2] - before[2]))  # fmt: skip
 
 
 @jitable
@@ -52,13 +127,11 @@ def _deepest(bodies, surfaces, weight, face, direction):
         point = turned_back(bodies.geom_rotation, g, off)
         along = turned_back(bodies.geom_rotation, g, direction)
         if surfaces.kind[g] == MESH:
-            out, x, y, z = mesh_crossing(
-                surfaces.corners, surfaces.faces[g], point, along, DEEPEST_M
-            )
+            enters, out, x, y, z = hull_crossing(surfaces.planes, surfaces.faces[g], point, along)
         else:
             enters, out, x, y, z = crossing(surfaces.kind[g], surfaces.size[g], point, along)
-            if enters > DEEPEST_M:
-                continue
+        if enters > DEEPEST_M:
+            continue
         if out > depth and x * along[0] + y * along[1] + z * along[2] > STEEPEST:
             best, depth, normal = g, out, turned(bodies.geom_rotation, g, (x, y, z))
     return best, depth, normal
@@ -153,7 +226,7 @@ def _slide(bodies, mounted, surfaces, touch, i, pull):
     geom = touch.geom[i]
     weight, soft = mounted.weight[i, geom], surfaces.compliance[geom]
     face = _face(bodies, mounted, i)
-    x, y = slid(mounted.springs, i, pull, soft, touch.tip_mm[2, i])
+    x, y = _slid(mounted.springs, i, pull, soft, touch.tip_mm[2, i])
     share = 1e-3 / weight
     aside = _theirs(mounted, bodies.rotation, i, (share * x, share * y, 0.0))
     direction = _theirs(mounted, bodies.rotation, i, (0.0, 0.0, 1.0))
@@ -196,28 +269,28 @@ def _bear(bodies, mounted, surfaces, touch, i, rate):
         spot, tip, normal = _tip(bodies, mounted, touch, i, face, weight)
         if tip[2] <= 0.0:
             return False
-        pull, energy = elastic(springs, i, tip, soft)
+        pull, stored = _elastic(springs, i, tip, soft)
         moving = was_slipping or trial > 0
         friction = surfaces.kinetic[geom] if moving else surfaces.static[geom]
-        along, across, held = onto_cone(pull, normal, friction)
+        along, across, held = _onto_cone(pull, normal, friction)
         slips = across > friction * along * (1.0 + ON_CONE)
         if not slips or trial == SLIDES - 1:
             break
         if not was_slipping:
             friction = surfaces.kinetic[geom]
-            held = onto_cone(pull, normal, friction)[2]
+            held = _onto_cone(pull, normal, friction)[2]
         if not _slide(bodies, mounted, surfaces, touch, i, held):
             return False
         trial += 1
     touch.slipping[i] = trial > 0
     if rate > 0.0 and trial == 0:
-        pull = lost(springs, i, pull, tip, before, rate)
+        pull = _lost(springs, i, pull, tip, before, rate)
     friction = surfaces.kinetic[geom] if trial > 0 else surfaces.static[geom]
     if pull[2] <= 0.0 or dot(pull, normal) <= 0.0:
         pull = (0.0, 0.0, 0.0)
-    pull = onto_cone(pull, normal, friction)[2]
-    touch.normal_n[i], touch.drag_n[i], _ = onto_cone(pull, normal, friction)
-    touch.limit_n[i], touch.energy_j[i] = friction * touch.normal_n[i], 1e-3 * energy
+    pull = _onto_cone(pull, normal, friction)[2]
+    touch.normal_n[i], touch.drag_n[i], _ = _onto_cone(pull, normal, friction)
+    touch.limit_n[i], touch.energy_j[i] = friction * touch.normal_n[i], 1e-3 * stored
     for a in range(3):
         touch.force[a, i], touch.tip_mm[a, i] = pull[a], tip[a]
     push = _theirs(mounted, bodies.rotation, i, pull)

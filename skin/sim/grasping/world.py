@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,27 +13,26 @@ import skin.opening
 from skin.errors import OptionError, check_number, shown
 from skin.live import Skin
 from skin.sim.grasping.episode import Episode
-from skin.sim.grasping.joints import Joints
+from skin.sim.grasping.model import name_of
 from skin.sim.grasping.object import GraspObject
-from skin.sim.grasping.scene import GraspScene, GraspTruth, grasp_scene
+from skin.sim.grasping.plant import Plant
+from skin.sim.grasping.scene import GraspScene, GraspTruth
 from skin.state import State
 from topology import Topology
 
-__all__ = ["World", "grasp"]
+__all__ = ["Joints", "World", "grasp"]
 
 Vector = Sequence[float] | np.ndarray
 
 
 def grasp(
-    model: Topology | str | Path,
-    topology: Topology | str | Path | None = None,
+    topology: Topology | str | Path,
     objects: Iterable[GraspObject | str] = (),
     *,
+    model: str | Path | None = None,
     episode: Episode | None = None,
     seed: int = 0,
     noise: bool = True,
-    step_s: float | None = None,
-    self_touch: bool = True,
     pace: bool = False,
     **options: Any,
 ) -> World:
@@ -40,20 +40,12 @@ def grasp(
 
     Parameters
     ----------
-    model : str, Path or Topology
-        MJCF or URDF; alone, a topology, whose ``[robot] model`` it is.
-    topology : Topology, str or Path, optional
-        With a link of the model for every patch.
-    objects, episode, seed, noise, step_s, self_touch
-        See `skin.sim.grasping.scene.grasp_scene`.
+    topology, objects, model, episode, seed, noise
+        See `skin.sim.grasping.scene.GraspScene`.
     pace : bool
         Real time; False runs at full speed.
     **options
-        Of `skin.open`: ``want``, ``estimator``, ``log``, ``record``, …
-
-    Returns
-    -------
-    World
+        Of `skin.open`: ``want``, ``options``, ``record``, …
 
     Raises
     ------
@@ -71,17 +63,75 @@ def grasp(
     ...     world.truth.object_names, int((world.truth.touched_by == 0).sum())
     (('cube',), 32)
     """
-    if topology is None:
-        own, file = model, None
-    elif isinstance(model, Topology):
-        raise OptionError(f"model: must be an MJCF or URDF file; got {shown(model)}")
-    else:
-        own, file = topology, model
-    scene = grasp_scene(
-        own, objects, model=file, episode=episode, seed=seed, noise=noise, step_s=step_s,
-        self_touch=self_touch,
-    )  # fmt: skip
+    scene = GraspScene(topology, objects, model=model, episode=episode, seed=seed, noise=noise)
     return World(scene, pace=pace, seed=seed, **options)
+
+
+class Joints(Mapping[str, float]):
+    """Joints of a plant: reading one returns its position, setting one sets the target of its
+    actuator.
+
+    Actuators have names as well. Radian and metre; newton and newton metre for motors.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        model, kinds = plant.model, plant.engine.mjtTrn
+        self._model, self._data = model, plant.data
+        movable = [j for j in range(model.njnt) if model.jnt_type[j] >= 2]
+        self._place = {name_of(model, "joint", j): int(model.jnt_qposadr[j]) for j in movable}
+        self._actuator = {name_of(model, "actuator", a): a for a in range(model.nu)}
+        self._driven = tuple(self._actuator)
+        for a in range(model.nu):
+            if model.actuator_trntype[a] == kinds.mjTRN_JOINT:
+                joint = name_of(model, "joint", int(model.actuator_trnid[a, 0]))
+                self._actuator.setdefault(joint, a)
+
+    def __getitem__(self, name: str) -> float:
+        if name not in self._place:
+            raise OptionError.unknown("joint", name, self._place)
+        return float(self._data.qpos[self._place[name]])
+
+    def __setitem__(self, name: str, target: float) -> None:
+        """Set the target of an actuator, from the next cycle on.
+
+        Raises
+        ------
+        OptionError
+            No such joint, one without an actuator, or a target outside its limits.
+        """
+        if name in self._place and name not in self._actuator:
+            raise OptionError(
+                f"joint {name!r}: must have an actuator; got none: the model lets it follow"
+            )
+        lower, upper = self.limits(name)
+        is_number = isinstance(target, float | int | np.floating) and math.isfinite(target)
+        if not (is_number and lower <= target <= upper):
+            raise OptionError(
+                f"joint {name!r}: must be a target from {lower:g} to {upper:g}, its limits; "
+                f"got {shown(target)}"
+            )
+        self._data.ctrl[self._actuator[name]] = target
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._place)
+
+    def __len__(self) -> int:
+        return len(self._place)
+
+    @property
+    def targets(self) -> dict[str, float]:
+        """Current targets, by actuator."""
+        return dict(zip(self._driven, self._data.ctrl.tolist(), strict=True))
+
+    def limits(self, name: str) -> tuple[float, float]:
+        """Least and largest target of a joint."""
+        if name not in self._actuator:
+            raise OptionError.unknown("joint", name, self._actuator)
+        actuator = self._actuator[name]
+        if not self._model.actuator_ctrllimited[actuator]:
+            return -math.inf, math.inf
+        lower, upper = self._model.actuator_ctrlrange[actuator]
+        return float(lower), float(upper)
 
 
 class World:

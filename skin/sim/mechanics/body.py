@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict
 
 from bus.compiled.jit import compiled
 from skin.sim.mechanics.rays import BOX, CYLINDER, SPHERE, crossing
@@ -72,6 +73,18 @@ class Body:
         """A flat plate: the middle of its lower face in the origin, the rest along +z."""
         middle = np.array([0.0, 0.0, 0.5 * thickness_m])
         return cls(kind=BOX, size=0.5 * np.array([x_m, y_m, thickness_m]), middle=middle, **soft)
+
+    @classmethod
+    def of(cls, shape: Any, compliance_mm_per_n: float = 0.0) -> Body:
+        """The body of a shape in a scene file (`skin.sim.scenes.script.Shape`)."""
+        make = getattr(cls, shape.__struct_config__.tag)
+        body: Body = make(**asdict(shape), compliance_mm_per_n=compliance_mm_per_n)
+        return body
+
+    @property
+    def lowest_m(self) -> float:
+        """Depth of the lowest point of the body below its origin."""
+        return float(self.size[2 if self.kind == BOX else 0] - self.middle[2])
 
 
 def penetration(

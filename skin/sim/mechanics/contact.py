@@ -16,11 +16,10 @@ from scipy.optimize import brentq
 
 from skin.errors import SkinError
 from skin.sim.mechanics.body import Body, Pose, carried, penetration
-from skin.sim.mechanics.foundation import Faces, Winkler
-from skin.sim.mechanics.springs import Springs
+from skin.sim.mechanics.springs import Faces, Springs
 from topology import Topology
 
-__all__ = ["Coefficient", "Mechanics", "MechanicsTruth", "Slip"]
+__all__ = ["Mechanics", "MechanicsTruth", "Slip"]
 
 FURTHEST_M = 1.0
 """Largest displacement of a body in search of a load."""
@@ -31,9 +30,6 @@ FIRST_M = 1e-4
 GROSS = 0.95
 """Fraction of the load that has slipped above which the contact is in gross slip; it never reaches
 1, since a moving body always meets new faces."""
-
-Coefficient = float | np.ndarray | Callable[[float], float | np.ndarray]
-"""One number, one for each unit, or either as a function of the time in seconds."""
 
 
 @dataclass(slots=True)
@@ -109,14 +105,16 @@ class Mechanics:
     ----------
     topology : Topology
     body : Body
-    foundation : Winkler, optional
+    foundation : Springs, optional
         Support of the units, or another with its methods; that of the topology if not given.
-    static, kinetic : float, ndarray of shape (n,), or function of the time
+    static, kinetic : float, or ndarray of shape (n,)
         Coefficients of friction at rest and in motion; the latter at most the former, and equal to
         it if None.
 
     Attributes
     ----------
+    friction : tuple of float or ndarray
+        Both; may be set between two steps.
     truth : MechanicsTruth
         After the last step; its arrays are valid until the next.
     passed : ndarray, shape (n,), bool, or None
@@ -128,7 +126,7 @@ class Mechanics:
     >>> palm = load("palm")
     >>> ball = Mechanics(palm, Body.sphere(0.05))
     >>> above = np.eye(3), np.array([0.0, 0.0, 0.051])
-    >>> truth = ball.push(0.0, above, 10.0, np.array([0.0, 0.0, -1.0]))
+    >>> truth = ball.push(above, 10.0, np.array([0.0, 0.0, -1.0]))
     >>> round(float(truth.load.sum()), 6), int(truth.contact.sum())
     (10.0, 4)
     """
@@ -138,21 +136,19 @@ class Mechanics:
         topology: Topology,
         body: Body,
         *,
-        foundation: Winkler | None = None,
-        static: Coefficient = 0.5,
-        kinetic: Coefficient | None = None,
+        foundation: Springs | None = None,
+        static: float | np.ndarray = 0.5,
+        kinetic: float | np.ndarray | None = None,
     ) -> None:
         n = topology.n
         self.body = body
-        self.foundation = foundation or Winkler(Springs.of(topology))
-        self._friction = static, static if kinetic is None else kinetic
+        self.foundation = foundation or Springs.of(topology)
+        self.friction = static, static if kinetic is None else kinetic
         self._position, self._rotation = topology.position, topology.rotation
         self._depth_mm = np.full(n, -np.inf)
-        self._load = np.zeros(n)
-        # state of the last step, from which trials start
+        # of the last step, from which trials start
         self._before_mm = np.full(n, -np.inf)
-        self._held_mm, self._traction = np.zeros((2, n)), np.zeros((2, n))
-        self._slipping = np.zeros(n, bool)
+        self._held_mm = np.zeros((2, n))
         self._slip = Slip(n)
         self._last: Pose | None = None
         self.passed: np.ndarray | None = None
@@ -162,20 +158,17 @@ class Mechanics:
             np.zeros(n, bool), np.zeros((2, n)), 0.0,
         )  # fmt: skip
 
-    def step(self, time_s: float, pose: Pose) -> MechanicsTruth:
+    def step(self, pose: Pose) -> MechanicsTruth:
         """Move the body to a pose."""
         self._press(pose)
-        self._drag(time_s, pose)
+        self._drag(pose)
         return self.truth
 
-    def push(
-        self, time_s: float, pose: Pose, load_n: float, direction: np.ndarray
-    ) -> MechanicsTruth:
+    def push(self, pose: Pose, load_n: float, direction: np.ndarray) -> MechanicsTruth:
         """Move the body to a pose, then sink it until the skin bears a load.
 
         Parameters
         ----------
-        time_s : float
         pose : Pose
         load_n : float
             Required sum of the units' normal forces along `direction`; SkinError if there is no
@@ -187,7 +180,7 @@ class Mechanics:
 
         def excess(sunk_m: float) -> float:
             self._press((pose[0], pose[1] + sunk_m * direction))
-            return float(along @ self._load) - load_n
+            return float(along @ self.truth.load) - load_n
 
         found = self._sink(excess, load_n)
         if found is None:
@@ -195,7 +188,7 @@ class Mechanics:
                 f"push: load_n must be one that the body meets along direction; got {load_n:g}"
             )
         self._sunk_m = found
-        return self.step(time_s, (pose[0], pose[1] + found * direction))
+        return self.step((pose[0], pose[1] + found * direction))
 
     def _sink(self, excess: Callable[[float], float], load_n: float) -> float | None:
         """Way to a load, from where the last step ended; None if there is no such load."""
@@ -221,13 +214,14 @@ class Mechanics:
         if self.passed is not None:
             self._depth_mm[self.passed] = -np.inf
         self.foundation.press(
-            self._depth_mm, self._load, self.truth.displacement_mm[2],
+            self._depth_mm, self.truth.load, self.truth.displacement_mm[2],
             body_mm_per_n=self.body.compliance_mm_per_n,
         )  # fmt: skip
 
-    def _drag(self, time_s: float, pose: Pose) -> None:
+    def _drag(self, pose: Pose) -> None:
         """Drag the pressed faces along from the last step's pose to this one."""
-        truth, depth_mm, n = self.truth, self._depth_mm, self._load.size
+        truth, depth_mm = self.truth, self._depth_mm
+        load, traction, n = truth.load, truth.force[:2], depth_mm.size
         want_mm = carried(
             pose if self._last is None else self._last, pose, self._position, self._rotation,
             depth_mm,
@@ -236,22 +230,17 @@ class Mechanics:
         if new.size:
             # a face is dragged from its present place, while it is in contact
             want_mm[:, new] *= depth_mm[new] / (depth_mm[new] - self._before_mm[new])
-            self._held_mm[:, new] = self.foundation.surface(new, self._traction)
-        static, kinetic = (
-            np.zeros(n) + (each(time_s) if callable(each) else each) for each in self._friction
-        )
+            self._held_mm[:, new] = self.foundation.surface(new, traction)
+        static, kinetic = (np.zeros(n) + each for each in self.friction)
         self.foundation.drag(
             Faces(
-                want_mm + self._held_mm, self._load, truth.displacement_mm[2], static, kinetic,
-                self._slipping, self._traction, truth.displacement_mm[:2], self._held_mm,
-                truth.slip_mm,
+                want_mm + self._held_mm, load, truth.displacement_mm[2], static, kinetic,
+                truth.slipping, traction, truth.displacement_mm[:2], self._held_mm, truth.slip_mm,
             ),
             body_mm_per_n=self.body.compliance_mm_per_n,
         )  # fmt: skip
-        truth.force[:2], truth.force[2] = self._traction, self._load
-        truth.slipping[:] = self._slipping
-        np.greater(self._load, 0.0, out=truth.contact)
+        np.greater(load, 0.0, out=truth.contact)
         self._before_mm[:] = depth_mm
         self._last = truth.pose = pose
-        self._slip.follow(self._load, truth.slipping)
+        self._slip.follow(load, truth.slipping)
         truth.slip_share = self._slip.share

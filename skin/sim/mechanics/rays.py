@@ -1,4 +1,4 @@
-"""Entry and exit of a line through a solid: exact for every primitive of the engine.
+"""Entry and exit of a line through a convex solid: every primitive of the engine, and hulls.
 
 All in the frame of the geom. A line is a point and a direction of length 1; a crossing is the
 distance along it in metre, and the outward normal at the exit. Sizes are those of MuJoCo: radius;
@@ -11,7 +11,10 @@ import math
 
 from bus.compiled.jit import jitable
 
-__all__ = ["BOX", "CAPSULE", "CYLINDER", "ELLIPSOID", "MESH", "PLANE", "SPHERE", "crossing"]
+__all__ = [
+    "BOX", "CAPSULE", "CYLINDER", "ELLIPSOID", "MESH", "PLANE", "SPHERE", "crossing",
+    "hull_crossing",
+]  # fmt: skip
 
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 """Kinds of geom, with the numbers of `mujoco.mjtGeom`."""
@@ -161,3 +164,31 @@ def _plane(point, direction):
     if not direction[2] > 0.0:
         return NOWHERE
     return -math.inf, -point[2] / direction[2], 0.0, 0.0, 1.0
+
+
+@jitable
+def hull_crossing(planes, faces, point, direction):
+    """The same of a convex hull.
+
+    Parameters
+    ----------
+    planes : ndarray, shape (p, 4)
+        Outward normal n and offset d of each face: ``n @ x + d`` is 0 on it, and below 0 inside.
+    faces : ndarray, shape (2,)
+        First face of the hull, and the first behind it.
+    point, direction : tuple of 3 float
+    """
+    enters, out, last = -math.inf, math.inf, -1
+    for f in range(faces[0], faces[1]):
+        x, y, z, d = planes[f, 0], planes[f, 1], planes[f, 2], planes[f, 3]
+        along = x * direction[0] + y * direction[1] + z * direction[2]
+        above = x * point[0] + y * point[1] + z * point[2] + d
+        if along > 0.0 and -above / along < out:
+            out, last = -above / along, f
+        elif along < 0.0:
+            enters = max(enters, -above / along)
+        elif along == 0.0 and above > 0.0:
+            return NOWHERE
+    if last < 0 or not enters < out:
+        return NOWHERE
+    return enters, out, planes[last, 0], planes[last, 1], planes[last, 2]

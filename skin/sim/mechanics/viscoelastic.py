@@ -9,26 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from topology import Topology
 
-__all__ = ["Hysteresis", "Material", "Prony"]
+__all__ = ["Hysteresis", "Prony"]
 
 SILICONE, SILICONE_S = (0.05, 0.05, 0.08), (0.05, 0.5, 10.0)
 """Weights and times, s, of a soft silicone [assumed]."""
 OPERATORS = 5
 """Number of stops; more make loops smoother."""
-
-
-class Material(Protocol):
-    """Creep of faces."""
-
-    def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
-        """Advance by one step; returns the elastic force of the displacement under `force`."""
-        ...
 
 
 class Prony:

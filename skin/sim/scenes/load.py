@@ -14,7 +14,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from bus.faults.script import FaultScript, problems
-from skin.errors import MOST_SEED, SceneError, check_flag, check_kind, check_number
+from skin.errors import MOST_SEED, SceneError, check_kind, check_number
 from skin.sim.scenes import names
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import SceneFile
@@ -64,9 +64,9 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
 
 
 def open_scene(
-    file: str | os.PathLike[str], topology: Topology, *, seed: int | None = None, noise: bool = True
+    file: str | os.PathLike[str], topology: Topology, *, seed: int | None = None
 ) -> ScriptedScene:
-    """Load a scene and prepare it, optionally with other noise than the file's.
+    """Load a scene and prepare it, optionally with another seed than the file's.
 
     Parameters
     ----------
@@ -74,17 +74,11 @@ def open_scene(
         See `load_scene`.
     seed : int, optional
         Overrides the file's.
-    noise : bool
-        False: without noise.
     """
     if seed is not None:
         check_number("seed", seed, 0, MOST_SEED, whole=True)
-    check_flag("noise", noise)
     script = load_scene(file, topology)
-    wanted = replace(script.non_ideal, noise=noise and script.non_ideal.noise)
-    return ScriptedScene(
-        topology, replace(script, seed=script.seed if seed is None else seed, non_ideal=wanted)
-    )
+    return ScriptedScene(topology, script if seed is None else replace(script, seed=seed))
 
 
 def _read(file: str | os.PathLike[str], topology: Topology, report: Report) -> SceneFile | None:

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from skin.sim.mechanics.body import Body, Pose
-from skin.sim.scenes.script import Block, BodyTable, Cylinder, Plate, Shape, Sphere, lowest_m
+from skin.sim.scenes.script import BodyTable
 from topology import Topology
 from topology.pose import from_axes, from_rpy
 
-__all__ = ["Motion", "Track", "frame_of", "shape_of", "units_on"]
+__all__ = ["Motion", "Track", "frame_of", "units_on"]
 
 TAU = 2.0 * math.pi
 
@@ -95,20 +95,6 @@ class Track:
         return before + share * (self._values[after] - before)
 
 
-def shape_of(shape: Shape, compliance_mm_per_n: float = 0.0) -> Body:
-    """The body of a shape in a scene file; equal compliance in all directions."""
-    soft = {"compliance_mm_per_n": compliance_mm_per_n}
-    match shape:
-        case Sphere():
-            return Body.sphere(shape.radius_m, **soft)
-        case Cylinder():
-            return Body.cylinder(shape.radius_m, shape.length_m, **soft)
-        case Block():
-            return Body.block(shape.x_m, shape.y_m, shape.z_m, **soft)
-        case Plate():
-            return Body.plate(shape.x_m, shape.y_m, **soft)
-
-
 def largest_patch(topology: Topology) -> str:
     """The patch of most units, the first of several."""
     return topology.patch_names[int(np.argmax(np.bincount(topology.patch)))]
@@ -154,7 +140,7 @@ def frame_of(topology: Topology, on: str | None) -> Pose:
 
 
 class Motion:
-    """Motion of one body of a scene file; `places` are the names of what it is on.
+    """A body of a scene file, and its motion.
 
     Parameters
     ----------
@@ -164,6 +150,14 @@ class Motion:
         Temperature of a body without one in the file.
     period_s : float
         Period of repetition.
+
+    Attributes
+    ----------
+    body : Body
+    places : tuple of str
+        Names of what it is on, one after the other.
+    press_n, drag_n, temperature_c, friction : Track
+        Load; drag along x and y of the frame; temperature; static coefficient of friction.
     """
 
     def __init__(
@@ -172,56 +166,37 @@ class Motion:
         def track(name: str, default: float | tuple) -> Track:
             return Track(name, table.keys, table.waves, default, period_s)
 
+        self.body = Body.of(table.shape, table.compliance_mm_per_n)
         on = table.on or largest_patch(topology)
         self.places = topology.patch_names if on == "*" else (on,)
-        self.frames = tuple(frame_of(topology, place) for place in self.places)
+        self._frames = tuple(frame_of(topology, place) for place in self.places)
         patches = [topology.patch[units_on(topology, place)[0]] for place in self.places]
         self._passed = tuple(topology.patch != patch for patch in patches) if table.only_on else ()
         self._period_s = period_s
-        self._lowest_m = np.array([0.0, 0.0, lowest_m(table.shape)])
         self._xyz_m = track("xyz_m", (0.0, 0.0, 0.0))
         self._rpy_deg = track("rpy_deg", (0.0, 0.0, 0.0))
-        self._press_n = track("press_n", 0.0)
-        self._drag_n = track("drag_n", (0.0, 0.0))
-        self._temperature_c = track("temperature_c", room_c)
-        self._friction = track("friction", table.friction)
-        self.pressed, self.dragged = self._press_n.given, self._drag_n.given
+        self.press_n = track("press_n", 0.0)
+        self.drag_n = track("drag_n", (0.0, 0.0))
+        self.temperature_c = track("temperature_c", room_c)
+        self.friction = track("friction", table.friction)
+
+    def index(self, time_s: float) -> int:
+        """Which of `places` it is on."""
+        return int(time_s // self._period_s) % len(self.places)
 
     def frame(self, time_s: float) -> Pose:
         """Frame of the body's coordinates."""
-        return self.frames[self._place(time_s)]
+        return self._frames[self.index(time_s)]
 
     def passed(self, time_s: float) -> np.ndarray | None:
         """Units that the body cannot touch, shape (n,), bool; None: it can touch all."""
-        return self._passed[self._place(time_s)] if self._passed else None
-
-    def place(self, time_s: float) -> str:
-        """Name of what it is on."""
-        return self.places[self._place(time_s)]
-
-    def _place(self, time_s: float) -> int:
-        return int(time_s // self._period_s) % len(self.frames)
+        return self._passed[self.index(time_s)] if self._passed else None
 
     def pose(self, time_s: float) -> Pose:
         """Pose at which the body is held, skin frame."""
         rotation, origin = self.frame(time_s)
-        position = rotation @ (self._xyz_m(time_s) + self._lowest_m) + origin
+        lowest_m = np.array([0.0, 0.0, self.body.lowest_m])
+        position = rotation @ (self._xyz_m(time_s) + lowest_m) + origin
         if self._rpy_deg.given:
             rotation = rotation @ from_rpy(*np.radians(self._rpy_deg(time_s)))
         return rotation, position
-
-    def press_n(self, time_s: float) -> float:
-        """Load, where `pressed`."""
-        return max(float(self._press_n(time_s)), 0.0)
-
-    def drag_n(self, time_s: float) -> np.ndarray:
-        """Drag along x and y of the frame, where `dragged`, shape (2,)."""
-        return self._drag_n(time_s)
-
-    def temperature_c(self, time_s: float) -> float:
-        """Temperature of the body."""
-        return float(self._temperature_c(time_s))
-
-    def friction(self, time_s: float) -> float:
-        """Static coefficient."""
-        return float(self._friction(time_s))

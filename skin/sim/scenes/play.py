@@ -10,22 +10,23 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from bus.faults import FaultScript
 from skin.errors import SceneError, SkinError
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.force_law import slope
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
-from skin.sim.board import Counter, Divider, HallConverter
-from skin.sim.field import Field, SineField, StrayField
+from skin.sim.field import Field, SineField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs, under
-from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
-from skin.sim.scenes.motion import Motion, Track, shape_of, units_on
-from skin.sim.scenes.script import NonIdeal, SceneFile
+from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
+from skin.sim.scenes.motion import Motion, Track, units_on
+from skin.sim.scenes.script import SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import ThermalChain
 from skin.sim.truth import Truth, sum_wrench, wrench_map
@@ -66,12 +67,8 @@ class PlayedBody:
         self.name = table.name
         self._where = partial(script.where, "bodies", index)
         self.motion = motion = Motion(table, topology, room_c, script.period_s)
-        self.mechanics = Mechanics(
-            topology,
-            shape_of(table.shape, table.compliance_mm_per_n),
-            static=motion.friction,
-            kinetic=lambda time_s: table.friction_share * motion.friction(time_s),
-        )
+        self.mechanics = Mechanics(topology, motion.body)
+        self._friction_share = table.friction_share
         self.force = np.zeros((3, topology.n))
         self._topology = topology
         self._dragged_m = np.zeros(3)
@@ -87,17 +84,19 @@ class PlayedBody:
         motion = self.motion
         axes, _ = motion.frame(time_s)
         rotation, place = motion.pose(time_s)
-        if motion.dragged:
+        if motion.drag_n.given:
             self._dragged_m += axes[:, :2] @ self._yield_to_drag(motion.drag_n(time_s), axes, dt_s)
         pose = rotation, place + self._dragged_m
+        friction = float(motion.friction(time_s))
+        self.mechanics.friction = friction, self._friction_share * friction
         self.mechanics.passed = motion.passed(time_s)
         try:
-            if not motion.pressed:
-                truth = self.mechanics.step(time_s, pose)
-            elif (press_n := motion.press_n(time_s)) > 0.0:
-                truth = self.mechanics.push(time_s, pose, press_n, -axes[:, 2])
+            if not motion.press_n.given:
+                truth = self.mechanics.step(pose)
+            elif (press_n := float(motion.press_n(time_s))) > 0.0:
+                truth = self.mechanics.push(pose, press_n, -axes[:, 2])
             else:
-                truth = self.mechanics.step(time_s, (rotation, place + axes[:, 2]))
+                truth = self.mechanics.step((rotation, place + axes[:, 2]))
         except SkinError as error:
             raise SceneError(f"{self._where(time_s)}: {error}{self._hint(time_s)}") from None
         self.force[...] = truth.force
@@ -111,7 +110,8 @@ class PlayedBody:
 
     def _hint(self, time_s: float) -> str:
         """In whose frame it is, as the end of a message; a robot's fingers have bodies around."""
-        hint = f"; its frame is that of {self.motion.place(time_s)!r}"
+        motion = self.motion
+        hint = f"; its frame is that of {motion.places[motion.index(time_s)]!r}"
         if self._topology.robot is not None:
             hint += "; between the fingers of a robot, bodies are those of `skin.sim.grasp`"
         return hint
@@ -125,9 +125,7 @@ class PlayedBody:
             return np.zeros(2)
         held = np.einsum("ijn,jn->i", self._topology.rotation, truth.force) @ axes[:, :2]
         stuck = truth.contact & ~truth.slipping
-        steep = slope(
-            np.hypot(*truth.displacement_mm[:2]), tuple(self.mechanics.foundation.springs.shear)
-        )
+        steep = slope(np.hypot(*truth.displacement_mm[:2]), tuple(self.mechanics.foundation.shear))
         stiffness = float(np.sum(steep[stuck])) if stuck.any() else 0.0
         lacking = wanted_n - held
         size = float(np.hypot(*lacking))
@@ -146,9 +144,8 @@ class _Weights:
         self._where = partial(script.where, "loads", index)
         self.units = np.unique(np.concatenate([units_on(topology, on) for on in table.units]))
         self._most_n = float(Elastic(topology).normal(DEEPEST_MM)[self.units].min())
-        self._force = Track("force_n", table.keys, table.waves, (0.0, 0.0, 0.0), period_s)
-        self._temperature = Track("temperature_c", table.keys, (), room_c, period_s)
-        self.warms = self._temperature.given
+        self._force = Track("force_n", table.keys, (), (0.0, 0.0, 0.0), period_s)
+        self.temperature_c = Track("temperature_c", table.keys, (), room_c, period_s)
 
     def force(self, time_s: float) -> np.ndarray:
         """On each of the units; SceneError where it presses them too deep."""
@@ -160,23 +157,15 @@ class _Weights:
             )
         return np.array([x, y, max(z, 0.0)])
 
-    def temperature(self, time_s: float) -> float:
-        return float(self._temperature(time_s))
-
 
 class ScriptedScene:
-    """A scene file on a skin (a `skin.sim.scene.Scene`).
+    """A scene file on a skin (a `skin.sim.truth.Scene`).
 
     Parameters
     ----------
     topology : Topology
     script : SceneFile
         From `skin.sim.scenes.load.load_scene`, which checks it against the topology.
-    non_ideal : NonIdeal, optional
-        Overrides the file's.
-    material : Material, optional
-        Creep of faces. By default it follows the units' parameters; units without such parameters
-        creep like a soft silicone if `viscoelastic` is set.
 
     Attributes
     ----------
@@ -187,6 +176,9 @@ class ScriptedScene:
         When it is over: infinite for a scene that repeats.
     units : UnitSimulator
         Units with imperfect electronics, for `skin.sim.node.SimulatedUnits`.
+    material : Prony, or another with its method `elastic`, or None
+        Creep of faces: that of the units' parameters; units without such parameters creep like a
+        soft silicone if `viscoelastic` is set.
 
     Examples
     --------
@@ -198,15 +190,11 @@ class ScriptedScene:
     (False, True)
     """
 
-    def __init__(
-        self, topology: Topology, script: SceneFile, *, non_ideal: NonIdeal | None = None,
-        material: Material | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, topology: Topology, script: SceneFile) -> None:
         self.topology, self.script = topology, script
-        self.non_ideal = script.non_ideal if non_ideal is None else non_ideal
         self.seconds = script.seconds
         self.ends_s = math.inf if script.repeat else script.seconds
-        wanted, n, period_s = self.non_ideal, topology.n, script.period_s
+        wanted, n, period_s = script.non_ideal, topology.n, script.period_s
         self._room_c = Track("temperature_c", script.room, (), ROOM_C, period_s)
         self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0), period_s)
         room_c = float(self._room_c(0.0))
@@ -218,37 +206,32 @@ class ScriptedScene:
         )
         self._springs = Springs.of(topology)
         self._chain = ThermalChain(topology, ambient=room_c, direct=not wanted.thermal)
-        self._material = material or Prony.of(topology, wanted.viscoelastic)
+        self.material: Any = Prony.of(topology, wanted.viscoelastic)
         self._loops = None
         if wanted.hysteresis:
             span_n = float(topology.parameters["normal_max_n"].max())
             pressing = Hysteresis((n,), width_n=LOOP_SHARE * span_n, span_n=span_n)
             dragging = Hysteresis((2, n), width_n=LOOP_SHARE * 2.0, span_n=2.0, one_sided=False)
             self._loops = pressing, dragging
-        tools = script.tools if wanted.tools else ()
-        self._tools = tuple(MovingTool(script, i, topology) for i in range(len(tools)))
+        self._tools = tuple(MovingTool(script, i, topology) for i in range(len(script.tools)))
         self._surroundings = None
-        if wanted.ambient_field or tools:
+        if wanted.ambient_field or self._tools:
             ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
             self._surroundings = Surroundings(ambient_ut)
-        parts = script.electronics
         self.units = UnitSimulator(
-            topology,
-            seed=script.seed,
-            noise=wanted.noise,
-            field=self._field(),
-            counter=Counter(parts.gate_s, parts.clock_hz) if wanted.counter else None,
-            divider=Divider(parts.reference_v, parts.series_ohm, parts.adc_bits)
-            if wanted.divider
-            else None,
-            converter=HallConverter(parts.hall_lsb_ut, parts.hall_range_ut)
-            if wanted.hall_converter
-            else None,
-        )
+            topology, seed=script.seed, noise=wanted.noise, field=self._field(),
+            counter=script.counter, divider=script.divider, converter=script.hall_converter,
+        )  # fmt: skip
         self._to_wrench = wrench_map(topology.position, topology.rotation)
         self._source_c = np.empty(n)
         self._truth = Truth.at_rest(n, room_c)
         self._time_s, self._began = 0.0, False
+
+    @property
+    def faults(self) -> FaultScript | None:
+        """The faults of the file; None without any."""
+        own = self.script
+        return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
 
     @property
     def touches(self) -> dict[str, tuple[str, ...]]:
@@ -291,8 +274,8 @@ class ScriptedScene:
         for weights in self._weights:
             force = weights.force(time_s)
             truth.force[:, weights.units] += force[:, np.newaxis]
-            if weights.warms and force[2] > 0.0:
-                source[weights.units] = weights.temperature(time_s)
+            if weights.temperature_c.given and force[2] > 0.0:
+                source[weights.units] = weights.temperature_c(time_s)
         np.greater(truth.force[2], 0.0, out=truth.contact)
         sum_wrench(self._to_wrench, self.topology.position, truth)
         self._yield(dt_s)
@@ -328,15 +311,14 @@ class ScriptedScene:
             needed = np.vstack(
                 [dragging.lagging(truth.force[:2]), pressing.lagging(truth.force[2])]
             )
-        if self._material is not None:
-            needed = self._material.elastic(needed, dt_s)
+        if self.material is not None:
+            needed = self.material.elastic(needed, dt_s)
         under(self._springs, needed, truth.depth_mm, truth.displacement_mm)
 
     def _field(self) -> Field:
-        wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings
-        if not (wanted.magnet or wanted.fabrication or wanted.crosstalk or self._tools):
-            field = SineField(topology)
-            return field if surroundings is None else StrayField(topology, field, surroundings)
+        wanted, topology, surroundings = self.script.non_ideal, self.topology, self._surroundings
+        if not (wanted.magnet or wanted.fabrication or wanted.crosstalk or surroundings):
+            return SineField(topology)
         made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
         reach_m = FELT_M if wanted.crosstalk else 0.0
         return HalbachField(topology, fabrication=made, reach_m=reach_m, surroundings=surroundings)

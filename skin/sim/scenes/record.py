@@ -55,7 +55,7 @@ TRUTH = arrays_of("a truth of a scene", "format", "scene", "unit_names", "body_n
 
 
 class Recorder:
-    """A scene that records its truths (a `skin.sim.scene.Scene`).
+    """A scene that records its truths (a `skin.sim.truth.Scene`).
 
     Every requested instant becomes a row, 2.6 kB for 64 units, kept in memory until `close`, or the
     end of a `with`, writes the file, if there are rows. After an error the file has the rows before

@@ -26,7 +26,8 @@ patch. Unnamed quantities do nothing.
 
 `[[loads]]` are weights glued to units, `[[tools]]` spheres of iron that pass by, `[[room]]` the air
 and the attitude of the skin in the field of the Earth. `[non_ideal]` switches on single effects of
-real units that the paper's formulas leave out; `[electronics]` describes the parts of the boards.
+real units that the paper's formulas leave out; boards measure exactly, unless there is a
+`[counter]`, a `[divider]` or a `[hall_converter]`, which may be empty.
 `skin check --schema scene` prints all of it as a JSON Schema.
 """
 
@@ -45,11 +46,9 @@ from skin.sim.board import Counter, Divider, HallConverter
 
 __all__ = [
     "BodyTable",
-    "Electronics",
     "Key",
     "LoadKey",
     "LoadTable",
-    "LoadWave",
     "NonIdeal",
     "RoomKey",
     "SceneFile",
@@ -182,15 +181,6 @@ class LoadKey(_Table, frozen=True, kw_only=True):
     temperature_c: Annotated[_Celsius | None, Meta(description="Of what loads the units")] = None
 
 
-class LoadWave(_Table, frozen=True, kw_only=True):
-    """A sine added to the keys (`waves` of `[[loads]]`)."""
-
-    from_s: _Seconds
-    to_s: _Seconds
-    frequency_hz: Annotated[float, Meta(ge=1e-3, le=100)]
-    force_n: tuple[_Force, _Force, _Force]
-
-
 class LoadTable(_Table, frozen=True, kw_only=True):
     """Weights glued to the faces of units (`[[loads]]`): without friction or other units."""
 
@@ -198,7 +188,6 @@ class LoadTable(_Table, frozen=True, kw_only=True):
         tuple[str, ...], Meta(min_length=1, description="Units, patches, or `*`: all of them")
     ]
     keys: Annotated[tuple[LoadKey, ...], Meta(min_length=1)]
-    waves: tuple[LoadWave, ...] = ()
 
 
 class ToolKey(_Table, frozen=True, kw_only=True):
@@ -246,22 +235,18 @@ class NonIdeal(_Table, frozen=True, kw_only=True):
     thermal: Annotated[
         bool, Meta(description="Heat takes its way through film and elastomer, and is lost on it")
     ] = False
-    magnet: Annotated[bool, Meta(description="Field of the Halbach film; else the sine law")] = True
+    magnet: Annotated[
+        bool,
+        Meta(
+            description="Field of the Halbach film; else, without what else acts on it, the sine "
+            "law"
+        ),
+    ] = True
     fabrication: Annotated[bool, Meta(description="Errors of Halbach films, from the seed")] = False
     crosstalk: Annotated[bool, Meta(description="Halbach films of the neighbours")] = True
     ambient_field: Annotated[bool, Meta(description="The field of the Earth as the skin turns")] = (
         False
     )
-    tools: Annotated[
-        bool, Meta(description="What is in [[tools]]; where there is one, films are Halbach films")
-    ] = True
-    counter: Annotated[
-        bool, Meta(description="The timer's periods are counted within a gate, by a clock")
-    ] = False
-    divider: Annotated[bool, Meta(description="The gel is measured by a divider and an ADC")] = (
-        False
-    )
-    hall_converter: Annotated[bool, Meta(description="Step and range of the Hall chip")] = False
 
     @classmethod
     def everything(cls) -> NonIdeal:
@@ -272,30 +257,6 @@ class NonIdeal(_Table, frozen=True, kw_only=True):
     def only(cls, *names: str) -> NonIdeal:
         """None but these."""
         return cls(**{**dict.fromkeys(cls.__struct_fields__, False), **dict.fromkeys(names, True)})
-
-
-class Electronics(_Table, frozen=True, kw_only=True):
-    """The parts of a board (`[electronics]`), as needed by `[non_ideal]`."""
-
-    gate_s: Annotated[float, Meta(ge=1e-6, le=1, description="How long periods are counted")] = (
-        Counter.gate_s
-    )
-    clock_hz: Annotated[float, Meta(ge=1e3, le=1e10, description="That times the periods")] = (
-        Counter.clock_hz
-    )
-    reference_v: Annotated[float, Meta(ge=1e-3, le=100, description="Of divider and ADC")] = (
-        Divider.reference_v
-    )
-    series_ohm: Annotated[float, Meta(ge=1, le=1e9, description="In series with the gel")] = (
-        Divider.series_ohm
-    )
-    adc_bits: Annotated[int, Meta(ge=1, le=32)] = Divider.bits
-    hall_lsb_ut: Annotated[float, Meta(ge=1e-3, le=1e5, description="Step of the Hall chip")] = (
-        HallConverter.lsb_ut
-    )
-    hall_range_ut: Annotated[
-        float, Meta(ge=1, le=1e7, description="Largest field of either sign")
-    ] = HallConverter.range_ut
 
 
 if TYPE_CHECKING:
@@ -316,7 +277,16 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     description: str = ""
     seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
     non_ideal: NonIdeal = NonIdeal()
-    electronics: Electronics = Electronics()
+    counter: Annotated[
+        Counter | None,
+        Meta(description="The timer's periods are counted within a gate, by a clock"),
+    ] = None
+    divider: Annotated[
+        Divider | None, Meta(description="The gel is measured by a divider and an ADC")
+    ] = None
+    hall_converter: Annotated[
+        HallConverter | None, Meta(description="Step and range of the Hall chip")
+    ] = None
     room: tuple[RoomKey, ...] = ()
     bodies: tuple[BodyTable, ...] = ()
     loads: tuple[LoadTable, ...] = ()
@@ -348,13 +318,3 @@ class SceneFile(_Table, frozen=True, kw_only=True):
         name = getattr(getattr(self, str(table))[index], "name", None)
         words = f"{table}[{index}]" + (f" {name!r}" if name else "")
         return f"{words} {rest[0]}[{rest[1]}]" if rest else words
-
-
-def lowest_m(shape: Shape) -> float:
-    """Depth of the lowest point of a shape below its origin."""
-    match shape:
-        case Sphere(radius_m=radius) | Cylinder(radius_m=radius):
-            return radius
-        case Block(z_m=height):
-            return 0.5 * height
-    return 0.0

@@ -16,7 +16,6 @@ from skin.options import Options
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.pipeline import Pipeline
-from skin.sim.attached import in_process
 from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
@@ -262,7 +261,7 @@ def test_a_log_is_tared_where_the_live_run_was(tmp_path):
     nodes = SimulatedUnits(TRUE, Still(), history=0)
     log = tmp_path / "run.blf"
     flags = []
-    with skin.open(PALM, transports=in_process(nodes), pace=False, record=log) as run:
+    with skin.open(PALM, transports=nodes.in_process(), pace=False, record=log) as run:
         for _, state in zip(range(WINDOW + N), run, strict=False):
             flags.append(state.units.status.copy())
     replay = skin.decode_log(PALM, log)
@@ -314,7 +313,7 @@ def test_an_ambient_field_that_is_followed_is_no_bz_at_rest():
 def test_looks_at_units_wait_until_a_state_is_in_the_users_hands(monkeypatch):
     """They take up to milliseconds: the live loop has them while frames are on the wire."""
     nodes = SimulatedUnits(TRUE, Still(), history=0)
-    run = skin.open(PALM, transports=in_process(nodes), pace=False, want={"force"})
+    run = skin.open(PALM, transports=nodes.in_process(), pace=False, want={"force"})
     done, zeros = [], run.pipeline.zeros
     step, send, state = zeros._step, run.transports[0].send, run.pipeline.state
 

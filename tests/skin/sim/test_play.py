@@ -24,6 +24,7 @@ from skin.cli import main
 from skin.errors import SceneError, SkinError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
+from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
@@ -33,7 +34,6 @@ from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene
 from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import (
     BodyTable,
-    Electronics,
     Key,
     LoadKey,
     LoadTable,
@@ -60,7 +60,7 @@ def skin(name: str = "palm") -> Topology:
 
 
 def scene_of(name: str, non_ideal: NonIdeal = IDEAL, on: str = "palm") -> ScriptedScene:
-    return ScriptedScene(skin(on), load_scene(name, skin(on)), non_ideal=non_ideal)
+    return ScriptedScene(skin(on), replace(load_scene(name, skin(on)), non_ideal=non_ideal))
 
 
 @cache
@@ -226,7 +226,7 @@ def test_a_weight_is_borne_by_its_unit_alone(x: float, y: float, z: float) -> No
 def test_each_non_ideality_alone_changes_the_counts(name: str) -> None:
     counts = []
     for non_ideal in (IDEAL, NonIdeal.only(name)):
-        scene = scene_of("tool" if name == "tools" else "slide", non_ideal)
+        scene = scene_of("slide", non_ideal)
         counts.append(np.stack([scene.units.counts(scene.at(t)) for t in np.arange(0.5, 4.0, 0.1)]))
     assert (counts[0] != counts[1]).any()
 
@@ -243,17 +243,21 @@ def test_seeds_repeat_and_differ() -> None:
 
 def test_the_electronics_are_those_of_the_file() -> None:
     """A coarse part of each kind, in whole steps of its own; without it, none."""
-    parts = Electronics(gate_s=0.02, clock_hz=1e5, adc_bits=8, hall_lsb_ut=500.0)
-    script = replace(load_scene("press", skin()), electronics=parts)
+    script = replace(load_scene("press", skin()), non_ideal=IDEAL)
     steps = {
-        "counter": (1, lambda value: 1e5 * np.floor(value * 0.02 + 1e-9) / value),
-        "divider": (0, lambda value: 256.0 * value / (value + 3.3 / 95_000.0 * 1e6)),
-        "hall_converter": (4, lambda value: value / 500.0),
-    }
-    for name, (channel, in_steps) in steps.items():
+        "counter": (
+            Counter(gate_s=0.02, clock_hz=1e5), 1,
+            lambda value: 1e5 * np.floor(value * 0.02 + 1e-9) / value,
+        ),
+        "divider": (
+            Divider(bits=8), 0, lambda value: 256.0 * value / (value + 3.3 / 95_000.0 * 1e6)
+        ),
+        "hall_converter": (HallConverter(lsb_ut=500.0), 4, lambda value: value / 500.0),
+    }  # fmt: skip
+    for name, (part, channel, in_steps) in steps.items():
         off = []
-        for wanted in (IDEAL, NonIdeal.only(name)):
-            scene = ScriptedScene(skin(), script, non_ideal=wanted)
+        for own in (None, part):
+            scene = ScriptedScene(skin(), replace(script, **{name: own}))
             value = [scene.units.values(scene.at(t))[channel] for t in np.arange(0.0, 2.0, 0.1)]
             step = in_steps(np.array(value[1:]))
             off.append(np.abs(step - np.rint(step)).max())
@@ -264,8 +268,9 @@ def test_the_electronics_are_those_of_the_file() -> None:
 def test_a_tool_is_felt_by_the_units_near_it_and_by_no_other() -> None:
     """Iron draws the lines of the films into itself: |B| changes most where it is nearest."""
     felt = []
-    for wanted in (NonIdeal.only("magnet"), NonIdeal.only("magnet", "tools")):
-        scene = scene_of("tool", wanted)
+    script = replace(load_scene("tool", skin()), non_ideal=NonIdeal.only("magnet"))
+    for tools in ((), script.tools):
+        scene = ScriptedScene(skin(), replace(script, tools=tools))
         away, near = (scene.units.values(scene.at(t))[2:5].copy() for t in (0.0, 3.75))
         felt.append(np.sqrt((near**2).sum(axis=0)) - np.sqrt((away**2).sum(axis=0)))
     by_tool = np.abs(felt[1] - felt[0])
@@ -280,8 +285,9 @@ def test_what_a_magnetised_tool_adds_is_a_dipole() -> None:
     tool = ToolTable(name="tip", keys=(key,), permeability=1.0, remanent_am2=(0.0, 0.02, 0.05))
     script = SceneFile(format=1, seconds=1.0, tools=(tool,))
     read = []
-    for wanted in (NonIdeal.only("magnet"), NonIdeal.only("magnet", "tools")):
-        scene = ScriptedScene(skin(), script, non_ideal=wanted)
+    script = replace(script, non_ideal=NonIdeal.only("magnet"))
+    for tools in ((), script.tools):
+        scene = ScriptedScene(skin(), replace(script, tools=tools))
         read.append(scene.units.values(scene.at(0.0))[2:5])
     rotation, origin = frame_of(skin(), None)
     film = load_film_table().film
@@ -402,7 +408,7 @@ def test_a_played_scene_is_felt_through_a_bus(
     script = replace(script, bodies=(replace(script.bodies[0], keys=PRESS),))
     path = tmp_path / "truth.npz"
     felt = []
-    played_scene = ScriptedScene(topology, script, non_ideal=IDEAL)
+    played_scene = ScriptedScene(topology, replace(script, non_ideal=IDEAL))
     with ExitStack() as opened:
         recorder = opened.enter_context(Recorder(played_scene, path))
         nodes = SimulatedUnits(topology, recorder)

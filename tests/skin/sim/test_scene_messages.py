@@ -101,7 +101,8 @@ def test_a_scene_in_which_nothing_happens_is_one(palm: Topology, tmp_path: Path)
     nodes = SimulatedUnits(palm, scene, history=None)
     served, _ = play(nodes, scene.seconds)
     assert served.cycles == 500
-    for _, truth in nodes.history:
+    for cycle in range(500):
+        truth = nodes.truth_at(cycle)
         assert not truth.contact.any()
         assert not truth.force.any()
         assert np.all(truth.temperature == truth.temperature[0])

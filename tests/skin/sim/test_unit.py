@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import constants
 
 from skin.errors import CalibrationError
 from skin.physics.elastic import Elastic
-from skin.sim.board import PERMITTIVITY, Timer, picofarad
 from skin.sim.field import SineField
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
@@ -43,31 +41,22 @@ def random_truth(n: int, seed: int) -> Truth:
     return truth
 
 
-# -- capacitor and timer ---------------------------------------------------------------------------
+# -- timer -----------------------------------------------------------------------------------------
 
 
-def test_capacitance_is_that_of_four_plate_pairs() -> None:
-    d, smaller = 1e-3, [np.pi / 4 * (1e-3 * x) ** 2 for x in (4.5, 6.0, 7.5)]
-    c12, c23, c34 = (constants.epsilon_0 * s / d for s in smaller)
-    c14 = constants.epsilon_0 * smaller[0] / (2 * d)
-    found = picofarad() / PERMITTIVITY
-    assert found == pytest.approx(1e12 * (c12 + c14 + c23 + c34), rel=1e-9)
-    assert found == pytest.approx(0.853, abs=5e-4)
+def frequency_at(depth_mm: float) -> np.ndarray:
+    pressed = np.full(64, depth_mm), np.zeros((2, 64)), np.full(64, 25.0)
+    return UnitSimulator(PALM, noise=False).quantities(*pressed)[FREQUENCY]
 
 
 def test_frequency_falls_900_hz_per_mm_from_4500() -> None:
-    timer = Timer(PALM)
-    depth = np.linspace(0.0, 4.9, 50)[:, np.newaxis]
-    np.testing.assert_allclose(timer.frequency(depth), np.tile(4500 - 900 * depth, 64), rtol=1e-12)
+    for depth_mm in np.linspace(0.0, 4.9, 50):
+        np.testing.assert_allclose(frequency_at(depth_mm), 4500 - 900 * depth_mm, rtol=1e-12)
 
 
 def test_frequency_stays_positive_when_the_discs_meet() -> None:
-    frequency = Timer(PALM).frequency(np.full(64, 50.0))
-    assert np.all(frequency > 0.0)
-    assert np.all(frequency < 10.0)
-
-
-# -- material --------------------------------------------------------------------------------------
+    assert np.all(frequency_at(50.0) > 0.0)
+    assert np.all(frequency_at(50.0) < 10.0)
 
 
 # -- field -----------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ def recorded(file, **options):
 
 def command(source, frames, folder, *more, topology="strip"):
     return ["export", "lerobot", str(source), "--topology", topology, "--frames", str(frames),
-            "-o", str(folder), "--task", "press", "--json", *more]  # fmt: skip
+            "-o", str(folder), "--task", "press", "--fps", "28", "--json", *more]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_a_recording_needs_no_topology_and_frames_of_before_it_are_no_error(
     file, states = run
     first = states[0].stamp_ns
     frames = camera_folder([first - 10_000_000, *(one.stamp_ns for one in states[3:200:9])])
-    given = command(file, frames, tmp_path / "set", "--fps", "28")
+    given = command(file, frames, tmp_path / "set")
     del given[3:5]
     assert main(given) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])

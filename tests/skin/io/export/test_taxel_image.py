@@ -132,7 +132,7 @@ def test_the_command_takes_patches_and_names_the_ones_there_are(
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
     frames = camera_folder([state.stamp_ns for state in states[100:130:10]])
     command = ["export", "lerobot", str(log), "--topology", "palm", "--frames", str(frames),
-               "--task", "slide"]  # fmt: skip
+               "--task", "slide", "--fps", "25"]  # fmt: skip
     status = main([*command, "-o", str(tmp_path / "no"), "--taxel-image", "plam"])
     assert status == 2
     assert "patch: must be 'palm'; got 'plam'" in capsys.readouterr().err

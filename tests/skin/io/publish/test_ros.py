@@ -33,7 +33,7 @@ TOPICS = {
     "rt/skin/state": "SkinState",
     "rt/skin/wrench": "WrenchStamped",
     "rt/skin/layout": "SkinLayout",
-    "rt/tf_static": "TFMessage",
+    "rt/tf": "TFMessage",
     "rt/skin/points": "PointCloud2",
     "rt/diagnostics": "DiagnosticArray",
 }
@@ -177,10 +177,10 @@ def test_a_subscriber_hears_the_states(palm, states):
 
 def test_late_subscribers_are_given_the_layout_and_the_frames(palm):
     at = palm.topology
-    wanted = {name: TOPICS[name] for name in ("rt/skin/layout", "rt/tf_static")}
+    wanted = {name: TOPICS[name] for name in ("rt/skin/layout", "rt/tf")}
     with ros(palm, frame="left"), Listener(wanted) as listener:
         listener.until(lambda: len(listener.heard) == 2)
-        (layout,), (frames,) = listener.heard["rt/skin/layout"], listener.heard["rt/tf_static"]
+        (layout,), (frames,) = listener.heard["rt/skin/layout"], listener.heard["rt/tf"]
     assert (layout["topology"], layout["names"]) == (at.name, list(at.unit_names))
     np.testing.assert_array_equal(np.reshape(layout["position"], (3, -1)), at.position)
     np.testing.assert_array_equal(np.reshape(layout["rotation"], (3, 3, -1)), at.rotation)
@@ -225,14 +225,6 @@ def test_diagnostics_name_units_that_are_not_to_be_trusted(palm, states):
     assert (units["level"], bus["level"], bus["message"]) == (1, 0, "error-active")
     assert units["message"] == "1 of 64 units not valid"
     assert units["values"] == [{"key": palm.topology.unit_names[3], "value": "stale"}]
-
-
-def test_a_skin_that_is_silent_is_told(palm):
-    topics = {"rt/diagnostics": "DiagnosticArray"}
-    with ros(palm), Listener(topics) as listener:
-        listener.until(lambda: listener.heard["rt/diagnostics"])
-    (told,) = listener.heard["rt/diagnostics"][0]["status"]
-    assert (told["level"], told["message"][:12]) == (3, "no cycle for")
 
 
 @pytest.mark.parametrize("want", [("force",), ("contacts",)])

@@ -23,7 +23,6 @@ from skin.io.record.recorder import Recorder
 from skin.io.record.replay import Pace
 from skin.options import Options
 from skin.pipeline import Pipeline
-from skin.sim.attached import in_process
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.state import if_wanted
@@ -79,7 +78,7 @@ def faulty(loaded, scene="slide", faults=FAULTS, seed=5):
     """The host's end of a bus with faults, and the units at the other."""
     nodes = SimulatedUnits(loaded, open_scene(scene, loaded, seed=seed), seed=seed)
     script = FaultScript(faults=faults, seed=seed)
-    return [FaultyTransport(end, script, topology=loaded) for end in in_process(nodes)], nodes
+    return [FaultyTransport(end, script, topology=loaded) for end in nodes.in_process()], nodes
 
 
 @pytest.mark.long_but_first

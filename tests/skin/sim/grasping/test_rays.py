@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
 
-from skin.sim.grasping.mesh import mesh_crossing, triangles
 from skin.sim.mechanics import rays
 
 SIZES = {
@@ -70,47 +70,18 @@ def test_the_normal_is_that_of_the_surface_around_the_exit(kind: int, seed: int)
             assert np.dot(along, normal) == pytest.approx(0.0, abs=3e-3)
 
 
-def model_of(mesh: trimesh.Trimesh) -> mujoco.MjModel:
-    """A model with one mesh."""
-    vertices = " ".join(map(str, np.asarray(mesh.vertices).ravel()))
-    faces = " ".join(map(str, np.asarray(mesh.faces).ravel()))
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><asset><mesh name="m" vertex="{vertices}" face="{faces}"/></asset>'
-        '<worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
-    )
-
-
-def ring() -> trimesh.Trimesh:
-    """A body that no convex hull is like."""
-    return trimesh.creation.torus(0.03, 0.01, major_sections=24, minor_sections=12)
-
-
 @settings(max_examples=200, deadline=None)
 @given(seed=SEEDS)
-def test_a_line_leaves_a_mesh_at_the_last_exit_before_the_deepest(seed: int) -> None:
-    model = _ring_model()
-    corners, faces = triangles(model)
+def test_a_line_leaves_a_hull_where_it_leaves_the_faces_of_the_hull(seed: int) -> None:
+    hull = trimesh.creation.torus(0.03, 0.01, major_sections=24, minor_sections=12).convex_hull
     point, way = line(seed)
-    local = trimesh.Trimesh(**trimesh.triangles.to_kwargs(corners))
-    deepest = 0.01
-    out, *normal = mesh_crossing(corners, faces[0], tuple(point), tuple(way), deepest)
-    places, _, faces = local.ray.intersects_location([point], [way], multiple_hits=True)
-    at = (places - point) @ way
-    exits = local.face_normals[faces] @ way > 0.0
-    within = at[exits & (at > 0.0) & (at <= deepest)]
-    if within.size:
-        assert out == pytest.approx(within.max(), abs=1e-9)
-    elif (at > 0.0).any() and exits[np.argmin(np.where(at > 0.0, at, np.inf))]:
-        assert out == pytest.approx(at[at > 0.0].min(), abs=1e-9)
+    planes = ConvexHull(hull.vertices).equations
+    faces = np.array([0, len(planes)])
+    enters, out, *normal = rays.hull_crossing(planes, faces, tuple(point), tuple(way))
+    places, _, _ = hull.ray.intersects_location([point - FAR_M * way], [way], multiple_hits=True)
+    if len(places):
+        at = (places - point) @ way
+        assert (enters, out) == pytest.approx((at.min(), at.max()), abs=1e-9)
         assert np.dot(normal, way) > 0.0
     else:
-        assert out == -np.inf
-
-
-_MODELS: list[mujoco.MjModel] = []
-
-
-def _ring_model() -> mujoco.MjModel:
-    if not _MODELS:
-        _MODELS.append(model_of(ring()))
-    return _MODELS[0]
+        assert not enters < out

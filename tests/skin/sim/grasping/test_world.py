@@ -13,7 +13,7 @@ import skin.sim
 from skin.errors import OptionError, SceneError, SkinError
 from skin.sim.grasping.episode import Episode, Ranges
 from skin.sim.grasping.object import GraspObject
-from skin.sim.grasping.scene import grasp_scene
+from skin.sim.grasping.scene import GraspScene
 from tests.fixtures.robots import GRIPPER, write_gripper
 from topology import load
 
@@ -191,7 +191,7 @@ def test_a_skin_without_a_robot_is_refused() -> None:
 
 def test_a_model_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="must be an MJCF or URDF file"):
-        skin.sim.grasp(tmp_path / "none.xml", "gripper")
+        skin.sim.grasp("gripper", model=tmp_path / "none.xml")
 
 
 def test_an_object_without_a_surface_is_refused(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_an_object_without_a_surface_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "gripper.xml"
     file.write_text(text.replace("<worldbody>", f"<worldbody>{ghost}"), encoding="utf-8")
     with pytest.raises(SceneError, match="object 'ghost': must have a geom that collides"):
-        skin.sim.grasp(file, "gripper", objects=["ghost"])
+        skin.sim.grasp("gripper", objects=["ghost"], model=file)
 
 
 def test_a_model_without_the_links_of_the_patches_is_refused(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_a_model_without_the_links_of_the_patches_is_refused(tmp_path: Path) -> 
     file = tmp_path / "gripper.xml"
     file.write_text(text.replace('body name="left_pad"', 'body name="left_pat"'), encoding="utf-8")
     with pytest.raises(OptionError, match="nearest: 'left_pat'"):
-        skin.sim.grasp(file, "gripper")
+        skin.sim.grasp("gripper", model=file)
 
 
 URDF_INERTIA = '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>'
@@ -256,7 +256,7 @@ def test_a_joint_of_a_urdf_that_follows_another_does_so_under_the_force_of_a_gra
 
 @pytest.mark.parametrize("name", ["gripper.urdf", "gripper.xml"])
 def test_links_that_are_fixed_stay_links_whatever_the_suffix(tmp_path: Path, name: str) -> None:
-    plant = grasp_scene(urdf_gripper(tmp_path, name)).plant
+    plant = GraspScene(urdf_gripper(tmp_path, name)).plant
     assert plant.model.body(plant.base_body).name == "palm"
 
 
@@ -274,19 +274,15 @@ def test_a_skin_without_noise_does_not_take_standing_still_for_a_fault() -> None
         (lambda: GraspObject(name="a", size_m=0.02), "size_m: must have 3 numbers of a box; got 0"),
         (lambda: GraspObject(name="a", position_m=(0.0, 0.0)), "position_m: must have 3 numbers"),
         (lambda: GraspObject(name="a", rpy_deg=None), "rpy_deg: must have 3 numbers; got None"),
-        (lambda: grasp_scene("gripper", seed=-1), "seed: must be an integer from 0"),
-        (lambda: grasp_scene("gripper", noise="no"), "noise: must be True or False"),
-        (
-            lambda: grasp_scene("gripper", step_s="1 ms"),
-            "step_s: must be a number from .*; got '1 ms'",
-        ),
+        (lambda: GraspScene("gripper", seed=-1), "seed: must be an integer from 0"),
+        (lambda: GraspScene("gripper", noise="no"), "noise: must be True or False"),
         (lambda: Ranges(mass=(2.0, 1.0)), "mass: must be least, then largest"),
         (
-            lambda: grasp_scene("gripper", episode=Ranges().draw(load("palm"), seed=1)),
+            lambda: GraspScene("gripper", episode=Ranges().draw(load("palm"), seed=1)),
             "stiffness: must be of the 32 units of 'gripper'; got 64",
         ),
         (
-            lambda: grasp_scene("gripper", episode=Episode(stiffness=np.zeros(32))),
+            lambda: GraspScene("gripper", episode=Episode(stiffness=np.zeros(32))),
             "stiffness: must be above 0; got 0",
         ),
     ],

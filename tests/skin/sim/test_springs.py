@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skin.physics.elastic import Elastic
-from skin.sim.mechanics.foundation import Faces, Winkler
-from skin.sim.mechanics.springs import Springs, under
+from skin.sim.mechanics.springs import Faces, Springs, under
 from tests.fixtures.decode import stiffening
 from topology import Topology, load
 
@@ -23,7 +22,7 @@ STICKS = 1e9
 def pressed(skin: Topology, depth_mm: np.ndarray, soft: float = 0.0) -> np.ndarray:
     """Loads and the units' own depths, shape (2, n)."""
     out = np.zeros((2, skin.n))
-    Winkler(Springs.of(skin)).press(depth_mm, out[0], out[1], body_mm_per_n=soft)
+    Springs.of(skin).press(depth_mm, out[0], out[1], body_mm_per_n=soft)
     return out
 
 
@@ -38,7 +37,7 @@ def dragged(
         shift_mm, load_n, depth_mm, np.full(n, friction), slower, np.zeros(n, bool),
         *(np.zeros((2, n)) for _ in range(4)),
     )  # fmt: skip
-    Winkler(Springs.of(skin)).drag(faces, body_mm_per_n=soft)
+    Springs.of(skin).drag(faces, body_mm_per_n=soft)
     return faces
 
 
