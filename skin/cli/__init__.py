@@ -68,9 +68,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(str(OptionError.unknown("skin", name, COMMANDS)), is_json)
     module = import_module(f"skin.cli.{name}")
     command: Callable[..., int] = getattr(module, name)
-    if rest and rest[0] in (words := getattr(module, "SUBCOMMANDS", {})):
-        place, function = words[rest[0]].split(":")
-        command = getattr(import_module(place), function)
+    if rest and rest[0] in getattr(module, "SUBCOMMANDS", ()):
+        command = getattr(module, rest[0])
         name, rest = f"{name} {rest[0]}", rest[1:]
     return _guarded(_parsed(command, name, rest, is_json), is_json)
 

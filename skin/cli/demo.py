@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,16 +50,11 @@ def demo(
     true one while the total normal load exceeds 1 N.
     """
     import skin
-    from skin.errors import LibraryError, OptionError
+    from skin.errors import LibraryError
     from skin.view.picture import PICTURE, Run, save_run
-    from topology import builtin
 
-    if not (Path(file).suffix or Path(file).exists() or get_close_matches(file, builtin, n=1)):
-        raise OptionError.unknown("skin demo", file, builtin)
     options.check_seconds(seconds)
     options.check_folder("--picture", picture, PICTURE)
-    if picture.suffix.lower() != ".png":
-        raise OptionError(f"--picture: must be a file that ends with .png; got '{picture}'")
     loaded = options.load(file)
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
     tally, rows = Tally(loaded), []

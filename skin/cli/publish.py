@@ -23,9 +23,9 @@ def publish(
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
     prefix: Annotated[
-        str, tyro.conf.arg(metavar="NAME", help="of the topics: NAME/state, NAME/wrench, …")
+        str,
+        tyro.conf.arg(metavar="NAME", help="of the topics, NAME/state, …, and of the frame in tf"),
     ] = "skin",
-    frame: Annotated[str, tyro.conf.arg(metavar="NAME", help="frame of the skin in tf")] = "skin",
     rate: Annotated[
         float, tyro.conf.arg(metavar="HZ", help="at most so many states a second; 0: every cycle")
     ] = 100.0,
@@ -48,7 +48,13 @@ def publish(
         opened = ended.enter_context(options.open_skin(file, bus=bus, sync=sync, simulate=simulate))
         tally = Tally(opened.topology)
         node = ended.enter_context(
-            ros(opened, prefix=prefix, frame=frame, rate_hz=rate or None, network=network)
+            ros(
+                opened,
+                prefix=prefix,
+                frame=prefix.strip("/"),
+                rate_hz=rate or None,
+                network=network,
+            )
         )
         with suppress(KeyboardInterrupt):  # also where the process that publishes has ended
             tally.follow(opened, seconds, goes_on=lambda: node.alive)

@@ -30,13 +30,6 @@ def run(
             metavar="FILE",
         ),
     ] = None,
-    auto_tare: Annotated[
-        bool,
-        options.quiet(
-            "do not take the zeros of units that were never tared from the first second in which "
-            "nothing touches them"
-        ),
-    ] = True,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
@@ -51,8 +44,8 @@ def run(
 
     options.check_seconds(seconds)
     options.check_folder("--record", record, NO_KIND)
-    how = {"auto_tare": auto_tare, "record": record}
-    with options.open_skin(file, bus=bus, sync=sync, simulate=simulate, **how) as opened:
+    given = {"bus": bus, "sync": sync, "simulate": simulate}
+    with options.open_skin(file, **given, record=record) as opened:
         topology = opened.topology
         table, tally = LiveTable(topology), Tally(topology)
         with suppress(KeyboardInterrupt):

@@ -26,10 +26,6 @@ LookAt = Annotated[
 Host = Annotated[
     str, tyro.conf.arg(metavar="HOST", help="address of this machine; others let others in")
 ]
-Port = Annotated[
-    int | None,
-    options.quiet("port; otherwise the first free one from 8080", metavar="INT", constructor=int),
-]
 
 
 def view(
@@ -43,12 +39,12 @@ def view(
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
     host: Host = "127.0.0.1",
-    port: Port = None,
     json: options.Json = False,
 ) -> int:
     """Show what the skin feels in a browser: loads, forces, contacts, slip, health.
 
-    Prints the address, and serves it until Ctrl-C, or for a time. With `--simulate` a sphere
+    Prints the address, with the first free port from 8080, and serves it until Ctrl-C, or for a
+    time. With `--simulate` a sphere
     presses, slides and lifts all over simulated units, or a scene is played. What `skin run
     --record` has recorded, or a log, is played as fast as it was. Exits with 1 if the process of
     the view ends, or a recording holds no cycle or is damaged.
@@ -73,7 +69,7 @@ def view(
                 options.open_skin(file, bus=bus, sync=sync, simulate=simulate)
             )
         tally = Tally(source.topology)
-        shown = ended.enter_context(show(source, host=host, port=port))
+        shown = ended.enter_context(show(source, host=host))
         print(f"{source.topology.name}: open {shown.address} in a browser; Ctrl-C ends",
               file=sys.stderr, flush=True)  # fmt: skip
         with suppress(KeyboardInterrupt):

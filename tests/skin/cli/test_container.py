@@ -33,10 +33,10 @@ COMMANDS = (
     "check pair.toml --json",
     "sim pair.toml press --seconds 1 --record sim.log --json",
     "run pair.toml --simulate press --seconds 0.3 --record run.log --json",
-    "decode sim.log --topology pair.toml --output felt.csv --json",
+    "decode pair.toml sim.log --output felt.csv --json",
 )
 MADE = {"sim.log", "run.log", "felt.csv", "felt.contacts.csv", "felt.faults.csv"}
-TIMED = {"seconds", "real_time_factor", "output"}
+TIMED = {"seconds", "output"}
 
 
 def ran(folder, environment, user=()):
