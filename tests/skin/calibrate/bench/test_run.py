@@ -150,7 +150,7 @@ def test_the_command_writes_report_and_json(bench, tmp_path, capsys):
         "https://matplotlib.org", "")  # fmt: skip
 
 
-def test_a_fault_is_named_and_nothing_is_written_unless_forced(bench, tmp_path, capsys):
+def test_a_fault_is_named_and_nothing_is_written(bench, tmp_path, capsys):
     new = copied(bench, tmp_path)
     text = new.read_text()
     new.write_text(
