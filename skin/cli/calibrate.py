@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from skin.cli import options
-from skin.cli.table import end, progress, table
+from skin.cli.table import end, progress
 
 __all__ = ["SUBCOMMANDS", "calibrate", "check", "crosstalk", "plan"]
 
@@ -20,13 +19,9 @@ SUBCOMMANDS = ("plan", "check", "crosstalk")
 
 UNTOUCHED_S = 2.0
 """Of the tare, at the beginning of the log of a touched skin."""
-RESULTS = ("unit", "serial", "lag_s", "lag_sigma_s", "force_rmse_n", "displacement_rms_mm", "kept")
-SCORES = ("unit", "serial", "force_rmse_n", "tangential", "normal", "temperature", "rest_hz",
-          "faults")  # fmt: skip
-"""Columns that people see; of errors over sigma `tangential`, `normal` and `temperature`."""
 
 Bench = Annotated[
-    Path, tyro.conf.Positional, tyro.conf.arg(metavar="BENCH", help="BENCH file of the recordings")
+    Path, tyro.conf.Positional, options.arg("BENCH", help="BENCH file of the recordings")
 ]
 
 
@@ -35,10 +30,7 @@ def calibrate(
     /,
     *,
     output: options.Calibration = None,
-    report: Annotated[
-        Path | None,
-        options.quiet("report with plots to write, one HTML file", metavar="FILE"),
-    ] = None,
+    report: Annotated[Path | None, options.arg("FILE")] = None,
     json: options.Json = False,
 ) -> int:
     """Fit units to the recordings of a bench and write their calibration file.
@@ -49,6 +41,11 @@ def calibrate(
 
     Recordings are judged first, and what was found is checked on them at the end. If anything is
     wrong, it is named, nothing is written and the exit status is 1.
+
+    Parameters
+    ----------
+    report
+        report with plots to write, one HTML file
     """
     from skin.calibrate.bench.run import calibrate_bench
     from skin.compiling import announcer
@@ -70,31 +67,30 @@ def calibrate(
                                        *outcome.notes]))  # fmt: skip
         files = outcome.write(output)
         stencil = outcome.write_stencil(output)
-    if report is not None and outcome.results:
-        write_report(report, outcome)
-        print(f"report: written to {report}")
-    rows = [
-        {"unit": one.unit, "serial": outcome.serials.get(one.unit, "")} | one.goodness
-        | ({"force_rmse_n": score.force_rmse_n} if score else {}) | {"kept": list(one.kept)}
-        for one in outcome.results for score in (outcome.scores.get(one.unit),)
-    ]  # fmt: skip
-    print(table(rows, *RESULTS))
-    written = options.named_in_file(outcome.topology, files)
-    options.note(f"not learned: {text}" for text in outcome.notes)
-    if stencil is not None and (learned := outcome.learned) is not None:
-        print(f"{stencil}: stray fields within {learned.sigma_ut:.1f} µT")
-        if learned.missing:
-            print(f"not pressed: {', '.join(learned.missing)}")
-    if outcome.faults:
+    else:
         print("nothing was written", file=sys.stderr)
-    if json:
-        found = {"topology": outcome.topology.name, "units": len(outcome.results),
-                "faults": list(outcome.faults), "notes": list(outcome.notes),
-                "stencil": None if stencil is None else str(stencil.resolve()),
-                "results": {r.unit: {"goodness": r.goodness, "kept": r.kept, "left": r.left,
-                                     "range": r.range} for r in outcome.results},
-                "report": None if report is None else str(report.resolve())}  # fmt: skip
-        print(json_text.dumps(found | written))
+    drawn = report is not None and bool(outcome.results)
+    if report is not None and drawn:
+        write_report(report, outcome)
+    options.note(f"not learned: {text}" for text in outcome.notes)
+    learned, scores = outcome.learned, outcome.scores
+    found = {
+        "topology": outcome.topology.name, "units": len(outcome.results),
+        "faults": list(outcome.faults), "notes": list(outcome.notes),
+        "stencil": None if stencil is None else str(stencil.resolve()),
+        "stencil_sigma_ut": None if learned is None else learned.sigma_ut,
+        "not_pressed": [] if learned is None else learned.missing,
+        "report": str(report.resolve()) if report is not None and drawn else None,
+        "results": {
+            one.unit: {
+                "serial": outcome.serials.get(one.unit, ""),
+                "force_rmse_n": scores[one.unit].force_rmse_n if one.unit in scores else None,
+                "lag_s": one.goodness.get("lag_s"), "goodness": one.goodness, "kept": one.kept,
+                "left": one.left, "range": one.range,
+            } for one in outcome.results
+        },
+    }  # fmt: skip
+    end(found | options.named_in_file(outcome.topology, files), json)
     return int(bool(outcome.faults))
 
 
@@ -115,9 +111,7 @@ def plan(file: options.File, /, *, json: options.Json = False) -> int:
 
 
 def check(
-    calibration: Annotated[
-        Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help="calibration file")
-    ],
+    calibration: Annotated[Path, tyro.conf.Positional, options.arg("FILE")],
     bench: Bench,
     /,
     *,
@@ -126,35 +120,31 @@ def check(
     """Score a calibration on new recordings, and name the units that drifted or were swapped.
 
     Exits with 1 if a unit has.
+
+    Parameters
+    ----------
+    calibration
+        calibration file
     """
     from skin.calibrate.bench.run import check_bench
     from skin.compiling import announcer
 
     announcer()
     checked = check_bench(calibration, bench, progress)
-    units = {name: entry | ({"score": asdict(entry["score"])} if "score" in entry else {})
-             for name, entry in checked.items()}  # fmt: skip
-    rows = ({"unit": name} | entry | (score := entry.get("score", {})) | score.get("over_sigma", {})
-            | {"faults": entry["faults"]} for name, entry in units.items())  # fmt: skip
-    print(table(rows, *SCORES))
+    units = {name: {"serial": one["serial"], "faults": one["faults"]}
+             | (asdict(one["score"]) if "score" in one else {})
+             for name, one in checked.items()}  # fmt: skip
+    end({"calibration": str(calibration), "units": units}, json)
     faults = [fault for entry in checked.values() for fault in entry["faults"]]
     for fault in faults:
         print(fault, file=sys.stderr)
-    if json:
-        print(json_text.dumps({"calibration": str(calibration), "units": units}))
     return int(bool(faults))
 
 
 def crosstalk(
     file: options.File,
-    log: Annotated[
-        Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG", help="recorded log of that skin")
-    ],
-    stencil: Annotated[
-        Path,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="STENCIL.npz", help="file to write what was learned to"),
-    ],
+    log: Annotated[Path, tyro.conf.Positional, options.arg("LOG")],
+    stencil: Annotated[Path, tyro.conf.Positional, options.arg("STENCIL.npz")],
     /,
     *,
     json: options.Json = False,
@@ -165,6 +155,13 @@ def crosstalk(
     for a second, in all directions, and its neighbours are left alone. Zeros are written to the
     calibration files that the topology names, or next to it. Exit status 1, and nothing is written,
     if the skin could not be tared or no press was seen.
+
+    Parameters
+    ----------
+    log
+        recorded log of that skin
+    stencil
+        file to write what was learned to
     """
     import numpy as np
 
@@ -190,13 +187,8 @@ def crosstalk(
         return refused(str(error), loaded, json)
     files = learned.zeros.write()
     learned.stencil.save(stencil)
-    print(f"{stencil}: stray fields within {learned.sigma_ut:.1f} µT")
-    written = options.named_in_file(loaded, files)
-    if learned.missing:
-        print(f"not pressed: {', '.join(learned.missing)}")
-    if json:
-        report = {"topology": loaded.name, "units": loaded.n, "missing": learned.missing,
-                  "refused": [], "sigma_ut": learned.sigma_ut,
-                  "stencil": str(stencil.resolve())}  # fmt: skip
-        print(json_text.dumps(report | written))
+    report = {"topology": loaded.name, "units": loaded.n, "missing": learned.missing,
+              "refused": [], "sigma_ut": learned.sigma_ut,
+              "stencil": str(stencil.resolve())}  # fmt: skip
+    end(report | options.named_in_file(loaded, files), json)
     return 0

@@ -32,23 +32,13 @@ TABLES = {
 
 
 def check(
-    file: Annotated[
-        str | None, tyro.conf.Positional, options.quiet(options.FILE_HELP, metavar="[FILE]")
-    ] = None,
+    file: Annotated[str | None, tyro.conf.Positional, options.arg("[FILE]")] = None,
     /,
     *,
-    dbc: Annotated[
-        Path | None,
-        options.quiet("write a DBC file for each bus into this folder, for other CAN tools",
-                      metavar="DIR"),
-    ] = None,
-    schema: Annotated[
-        Literal["topology", "scene"] | None,
-        options.quiet("print the JSON Schema of topology or scene files, for your editor",
-                      metavar="{topology,scene}", constructor=Literal["topology", "scene"]),
-    ] = None,
+    dbc: Annotated[Path | None, options.arg("DIR")] = None,
+    schema: Annotated[Literal["topology", "scene"] | None, options.arg("{topology,scene}")] = None,
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Check a topology file: units, identifiers, frames, and the load of each bus at worst.
 
     Of a skin on a robot, lists the joints, and says which patches float, are buried or turned over,
@@ -57,6 +47,15 @@ def check(
     each other than their magnets allow. If the file is wrong, exits with 2, after every problem
     with its line. DBC files are named after the skin and the bus (palm-main.dbc), and hold SYNC,
     the data frames with their scales, heartbeats and configuration.
+
+    Parameters
+    ----------
+    file
+        topology file, or the name of a ready-made one
+    dbc
+        write a DBC file for each bus into this folder, for other CAN tools
+    schema
+        print the JSON Schema of topology or scene files, for your editor
     """
     import msgspec
 

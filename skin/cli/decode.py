@@ -30,37 +30,14 @@ FILES = (".csv", ".npz", ".parquet")
 
 def decode(
     paths: Annotated[
-        tuple[str, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(
-            metavar="[TOPOLOGY] LOG [LOG ...]",
-            help="topology file, or the name of a ready-made one, and recorded CAN logs or "
-            "recordings; recordings alone have their own",
-        ),
+        tuple[str, ...], tyro.conf.Positional, options.arg("[TOPOLOGY] LOG [LOG ...]")
     ],
     /,
     *,
-    output: Annotated[
-        Path | None,
-        options.quiet(
-            "where to write: a folder for any number of logs; of one log FILE.parquet, .csv or "
-            ".npz (arrays)",
-            metavar="DIR|FILE",
-            aliases=["-o"],
-        ),
-    ] = None,
-    want: Annotated[
-        tuple[str, ...],
-        options.quiet(
-            "what to decode; forces, temperatures, contacts and slip otherwise; of recordings as "
-            "their runs",
-            metavar="NAME [NAME ...]",
-        ),
-    ] = (),
-    jobs: Annotated[int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")] = 1,
-    format: Annotated[
-        Literal["parquet", "csv", "npz"], tyro.conf.arg(help="of the files in a folder")
-    ] = "parquet",
+    output: Annotated[Path | None, options.arg("DIR|FILE", "-o")] = None,
+    want: Annotated[tuple[str, ...], options.arg("NAME [NAME ...]")] = (),
+    jobs: int = 1,
+    format: Literal["parquet", "csv", "npz"] = "parquet",
     map: options.Map = (),
     json: options.Json = False,
 ) -> int:
@@ -77,6 +54,22 @@ def decode(
 
     Exits with 1 if a log holds no cycle or no valid reading of this skin, is damaged, lacks SYNC or
     a bus, has time that runs back, or could not be decoded; all that can be decoded is.
+
+    Parameters
+    ----------
+    paths
+        topology file, or the name of a ready-made one, and recorded CAN logs or recordings;
+        recordings alone have their own
+    output
+        where to write: a folder for any number of logs; of one log FILE.parquet, .csv or .npz
+        (arrays)
+    want
+        what to decode; forces, temperatures, contacts and slip otherwise; of recordings as their
+        runs
+    jobs
+        logs that are decoded side by side
+    format
+        of the files in a folder
     """
     from skin.errors import OptionError, check_number
     from skin.io.bulk import decode_logs, decode_one

@@ -25,17 +25,11 @@ CENTROID_LOAD_N = 1.0
 
 
 def demo(
-    file: Annotated[
-        str, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]", help=options.FILE_HELP)
-    ] = "palm",
+    file: options.File = "palm",
     /,
     *,
-    seconds: Annotated[
-        float, tyro.conf.arg(metavar="SECONDS", help="simulated time; a stroke takes 7")
-    ] = 7.0,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-demo.png"),
+    seconds: float = 7.0,
+    picture: Annotated[Path, tyro.conf.arg(metavar="FILE.png")] = Path("skin-demo.png"),
     json: options.Json = False,
 ) -> int:
     """Simulate a skin, decode its frames, and show the errors against the truth.
@@ -48,6 +42,13 @@ def demo(
     0.05 N, the temperature error over all valid units, the error of the total force over its
     components while anything touches, that of the centre of pressure over its distance from the
     true one while the total normal load exceeds 1 N.
+
+    Parameters
+    ----------
+    seconds
+        simulated time; a stroke takes 7
+    picture
+        where to write the picture
     """
     import skin
     from skin.errors import LibraryError

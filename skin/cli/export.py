@@ -15,57 +15,17 @@ __all__ = ["export"]
 
 
 def export(
-    kind: Annotated[
-        Literal["lerobot"],
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="lerobot", help="kind of the data set"),
-    ],
-    logs: Annotated[
-        tuple[Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(
-            metavar="LOG [LOG ...]", help="recordings (.mcap) or CAN logs, an episode each"
-        ),
-    ],
+    kind: tyro.conf.Positional[Literal["lerobot"]],
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, options.arg("LOG [LOG ...]")],
     /,
     *,
-    topology: Annotated[
-        str | None,
-        options.quiet(f"{options.FILE_HELP}: of logs; recordings have their own", metavar="FILE"),
-    ] = None,
-    frames: Annotated[
-        tuple[Path, ...],
-        tyro.conf.arg(
-            metavar="DIR [DIR ...]",
-            help="frames of the camera, for each log: a folder of <stamp_ns>.png or .jpg",
-        ),
-    ],
-    output: Annotated[
-        Path, tyro.conf.arg(metavar="DIR", help="folder to write, new or empty", aliases=["-o"])
-    ],
-    task: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="TEXT [TEXT ...]", help="what was done: for all logs, or for each"),
-    ],
-    fps: Annotated[
-        int | None,
-        options.quiet(
-            "frames a second of the camera; otherwise as they come", metavar="INT", constructor=int
-        ),
-    ] = None,
-    taxel_image: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(
-            metavar="PATCH [PATCH ...]",
-            help="patches of rows and columns whose forces are also written as an image",
-        ),
-    ] = (),
-    offset_s: Annotated[
-        float,
-        tyro.conf.arg(
-            metavar="SECONDS", help="what the clock of the log shows more than the camera's"
-        ),
-    ] = 0.0,
+    topology: Annotated[str | None, options.arg("FILE")] = None,
+    frames: Annotated[tuple[Path, ...], options.arg("DIR [DIR ...]")],
+    output: Annotated[Path, options.arg("DIR", "-o")],
+    task: Annotated[tuple[str, ...], options.arg("TEXT [TEXT ...]")],
+    fps: Annotated[int | None, options.arg("INT")] = None,
+    taxel_image: Annotated[tuple[str, ...], options.arg("PATCH [PATCH ...]")] = (),
+    offset_s: float = 0.0,
     map: options.Map = (),
     json: options.Json = False,
 ) -> int:
@@ -74,8 +34,29 @@ def export(
     Each frame has the newest sample of the skin that is not later, and the seven before it; what
     is not valid is NaN. The report has the distances of frames and samples, and how many frames
     have no sample. docs/guides/connect.md has the features. Tables (.csv, .npz, .parquet) are
-    written by `skin decode`. Exits with 1 if a log is damaged, with
-    2 if no frame of an episode has a sample.
+    written by `skin decode`. Exits with 1 if a log is damaged, with 2 if no frame of an episode has
+    a sample.
+
+    Parameters
+    ----------
+    kind
+        of the data set
+    logs
+        recordings (.mcap) or CAN logs, an episode each
+    topology
+        topology file, or the name of a ready-made one: of logs; recordings have their own
+    frames
+        frames of the camera, for each log: a folder of <stamp_ns>.png or .jpg
+    output
+        folder to write, new or empty
+    task
+        what was done: for all logs, or for each
+    fps
+        frames a second of the camera; otherwise as they come
+    taxel_image
+        patches of rows and columns whose forces are also written as an image
+    offset_s
+        seconds that the clock of the log shows more than the camera's
     """
     from skin.errors import SkinError, check_number
     from skin.io.bulk import WANT

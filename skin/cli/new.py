@@ -70,21 +70,25 @@ patch = "{name}"
 
 
 def new(
-    name: Annotated[
-        Path, tyro.conf.Positional, tyro.conf.arg(metavar="NAME", help="writes NAME.toml")
-    ],
+    name: Annotated[Path, tyro.conf.Positional, options.arg("NAME")],
     /,
     *,
-    patches: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="PATCH=ROWSxCOLUMNS [...]", help="patches, and how many units each"),
-    ] = ("palm=4x4",),
+    patches: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PATCH=ROWSxCOLUMNS [...]")] = (
+        "palm=4x4",
+    ),
     json: options.Json = False,
 ) -> int:
     """Write a commented topology file, and a calibration file to be filled for each of its patches.
 
     The patches lie side by side on one bus of CAN FD: change pitch, place and bus in the file.
     Files that exist are left as they are, and the exit status is 2.
+
+    Parameters
+    ----------
+    name
+        writes NAME.toml
+    patches
+        patches, and how many units each
     """
     from topology.files import NO_KIND, whole_file
 

@@ -31,6 +31,7 @@ __all__ = [
     "Simulate",
     "Sync",
     "Until",
+    "arg",
     "check_folder",
     "check_seconds",
     "hints",
@@ -41,7 +42,6 @@ __all__ = [
     "note",
     "note_scene",
     "open_skin",
-    "quiet",
     "refuse_both",
     "without",
 ]
@@ -50,64 +50,46 @@ SHOWN = 8
 """Patches that a line names."""
 
 
-def quiet(help: str, **options: Any) -> Any:
-    """An argument whose default needs no word in its help."""
-    return tyro.conf.arg(help=help, help_behavior_hint="", **options)
+def arg(metavar: str, *aliases: str, help: str | None = None) -> Any:
+    """An argument whose default needs no word; its help is in the docstring of the command."""
+    return tyro.conf.arg(metavar=metavar, aliases=aliases, help=help, help_behavior_hint="")
 
 
 FILE_HELP = "topology file, or the name of a ready-made one"
 
-File = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help=FILE_HELP)]
+File = Annotated[str, tyro.conf.Positional, arg("FILE", help=FILE_HELP)]
 
-Log = Annotated[
-    Path | None, tyro.conf.Positional, quiet("recorded log of that skin", metavar="[LOG]")
-]
+Log = Annotated[Path | None, tyro.conf.Positional, arg("[LOG]", help="recorded log of that skin")]
 
-Calibration = Annotated[
-    Path | None,
-    quiet(
-        "calibration file to write, or a folder of one for each patch; otherwise those that the "
-        "topology names, or TOPOLOGY.PATCH.calibration.toml next to it",
-        metavar="FILE|DIR",
-        aliases=["-o"],
-    ),
-]
+Calibration = Annotated[Path | None, arg(
+    "FILE|DIR", "-o", help="calibration file to write, or a folder of one for each patch; "
+    "otherwise those that the topology names, or TOPOLOGY.PATCH.calibration.toml next to it",
+)]  # fmt: skip
 
-Json = Annotated[bool, quiet("end with one JSON object")]
+Json = Annotated[bool, tyro.conf.arg(help="end with one JSON object", help_behavior_hint="")]
 
 Listening = Annotated[float, tyro.conf.arg(metavar="SECONDS", help="how long to listen")]
 
-Until = Annotated[
-    float | None,
-    quiet("stop after this time; otherwise at Ctrl-C", metavar="SECONDS", constructor=float),
-]
+Until = Annotated[float | None, arg("SECONDS", help="stop after this time; otherwise at Ctrl-C")]
 
-Bus = Annotated[
-    str | None,
-    quiet(
-        "use this interface for every bus, and these channels, one for each, in place of the "
-        "file's: socketcan:can0,can1",
-        metavar="INTERFACE:CHANNEL",
-    ),
-]
+Bus = Annotated[str | None, arg(
+    "INTERFACE:CHANNEL", help="use this interface for every bus, and these channels, one for each, "
+    "in place of the file's: socketcan:can0,can1",
+)]  # fmt: skip
 """See `load`."""
 
 Sync = Annotated[
     Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host, or another node")
 ]
 
-Simulate = Annotated[
-    tuple[str, ...] | None,
-    quiet(
-        "simulated units, in this process, in place of the buses; they play this scene, "
-        "ready-made or from a file, or else are pressed all over",
-        metavar="[SCENE]",
-    ),
-]
+Simulate = Annotated[tuple[str, ...] | None, arg(
+    "[SCENE]", help="simulated units, in this process, in place of the buses; they play this "
+    "scene, ready-made or from a file, or else are pressed all over",
+)]  # fmt: skip
 
-Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], quiet(
-    "a channel by its name or number in the log, and its bus, if it is not as the topology has it",
-    metavar="FILE_CHANNEL=BUS",
+Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(
+    "FILE_CHANNEL=BUS", help="a channel by its name or number in the log, and its bus, if it is "
+    "not as the topology has it",
 )]]  # fmt: skip
 """See `mapped`."""
 
@@ -211,27 +193,21 @@ def check_folder(option: str, path: Path | None, over: Kind | None = None) -> No
         check_over(path, over)
 
 
-def named_in_file(topology: Topology, files: Mapping[str, Path]) -> dict[str, Any]:
-    """Say which calibration files were written, by patch, and which lines the topology file lacks.
-
-    Returns
-    -------
-    dict
-        ``files`` as full paths, and the ``lines`` to add to the topology file; both by patch.
-    """
+def named_in_file(topology: Topology, files: Mapping[str, Path]) -> dict[str, dict[str, str]]:
+    """Of a report: ``files`` that were written, and ``lines`` that the topology file lacks to use
+    them, which are said, too; both by patch."""
     from skin.calibrate.read import named_file
     from topology.load import is_builtin
 
     path, lines = topology.path, {}
     full = {patch: file.resolve() for patch, file in files.items()}
     for patch, file in full.items():
-        print(f"{patch}: written to {file}")
         known = named_file(topology, patch)
         if path is not None and not is_builtin(path) and (known is None or known.resolve() != file):
-            lines[patch] = (
-                f"calibration = {json.dumps(os.path.relpath(file, path.resolve().parent))}"
-            )
-            print(f"{path}: not used until its patch {patch!r} has the line: {lines[patch]}")
+            place = os.path.relpath(file, path.resolve().parent)
+            lines[patch] = f"calibration = {json.dumps(place)}"
+    note(f"{path}: {full[patch]} is not used until patch {patch!r} has the line: {line}"
+         for patch, line in lines.items())  # fmt: skip
     return {"files": {patch: str(file) for patch, file in full.items()}, "lines": lines}
 
 

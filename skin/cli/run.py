@@ -22,14 +22,7 @@ def run(
     bus: options.Bus = None,
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
-    record: Annotated[
-        Path | None,
-        options.quiet(
-            "write a new recording of frames and states (.mcap), or a log of what the buses carry "
-            "(.log, .log.gz, .blf)",
-            metavar="FILE",
-        ),
-    ] = None,
+    record: Annotated[Path | None, options.arg("FILE")] = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
@@ -38,6 +31,12 @@ def run(
     played to its end, with its own faults. Foxglove, PlotJuggler and the tools for ROS 2 bags read
     a recording as it is; `skin replay` plays it to the same states, and `skin decode` takes it, or
     a log. Exits with 1 if no unit ever answered, or no reading was valid.
+
+    Parameters
+    ----------
+    record
+        write a new recording of frames and states (.mcap), or a log of what the buses carry (.log,
+        .log.gz, .blf)
     """
     from skin.view.terminal import LiveTable
     from topology.files import NO_KIND

@@ -27,26 +27,15 @@ __all__ = ["sim"]
 
 def sim(
     file: options.File,
-    scene: Annotated[
-        str | None,
-        tyro.conf.Positional,
-        options.quiet("scene to play, ready-made or from a file; otherwise units are pressed all "
-                      "over", metavar="[SCENE]"),
-    ] = None,
+    scene: Annotated[str | None, tyro.conf.Positional, options.arg("[SCENE]")] = None,
     /,
     *,
     seconds: options.Until = None,
     bus: options.Bus = None,
-    truth: Annotated[
-        Path | None, options.quiet("write down the truth about every cycle", metavar="FILE.npz")
-    ] = None,
-    record: Annotated[
-        Path | None,
-        options.quiet("write a new log of what the buses carry (.log, .log.gz, .blf)",
-                      metavar="FILE"),
-    ] = None,
+    truth: Annotated[Path | None, options.arg("FILE.npz")] = None,
+    record: Annotated[Path | None, options.arg("FILE")] = None,
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Put simulated units on the buses of a topology; they answer the SYNC of any host.
 
     Listen in another process with `skin run FILE` and the same `--bus`. On Linux this can be `--bus
@@ -57,6 +46,15 @@ def sim(
     On `--bus memory`, which no other process can reach, a scene is played as fast as possible: for
     its log and its truth. The scene has the seed of the noise, and faults. Exits with 1 without
     SYNC.
+
+    Parameters
+    ----------
+    scene
+        scene to play, ready-made or from a file; otherwise units are pressed all over
+    truth
+        write down the truth about every cycle
+    record
+        write a new log of what the buses carry (.log, .log.gz, .blf)
     """
     from bus.logs import Recording
     from skin.compiling import announcer

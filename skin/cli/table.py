@@ -23,20 +23,23 @@ def end(report: Mapping[str, Any], as_json: bool) -> None:
 
 
 def facts(report: Mapping[str, Any]) -> str:
-    """A line for each entry of a report, under the name that it has for programs; a list of objects
-    is a `table` below.
+    """A line for each entry of a report, under the name that it has for programs; objects in a
+    list, or by name, are a `table` below.
 
     Examples
     --------
-    >>> print(facts({"cycles": 12, "peak_force_n": 1.25, "silent_units": []}))
+    >>> print(facts({"cycles": 12, "silent_units": [], "buses": [{"name": "main", "load": 0.57}]}))
     cycles        12
-    peak_force_n  1.25
     silent_units  none
+    <BLANKLINE>
+    buses:
+    name  load
+    main  0.57
     """
-    lists = {name: one for name, one in report.items() if _is_table(one)}
-    plain = [(name, _text(one)) for name, one in report.items() if name not in lists]
-    tables = [f"\n{name}:\n{table(rows, *_plain(rows))}" for name, rows in lists.items()]
-    return "\n".join([*columns(("", ""), plain)[1:], *tables])
+    tables = {name: rows for name, one in report.items() if (rows := _rows(one))}
+    plain = [(name, _text(one)) for name, one in report.items() if name not in tables]
+    below = [f"\n{name}:\n{table(rows, *_plain(rows))}" for name, rows in tables.items()]
+    return "\n".join([*columns(("", ""), plain)[1:], *below])
 
 
 def table(rows: Iterable[Mapping[str, Any]], *names: str) -> str:
@@ -60,8 +63,14 @@ def columns(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
 
 
-def _is_table(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and isinstance(value[0], Mapping)
+def _rows(value: Any) -> list[Mapping[str, Any]]:
+    """Objects in a list, or by name; none of anything else."""
+    if isinstance(value, Mapping):
+        value = [{"": name} | one if isinstance(one, Mapping) else one
+                 for name, one in value.items()]  # fmt: skip
+    if isinstance(value, list) and all(isinstance(one, Mapping) for one in value):
+        return value
+    return []
 
 
 def _plain(rows: Iterable[Mapping[str, Any]]) -> list[str]:

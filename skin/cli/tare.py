@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from itertools import islice
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from skin.cli import options
-from skin.cli.table import table
+from skin.cli.table import end
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,12 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["refused", "tare"]
 
-SHOWN = (
-    "unit", "frequency_before_hz", "frequency_hz", "frequency_sigma_hz", "offset_x_ut",
-    "offset_y_ut", "offset_sigma_ut", "axial_ut",
-)  # fmt: skip
-"""Columns of what changes that people see."""
-
 
 def tare(
     file: options.File,
@@ -31,9 +24,7 @@ def tare(
     *,
     seconds: options.Listening = 2.0,
     output: options.Calibration = None,
-    simulate: Annotated[
-        bool, options.quiet("tare simulated units, which nothing touches, in this process")
-    ] = False,
+    simulate: bool = False,
     bus: options.Bus = None,
     sync: options.Sync = "host",
     json: options.Json = False,
@@ -44,6 +35,11 @@ def tare(
     that the topology does not name yet is used once the topology has the line that is printed. If a
     unit is loaded, moving, noisy or invalid, nothing is written and the exit status is 1; a unit
     that is broken is left out by `enabled = false` in the topology file.
+
+    Parameters
+    ----------
+    simulate
+        tare simulated units, which nothing touches, in this process
     """
     import skin
     from skin.calibrate.tare import calibration_files, chosen
@@ -76,12 +72,10 @@ def tare(
     except ScanError as error:
         return refused(str(error), loaded, json)
     changes = found.changes()
-    print(table(({"unit": unit} | change for unit, change in changes.items()), *SHOWN))
+    report = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
+              "cycles": len(counts), "refused": [], "changes": changes}  # fmt: skip
     written = options.named_in_file(loaded, found.write(output, simulated=simulate))
-    if json:
-        report = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
-                  "cycles": len(counts), "refused": [], "changes": changes}  # fmt: skip
-        print(json_text.dumps(report | written))
+    end(report | written, json)
     return 0
 
 
@@ -89,8 +83,7 @@ def refused(message: str, topology: Topology, json: bool) -> int:
     """Print why nothing was written; the exit status."""
     print(message, file=sys.stderr)
     if json:
-        report = {"topology": topology.name, "refused": message.splitlines(), "files": {}}
-        print(json_text.dumps(report))
+        end({"topology": topology.name, "refused": message.splitlines(), "files": {}}, json)
     return 1
 
 

@@ -18,18 +18,9 @@ __all__ = ["view"]
 LOOK_S = 0.1
 """Between two looks at the process of the view after the last state."""
 
-LookAt = Annotated[
-    str,
-    tyro.conf.Positional,
-    tyro.conf.arg(metavar="FILE", help=f"{options.FILE_HELP}; or a recording"),
-]
-Host = Annotated[
-    str, tyro.conf.arg(metavar="HOST", help="address of this machine; others let others in")
-]
-
 
 def view(
-    file: LookAt,
+    file: Annotated[str, tyro.conf.Positional, options.arg("FILE")],
     log: options.Log = None,
     /,
     *,
@@ -38,7 +29,7 @@ def view(
     bus: options.Bus = None,
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
-    host: Host = "127.0.0.1",
+    host: str = "127.0.0.1",
     json: options.Json = False,
 ) -> int:
     """Show what the skin feels in a browser: loads, forces, contacts, slip, health.
@@ -48,6 +39,13 @@ def view(
     presses, slides and lifts all over simulated units, or a scene is played. What `skin run
     --record` has recorded, or a log, is played as fast as it was. Exits with 1 if the process of
     the view ends, or a recording holds no cycle or is damaged.
+
+    Parameters
+    ----------
+    file
+        topology file, or the name of a ready-made one; or a recording
+    host
+        address of this machine; others let others in
     """
     import skin
     from skin.io.record import is_recording

@@ -35,7 +35,7 @@ def test_a_new_hand_is_checked_simulated_and_tared(is_classic, folder, capsys):
     assert main(["check", "my_hand.toml"]) == 0
     assert main(["run", "my_hand.toml", "--simulate", "--seconds", "0.2"]) == 0
     assert main(["tare", "my_hand.toml", "--simulate", "--seconds", "3"]) == 0
-    assert "not used until" not in capsys.readouterr().out
+    assert "not used until" not in capsys.readouterr().err
     assert topology.load("my_hand.toml").tared.all()
 
 

@@ -185,7 +185,7 @@ def test_an_old_calibration_holds_on_new_recordings(bench, fitted, capsys):
     assert main(["calibrate", "check", str(bench.parent / "pad.toml"), str(bench), "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])["units"]
     assert told["pad/r0c0"]["faults"] == []
-    assert 0.8 < told["pad/r0c0"]["score"]["over_sigma"]["normal"] < 1.3
+    assert 0.8 < told["pad/r0c0"]["over_sigma"]["normal"] < 1.3
 
 
 def test_a_unit_that_drifted_is_named(bench, fitted, tmp_path, capsys):
