@@ -72,8 +72,7 @@ def decode(
         of the files in a folder
     """
     from skin.errors import OptionError, check_number
-    from skin.io.bulk import decode_logs, decode_one
-    from skin.io.export.tables import beside
+    from skin.io.bulk import decode_logs
 
     loaded, logs = _named(paths)
     asked: dict[str, Any] = {"want": want} if want else {}
@@ -94,16 +93,7 @@ def decode(
     elif format != "parquet":
         raise OptionError(f"--format: must be given with a folder as --output; got {output}")
     else:
-        if output is not None and output.suffix not in FILES:
-            raise OptionError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
-        options.check_folder("--output", output)
-        places = None if output is None else beside(output)
-        one = decode_one(loaded, logs[0], places, options=asked, **mapped)
-        report = {
-            "topology": loaded.name, "logs": [one], "cycles": one["cycles"],
-            "faults": one["faults"],
-            "output": str(output.resolve()) if output is not None and one["cycles"] else None,
-        }  # fmt: skip
+        report = _into_file(loaded, logs[0], output, options=asked, **mapped)
     if len(report["logs"]) == 1 and not json:
         end(report["logs"][0] | {"output": report["output"]}, json)
     else:
@@ -111,6 +101,21 @@ def decode(
     options.note(note for one in report["logs"] for note in one.get("notes", ()))
     sys.stderr.writelines(f"{fault}\n" for fault in report["faults"])
     return int(bool(report["faults"]))
+
+
+def _into_file(loaded: Topology, log: Path, output: Path | None, **how: Any) -> dict[str, Any]:
+    """Decode one log, into one file and those beside it; the report."""
+    from skin.errors import OptionError
+    from skin.io.bulk import decode_one
+    from skin.io.export.tables import beside
+
+    if output is not None and output.suffix not in FILES:
+        raise OptionError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
+    options.check_folder("--output", output)
+    one = decode_one(loaded, log, None if output is None else beside(output), **how)
+    written = str(output.resolve()) if output is not None and one["cycles"] else None
+    return {"topology": loaded.name, "logs": [one], "cycles": one["cycles"],
+            "faults": one["faults"], "output": written}  # fmt: skip
 
 
 def _named(paths: tuple[str, ...]) -> tuple[Topology, list[Path]]:
