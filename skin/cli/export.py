@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
@@ -13,9 +13,12 @@ from skin.cli.table import end, progress
 
 __all__ = ["export"]
 
+KINDS = ("lerobot",)
+"""Data sets that are written."""
+
 
 def export(
-    kind: tyro.conf.Positional[Literal["lerobot"]],
+    kind: Annotated[str, tyro.conf.Positional, options.arg("lerobot")],
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, options.arg("LOG [LOG ...]")],
     /,
     *,
@@ -58,7 +61,7 @@ def export(
     offset_s
         seconds that the clock of the log shows more than the camera's
     """
-    from skin.errors import SkinError, check_number
+    from skin.errors import OptionError, SkinError, check_number
     from skin.io.bulk import WANT
     from skin.io.export.camera import read_frames
     from skin.io.export.lerobot import Dataset
@@ -66,6 +69,8 @@ def export(
     from skin.io.record.replay import recorded_topology, replay
     from topology import load
 
+    if kind not in KINDS:
+        raise OptionError.unknown("skin export", kind, KINDS)
     if len(frames) != len(logs):
         raise SkinError(f"--frames: must be as many as logs, {len(logs)}; got {len(frames)}")
     if len(task) not in (1, len(logs)):
