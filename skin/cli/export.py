@@ -43,7 +43,7 @@ def export(
     Parameters
     ----------
     kind
-        of the data set
+        kind of the data set
     logs
         recordings (.mcap) or CAN logs, an episode each
     topology
