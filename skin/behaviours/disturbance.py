@@ -32,7 +32,7 @@ from topology import Topology
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
 
-__all__ = ["HELD_N", "Disturbance", "Rest"]
+__all__ = ["Disturbance", "Rest"]
 
 LEARN_S, ANCHOR_S, REST_S = 0.2, 0.06, 1.0
 """Duration of learning the first rest, without reports [derived: noise of its mean is a seventh];

@@ -1,4 +1,4 @@
-"""Handover: detects when a hand has taken the held object, and when it has given one.
+"""Handover: detects when a hand has taken the held object.
 
 While giving, hypotheses are weighed by Bayes' rule over the support: the fraction of the weight
 that a person bears. A *taking hand* bears most of it, and continues to. A *light* touch (a brush, a
@@ -24,7 +24,7 @@ import numpy as np
 from scipy.special import betaln, log_ndtr
 
 from skin.behaviours import KEPT, Decision
-from skin.behaviours.disturbance import HELD_N, Disturbance
+from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.pads import unit_vector
 from skin.errors import check_number
 from skin.state import State
@@ -49,16 +49,12 @@ AGREE = (6.0, 6.0)
 grips up to half a pad off the middle]."""
 PRIORS = {"hand": 0.2, "light": 0.4, "bump": 0.398, "fault": 0.002}
 """Among events of a handover [assumed]."""
-SMOOTH_S, STILL_S = 0.015, 0.4
-"""Time constant of the support; duration without motion after which an object is received
-[assumed]."""
+SMOOTH_S = 0.015
+"""Time constant of the support [assumed]."""
 NEAR = 0.75
 """Fraction of its peak above which a support is near it [assumed]."""
 BUMP_NEAR = 1.0 - 2.0 * math.asin(NEAR) / math.pi
 """Fraction of its duration for which half a sine is near its peak [derived]."""
-STILL = 4.5
-"""Sigmas of a force that show a motion [derived: noise alone in three components reaches it once
-per half a minute of tests]."""
 CONFIDENCE = 0.995
 """Probability of a hand at which it is taken: a wrong release is two hundred times as bad as a
 delay [assumed]."""
@@ -76,16 +72,10 @@ class Phase(StrEnum):
     """Held, until a person takes it."""
     TAKEN = "taken"
     """A hand bears it: open the gripper."""
-    AWAITING = "awaiting"
-    """Open, until an object is put between the pads."""
-    OFFERED = "offered"
-    """An object touches the pads: close the gripper."""
-    RECEIVED = "received"
-    """The object hangs on the pads, and is not moved."""
 
 
 class Handover:
-    """Gives the held object, or takes an offered one.
+    """Gives the held object.
 
     Any force that bears the weight for as long as a hand does counts as a hand: half a sine of more
     than 0.25 s upward, or an object that oscillates by its weight at less than 2 Hz.
@@ -158,26 +148,15 @@ class Handover:
         """
         if weight_n is not None:
             check_number("handover: weight_n", weight_n, LEAST_N, 1e3)
-        self._begin(Phase.GIVING)
+        self._enter(Phase.GIVING, "asked to")
+        self.disturbance.settle()
+        self._clear()
         self._most_n = math.inf if weight_n is None else float(weight_n)
-
-    def take(self) -> None:
-        """Take an object that is put between the open pads."""
-        self._begin(Phase.AWAITING)
-
-    def stop(self) -> None:
-        """Stop giving or taking."""
-        self._enter(Phase.IDLE, "asked to")
 
     def update(self, state: State) -> Phase:
         """Process a cycle; returns the phase."""
-        seen = self.disturbance
-        if not seen.update(state):
-            return self.phase
-        if self.phase == Phase.GIVING:
+        if self.disturbance.update(state) and self.phase == Phase.GIVING:
             self._give()
-        elif seen.rest.settled and self.phase in (Phase.AWAITING, Phase.OFFERED):
-            self._take()
         return self.phase
 
     @property
@@ -186,16 +165,10 @@ class Handover:
         rest = self.disturbance.rest
         return min(-float(rest.own[:3] @ self._up), -float(rest.load[:3] @ self._up), self._most_n)
 
-    def _begin(self, phase: Phase) -> None:
-        self._enter(phase, "asked to")
-        self.disturbance.settle()
-        self._clear()
-
     def _clear(self) -> None:
         pads = len(self.disturbance.pads.names)
         self._most_n = math.inf
-        self.support, self._still_s = math.nan, 0.0
-        self._still_n = np.full(3, math.inf)
+        self.support = math.nan
         self._rest, self._lift = np.zeros(pads), np.zeros(pads)
         self._recent.clear()
 
@@ -250,23 +223,6 @@ class Handover:
         share = min(max(float(self._lift[0]) / total, EDGE), 1.0 - EDGE)
         a, b = AGREE
         return float((a - 1.0) * math.log(share) + (b - 1.0) * math.log(1.0 - share) - betaln(a, b))
-
-    def _take(self) -> None:
-        """Close on contact; an object that hangs still is received."""
-        seen = self.disturbance
-        if self.phase == Phase.AWAITING:
-            if seen.active or seen.load_n > HELD_N:
-                self._enter(Phase.OFFERED, f"{seen.load_n:.2f} N on the pads")
-                seen.settle()
-            return
-        now = seen.rest.load[:3] + seen.force_n
-        weight_n = -float(now @ self._up)
-        moved = math.dist(now, self._still_n) > STILL * seen.sigma_n()
-        if moved or not seen.held or weight_n < LEAST_N:
-            self._still_s, self._still_n = 0.0, now
-        self._still_s += self._period_s
-        if self._still_s >= STILL_S:
-            self._enter(Phase.RECEIVED, f"{weight_n:.2f} N hang still for {self._still_s:.2f} s")
 
 
 def _even_log(value: float, low: float, high: float, sigma: float) -> float:

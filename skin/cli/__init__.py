@@ -8,9 +8,11 @@ report, or `{"errors": [...]}` where the exit status is 2.
 from __future__ import annotations
 
 import functools
+import inspect
 import io
 import json
 import os
+import re
 import signal
 import sys
 import threading
@@ -68,9 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(str(OptionError.unknown("skin", name, COMMANDS)), is_json)
     module = import_module(f"skin.cli.{name}")
     command: Callable[..., int] = getattr(module, name)
-    if rest and rest[0] in (words := getattr(module, "SUBCOMMANDS", {})):
-        place, function = words[rest[0]].split(":")
-        command = getattr(import_module(place), function)
+    if rest and rest[0] in getattr(module, "SUBCOMMANDS", ()):
+        command = getattr(module, rest[0])
         name, rest = f"{name} {rest[0]}", rest[1:]
     return _guarded(_parsed(command, name, rest, is_json), is_json)
 
@@ -94,6 +95,7 @@ def _parsed(
     def bound(*arguments: object, **options: object) -> Callable[[], int]:
         return functools.partial(command, *arguments, **options)
 
+    command.__doc__ = _joined(inspect.getdoc(command) or "")
     said = io.StringIO()
     try:
         with redirect_stderr(said if is_json else sys.stderr):
@@ -107,6 +109,12 @@ def _parsed(
             _print_errors(line for row in said.getvalue().splitlines()
                           if (line := row.strip("╭╮╰╯│─ ")))  # fmt: skip
         raise
+
+
+def _joined(text: str) -> str:
+    """A docstring whose texts of parameters have a line each, as tyro wraps no line twice."""
+    lines = re.sub(r"\n {4}(?=\S)", "\0", text)
+    return re.sub(r"(?m)^(\w+)\0", r"\1\n    ", lines).replace("\0", " ")
 
 
 def _guarded(call: Callable[[], int], is_json: bool) -> int:

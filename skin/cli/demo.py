@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,17 +25,11 @@ CENTROID_LOAD_N = 1.0
 
 
 def demo(
-    file: Annotated[
-        str, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]", help=options.FILE_HELP)
-    ] = "palm",
+    file: options.File = "palm",
     /,
     *,
-    seconds: Annotated[
-        float, tyro.conf.arg(metavar="SECONDS", help="simulated time; a stroke takes 7")
-    ] = 7.0,
-    picture: Annotated[
-        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
-    ] = Path("skin-demo.png"),
+    seconds: float = 7.0,
+    picture: Annotated[Path, tyro.conf.arg(metavar="FILE.png")] = Path("skin-demo.png"),
     json: options.Json = False,
 ) -> int:
     """Simulate a skin, decode its frames, and show the errors against the truth.
@@ -49,18 +42,20 @@ def demo(
     0.05 N, the temperature error over all valid units, the error of the total force over its
     components while anything touches, that of the centre of pressure over its distance from the
     true one while the total normal load exceeds 1 N.
+
+    Parameters
+    ----------
+    seconds
+        simulated time; a stroke takes 7
+    picture
+        where to write the picture
     """
     import skin
-    from skin.errors import LibraryError, OptionError
+    from skin.errors import LibraryError
     from skin.view.picture import PICTURE, Run, save_run
-    from topology import builtin
 
-    if not (Path(file).suffix or Path(file).exists() or get_close_matches(file, builtin, n=1)):
-        raise OptionError.unknown("skin demo", file, builtin)
     options.check_seconds(seconds)
     options.check_folder("--picture", picture, PICTURE)
-    if picture.suffix.lower() != ".png":
-        raise OptionError(f"--picture: must be a file that ends with .png; got '{picture}'")
     loaded = options.load(file)
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
     tally, rows = Tally(loaded), []

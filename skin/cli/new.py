@@ -10,23 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from skin.cli import options
+from skin.cli.table import end
 
 if TYPE_CHECKING:
     from topology import Topology
 
 __all__ = ["new"]
 
-GAP_M = 0.02
-"""Between two patches, which are put side by side [assumed]."""
+PITCH_M, GAP_M = 0.012, 0.02
+"""Between two units, and between two patches, which are put side by side [assumed]."""
 FIRST_ID, ALIGNED = 0x100, 0x10
 """First identifier of data frames, and that of which each patch begins with a multiple."""
-LAYOUTS = {True: ("f3t-classic", 1), False: ("f3t-fd64", 5)}
-"""Of a classic bus, and of CAN FD: wire layout, and units that a frame carries."""
-COMMENTS_AT = 44
-"""Column of the comments, which are marked by two signs below."""
 
 HEAD = """\
-# {name}: units of {pitch_mm:g} mm pitch on one bus. Lengths are metres, angles degrees.
+# {name}: units on one bus. Lengths are metres, angles degrees.
 #
 #   skin check {file}               what hangs where, and the load of the bus
 #   skin run {file} --simulate      simulated units in place of the bus
@@ -40,24 +37,24 @@ name = {quoted}
 
 [[buses]]
 name = "main"
-interface = {interface}  ## "memory": simulated units only
-channel = {channel}
-bitrate = 1_000_000  ## bit/s
-{data_bitrate}cycle_rate_hz = {rate_hz:g}
-sync_id = 0x080  ## of SYNC; absent: units send freely
+interface = "socketcan"  # "memory": simulated units only; or an interface of python-can
+channel = "can0"
+bitrate = 1_000_000  # bit/s
+data_bitrate = 5_000_000  # bit/s, CAN FD; a classic bus has no such line
+cycle_rate_hz = 250
+sync_id = 0x080  # of SYNC; absent: units send freely
 """
-FD = "data_bitrate = 5_000_000  ## bit/s, CAN FD\n"
 PATCH = """
 [[patches]]
 name = "{name}"
-kind = "grid"  ## or "hex", "cylinder", "dome", "list"
-rows = {rows}  ## along y
-columns = {columns}  ## along x
-pitch_m = {pitch_m:g}  ## distance of neighbouring units
-pose = {{ xyz_m = [{x_m:.4g}, 0.0, 0.0], rpy_deg = [0, 0, 0] }}  ## of its middle; z out of it
+kind = "grid"  # or "hex", "cylinder", "dome", "list"
+rows = {rows}  # along y
+columns = {columns}  # along x
+pitch_m = {pitch_m}  # distance of neighbouring units
+pose = {{ xyz_m = [{x_m:.4g}, 0.0, 0.0], rpy_deg = [0, 0, 0] }}  # of its middle; z out of it
 bus = "main"
-layout = "{layout}"  ## what the bits of a frame mean
-first_id = {first_id:#05x}  ## of its first frame; others follow
+layout = "f3t-fd64"  # what the bits of a frame mean; on a classic bus "f3t-classic"
+first_id = {first_id:#05x}  # of its first frame; others follow
 calibration = "{calibration}"
 """
 STUB = """\
@@ -73,78 +70,54 @@ patch = "{name}"
 
 
 def new(
-    name: Annotated[
-        Path, tyro.conf.Positional, tyro.conf.arg(metavar="NAME", help="writes NAME.toml")
-    ],
+    name: Annotated[Path, tyro.conf.Positional, options.arg("NAME")],
     /,
     *,
-    patches: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="PATCH=ROWSxCOLUMNS [...]", help="patches, and how many units each"),
-    ] = ("palm=4x4",),
-    pitch_mm: Annotated[
-        float, tyro.conf.arg(metavar="MM", help="distance of neighbouring units")
-    ] = 12.0,
-    bus: Annotated[
-        str,
-        tyro.conf.arg(
-            metavar="INTERFACE:CHANNEL",
-            help="that carries the units: socketcan, memory (simulated units only), or one of "
-            "python-can",
-        ),
-    ] = "socketcan:can0",
-    rate_hz: Annotated[float, tyro.conf.arg(metavar="HZ", help="cycles a second")] = 250.0,
-    classic: Annotated[
-        bool, options.quiet("a classic CAN bus, one unit a frame; otherwise CAN FD, five a frame")
-    ] = False,
+    patches: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PATCH=ROWSxCOLUMNS [...]")] = (
+        "palm=4x4",
+    ),
     json: options.Json = False,
 ) -> int:
     """Write a commented topology file, and a calibration file to be filled for each of its patches.
 
-    The patches lie side by side; move each to its place. Files that exist are left as they are, and
-    the exit status is 2.
+    The patches lie side by side on one bus of CAN FD: change pitch, place and bus in the file.
+    Files that exist are left as they are, and the exit status is 2.
+
+    Parameters
+    ----------
+    name
+        writes NAME.toml
+    patches
+        patches, and how many units each
     """
-    from skin.errors import check_numbers
     from topology.files import NO_KIND, whole_file
 
-    check_numbers(1.0, 500.0, pitch_mm=pitch_mm)
-    check_numbers(0.1, 1e5, rate_hz=rate_hz)
-    interface, _, channel = bus.partition(":")
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
-    text = HEAD.format(
-        name=file.stem, quoted=json_text.dumps(file.stem), file=file, pitch_mm=pitch_mm,
-        rate_hz=rate_hz, interface=json_text.dumps(interface), channel=json_text.dumps(channel),
-        data_bitrate="" if classic else FD,
-    )  # fmt: skip
-    written: dict[Path, str] = {}
-    x_m, first_id, (layout, each) = 0.0, FIRST_ID, LAYOUTS[classic]
+    text = HEAD.format(name=file.stem, quoted=json_text.dumps(file.stem), file=file)
+    stubs: dict[Path, str] = {}
+    x_m, first_id = 0.0, FIRST_ID
     for number, one in enumerate(patches):
         patch, rows, columns = _patch(one)
-        half_m = 5e-4 * columns * pitch_mm
+        half_m = 0.5 * columns * PITCH_M
         x_m += half_m if number else 0.0
         calibration = f"{file.stem}.{patch}.calibration.toml"
         text += PATCH.format(
-            name=patch, rows=rows, columns=columns, pitch_m=1e-3 * pitch_mm, x_m=x_m,
-            layout=layout, first_id=first_id, calibration=calibration,
+            name=patch, rows=rows, columns=columns, pitch_m=PITCH_M, x_m=x_m, first_id=first_id,
+            calibration=calibration,
         )  # fmt: skip
-        written[file.with_name(calibration)] = STUB.format(name=patch)
+        stubs[file.with_name(calibration)] = STUB.format(name=patch)
         x_m += half_m + GAP_M
-        frames = -(-rows * columns // each)
-        first_id += -(-frames // ALIGNED) * ALIGNED
-    text = "".join(map(_aligned, text.splitlines()))
-    written = {file: text, **written}
-    for path in written:
+        first_id += -(-rows * columns // ALIGNED) * ALIGNED  # enough for one unit a frame
+    for path in (file, *stubs):
         options.check_folder("NAME", path, NO_KIND)
     loaded = _tried(text, file)
-    for path, content in reversed(written.items()):
+    for path, content in (*stubs.items(), (file, text)):
         with whole_file(path, "w", over=NO_KIND, encoding="utf-8") as out:
             out.write(content)
-    for path in written:
-        print(f"written: {path}")
-    print(f"next: skin check {file}; skin run {file} --simulate; skin tare {file}")
-    if json:
-        print(json_text.dumps({"topology": loaded.name, "units": loaded.n,
-                               "files": [str(path.resolve()) for path in written]}))  # fmt: skip
+    end({"topology": loaded.name, "units": loaded.n,
+         "files": [str(path.resolve()) for path in (file, *stubs)]}, json)  # fmt: skip
+    if not json:
+        print(f"next: skin check {file}; skin run {file} --simulate; skin tare {file}")
     return 0
 
 
@@ -156,12 +129,6 @@ def _patch(text: str) -> tuple[str, int, int]:
     if found is None:
         raise OptionError(f"--patches: must be NAME=ROWSxCOLUMNS, as in palm=8x8; got {text!r}")
     return found[1], int(found[2]), int(found[3])
-
-
-def _aligned(row: str) -> str:
-    """A line whose comment is in the column of all."""
-    code, mark, comment = row.partition("  ## ")
-    return f"{code:<{COMMENTS_AT - 1}} # {comment}\n" if mark else f"{code}\n"
 
 
 def _tried(text: str, file: Path) -> Topology:

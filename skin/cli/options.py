@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,7 +15,6 @@ import tyro
 if TYPE_CHECKING:
     import numpy as np
 
-    from bus.logs import Recording
     from skin.live import Skin
     from topology import Topology
     from topology.files import Kind
@@ -23,33 +23,26 @@ __all__ = [
     "FILE_HELP",
     "Bus",
     "Calibration",
-    "DType",
     "File",
     "Json",
     "Listening",
     "Log",
     "Map",
     "Simulate",
-    "Sweeps",
     "Sync",
     "Until",
-    "Write",
+    "arg",
     "check_folder",
     "check_seconds",
-    "chosen",
-    "frame_log",
     "hints",
     "lacking",
     "load",
     "mapped",
     "named_in_file",
+    "note",
     "note_scene",
     "open_skin",
-    "percent",
-    "quiet",
     "refuse_both",
-    "refuse_simulated",
-    "share_of",
     "without",
 ]
 
@@ -57,87 +50,46 @@ SHOWN = 8
 """Patches that a line names."""
 
 
-def quiet(help: str, **options: Any) -> Any:
-    """An argument whose default needs no word in its help."""
-    return tyro.conf.arg(help=help, help_behavior_hint="", **options)
+def arg(metavar: str, *aliases: str, help: str | None = None) -> Any:
+    """An argument whose default needs no word; its help is in the docstring of the command."""
+    return tyro.conf.arg(metavar=metavar, aliases=aliases, help=help, help_behavior_hint="")
 
 
 FILE_HELP = "topology file, or the name of a ready-made one"
 
-File = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help=FILE_HELP)]
+File = Annotated[str, tyro.conf.Positional, arg("FILE", help=FILE_HELP)]
 
-Log = Annotated[
-    Path | None, tyro.conf.Positional, quiet("recorded log of that skin", metavar="[LOG]")
-]
+Log = Annotated[Path | None, tyro.conf.Positional, arg("[LOG]", help="recorded log of that skin")]
 
-Calibration = Annotated[
-    Path | None,
-    quiet(
-        "calibration file to write, or a folder of one for each patch; otherwise those that the "
-        "topology names, or TOPOLOGY.PATCH.calibration.toml next to it",
-        metavar="FILE|DIR",
-        aliases=["-o"],
-    ),
-]
+Calibration = Annotated[Path | None, arg(
+    "FILE|DIR", "-o", help="calibration file to write, or a folder of one for each patch; "
+    "otherwise those that the topology names, or TOPOLOGY.PATCH.calibration.toml next to it",
+)]  # fmt: skip
 
-Write = Annotated[bool, quiet("add the lines that name new calibration files to the topology file")]
-"""See `named_in_file`."""
-
-Json = Annotated[bool, quiet("end with one JSON object")]
+Json = Annotated[bool, tyro.conf.arg(help="end with one JSON object", help_behavior_hint="")]
 
 Listening = Annotated[float, tyro.conf.arg(metavar="SECONDS", help="how long to listen")]
 
-Until = Annotated[
-    float | None,
-    quiet("stop after this time; otherwise at Ctrl-C", metavar="SECONDS", constructor=float),
-]
+Until = Annotated[float | None, arg("SECONDS", help="stop after this time; otherwise at Ctrl-C")]
 
-Bus = Annotated[
-    str | None,
-    quiet(
-        "use this interface for every bus, and these channels, one for each, in place of the "
-        "file's: socketcan:can0,can1",
-        metavar="INTERFACE:CHANNEL",
-    ),
-]
+Bus = Annotated[str | None, arg(
+    "INTERFACE:CHANNEL", help="use this interface for every bus, and these channels, one for each, "
+    "in place of the file's: socketcan:can0,can1",
+)]  # fmt: skip
 """See `load`."""
 
 Sync = Annotated[
     Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host, or another node")
 ]
 
-Simulate = Annotated[
-    tuple[str, ...] | None,
-    quiet(
-        "simulated units, in this process, in place of the buses; they play this scene, "
-        "ready-made or from a file, or else are pressed all over",
-        metavar="[SCENE]",
-    ),
-]
+Simulate = Annotated[tuple[str, ...] | None, arg(
+    "[SCENE]", help="simulated units, in this process, in place of the buses; they play this "
+    "scene, ready-made or from a file, or else are pressed all over",
+)]  # fmt: skip
 
-Sweeps = Annotated[
-    Literal[0, 1, 2] | None,
-    quiet(
-        "how cross-talk of neighbours is taken off: 0 only at rest, the rest in sigma; 1 as of the "
-        "last cycle; 2 accurately; otherwise 1, or as in the run that was recorded",
-        metavar="{0,1,2}",
-        constructor=Literal[0, 1, 2],
-    ),
-]
-
-DType = Annotated[
-    Literal["float32", "float64"] | None,
-    quiet(
-        "type of the numbers and of the arithmetic that makes them; otherwise float32, or as in "
-        "the run that was recorded",
-        metavar="{float32,float64}",
-        constructor=Literal["float32", "float64"],
-    ),
-]
-
-Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], quiet(
-    "a channel by its name or number in the log, and its bus, if it is not as the topology has it",
-    metavar="FILE_CHANNEL=BUS",
+Map = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(
+    "FILE_CHANNEL=BUS", help="a channel by its name or number in the log, and its bus, if it is "
+    "not as the topology has it",
 )]]  # fmt: skip
 """See `mapped`."""
 
@@ -157,7 +109,6 @@ def open_skin(
     bus: str | None,
     sync: Literal["host", "bus"],
     simulate: tuple[str, ...] | None,
-    auto_tare: bool = True,
     record: Path | None = None,
 ) -> Iterator[Skin]:
     """The skin that a command runs, with what is worth knowing said before its first cycle."""
@@ -174,12 +125,16 @@ def open_skin(
         scene = simulate[0] if simulate else True
     loaded = load(file, bus)
     if not scene:
-        for hint in hints(file, loaded, will_tare=auto_tare):
-            print(f"note: {hint}", file=sys.stderr)
-    how = skin.Options(auto_tare=auto_tare)
-    with skin.open(loaded, options=how, sync=sync, simulate=scene, record=record) as opened:
+        note(hints(file, loaded, will_tare=True))
+    with skin.open(loaded, sync=sync, simulate=scene, record=record) as opened:
         note_scene(opened.nodes and opened.nodes.scene)
         yield opened
+
+
+def note(lines: Iterable[str]) -> None:
+    """Say what is worth knowing and no fault."""
+    for line in lines:
+        print(f"note: {line}", file=sys.stderr)
 
 
 def note_scene(scene: object) -> None:
@@ -203,12 +158,6 @@ def mapped(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, Any]:
     if found and any(log is None or is_recording(log) for log in logs):
         raise OptionError("--map: must be given with logs, and not with recordings or buses")
     return {"channels": found} if found else {}
-
-
-def chosen(**given: Any) -> dict[str, Any]:
-    """The options of `skin.options.Options` that were given: the others keep their defaults, or,
-    of a recording, what they were in its run."""
-    return {name: value for name, value in given.items() if value is not None}
 
 
 def check_seconds(seconds: float | None) -> None:
@@ -244,54 +193,22 @@ def check_folder(option: str, path: Path | None, over: Kind | None = None) -> No
         check_over(path, over)
 
 
-def frame_log(path: Path | None, file: str) -> Recording | None:
-    """A new log of frames, whose buses are named as in the topology file, wherever they are."""
-    from bus.logs import Recording
-    from topology.files import NO_KIND
-
-    check_folder("--record", path, NO_KIND)
-    return None if path is None else Recording(path, load(file))
-
-
-def named_in_file(topology: Topology, files: Mapping[str, Path], write: bool) -> dict[str, Any]:
-    """Say which calibration files were written, by patch, and name them in the topology file, or
-    print the lines to add.
-
-    Returns
-    -------
-    dict
-        ``files`` as full paths, and ``lines`` that the topology file lacks; both by patch.
-    """
+def named_in_file(topology: Topology, files: Mapping[str, Path]) -> dict[str, dict[str, str]]:
+    """Of a report: ``files`` that were written, and ``lines`` that the topology file lacks to use
+    them, which are said, too; both by patch."""
+    from skin.calibrate.read import named_file
     from topology.load import is_builtin
-    from topology.naming import calibration_lines, name_calibrations
 
-    full = {patch: path.resolve() for patch, path in files.items()}
-    for patch, place in full.items():
-        print(f"{patch}: written to {place}")
-    found = {"files": {patch: str(place) for patch, place in full.items()}, "lines": {}}
-    path = topology.path
-    if path is None or is_builtin(path):
-        return found
-    lines = calibration_lines(path, full)
-    added = name_calibrations(path, lines) if write else {}
-    for patch, line in lines.items():
-        if patch in added:
-            print(f"{path}:{added[patch]}: added to patch {patch!r}: {line}")
-        else:
-            print(f"{path}: not used until its patch {patch!r} has the line: {line}")
-            found["lines"][patch] = line
-    return found
-
-
-def refuse_simulated(topology: Topology, output: Path | None) -> None:
-    """Refuse zeros of simulated units in place of those that a real bus has given."""
-    from skin.errors import OptionError
-
-    if output is None and not topology.in_process:
-        raise OptionError(
-            f"--output: must be given with --simulate, since {topology.name!r} is on a real bus, "
-            "whose zeros simulated ones would replace; got none"
-        )
+    path, lines = topology.path, {}
+    full = {patch: file.resolve() for patch, file in files.items()}
+    for patch, file in full.items():
+        known = named_file(topology, patch)
+        if path is not None and not is_builtin(path) and (known is None or known.resolve() != file):
+            place = os.path.relpath(file, path.resolve().parent)
+            lines[patch] = f"calibration = {json.dumps(place)}"
+    note(f"{path}: {full[patch]} is not used until patch {patch!r} has the line: {line}"
+         for patch, line in lines.items())  # fmt: skip
+    return {"files": {patch: str(file) for patch, file in full.items()}, "lines": lines}
 
 
 def lacking(topology: Topology, known: np.ndarray) -> list[str]:
@@ -312,27 +229,24 @@ def without(topology: Topology) -> dict[str, list[str]]:
     }
 
 
-def hints(file: str, topology: Topology, *, will_tare: bool = False) -> list[str]:
-    """A line about units that were never tared, and one about those without a calibration."""
+def hints(
+    file: str,
+    topology: Topology,
+    *,
+    will_tare: bool = False,
+    more: Iterable[tuple[list[str], str]] = (),
+) -> list[str]:
+    """A line about units that were never tared, one about those without a calibration, and `more`
+    about units that have something."""
     now = ", or touch nothing for a second" if will_tare else ""
     untared, unknown = without(topology).values()
     found = [
         (untared, f"never been tared: skin tare {file}{now}"),
         (unknown, "no calibration: sigma holds the spread from unit to unit"),
+        *more,
     ]
     return [
         f"unit {names[0]} has {text}" if len(names) == 1 else f"{len(names)} units have {text}"
         for names, text in found
         if names
     ]
-
-
-def share_of(valid: int, cycles: int, topology: Topology) -> float | None:
-    """Share of valid readings; None where no unit can have one (`counts_only` layouts)."""
-    readings = cycles * int(topology.feels.sum())
-    return valid / max(1, readings) if topology.feels.any() else None
-
-
-def percent(share: float | None) -> str:
-    """A share as text."""
-    return "none: the layout has counts only" if share is None else f"{100 * share:.2f} %"

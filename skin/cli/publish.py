@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, suppress
-from typing import Annotated
-
-import tyro
 
 from skin.cli import options
 from skin.cli.table import end
@@ -22,16 +19,9 @@ def publish(
     bus: options.Bus = None,
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
-    prefix: Annotated[
-        str, tyro.conf.arg(metavar="NAME", help="of the topics: NAME/state, NAME/wrench, …")
-    ] = "skin",
-    frame: Annotated[str, tyro.conf.arg(metavar="NAME", help="frame of the skin in tf")] = "skin",
-    rate: Annotated[
-        float, tyro.conf.arg(metavar="HZ", help="at most so many states a second; 0: every cycle")
-    ] = 100.0,
-    network: Annotated[
-        bool, options.quiet("let the subnet see the topics, not this machine alone")
-    ] = False,
+    prefix: str = "skin",
+    rate: float = 100.0,
+    network: bool = False,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and publish what the skin feels to ROS 2.
@@ -40,6 +30,15 @@ def publish(
     as `ros2 topic list` shows them: skin/state, skin/layout, skin/wrench, skin/contact/<slot>,
     skin/points, skin/forces, /tf, /diagnostics (docs/guides/connect.md). With `--simulate`
     simulated units play a scene. Exits with 1 if no unit ever answered.
+
+    Parameters
+    ----------
+    prefix
+        of the topics, NAME/state, …, and of the frame in tf
+    rate
+        at most so many states a second; 0: every cycle
+    network
+        let the subnet see the topics, not this machine alone
     """
     from skin.io.publish import ros
 
@@ -48,7 +47,13 @@ def publish(
         opened = ended.enter_context(options.open_skin(file, bus=bus, sync=sync, simulate=simulate))
         tally = Tally(opened.topology)
         node = ended.enter_context(
-            ros(opened, prefix=prefix, frame=frame, rate_hz=rate or None, network=network)
+            ros(
+                opened,
+                prefix=prefix,
+                frame=prefix.strip("/"),
+                rate_hz=rate or None,
+                network=network,
+            )
         )
         with suppress(KeyboardInterrupt):  # also where the process that publishes has ended
             tally.follow(opened, seconds, goes_on=lambda: node.alive)

@@ -20,26 +20,26 @@ SLOWEST = 1e-6
 
 
 def replay(
-    file: Annotated[
-        str,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="FILE", help="recording (.mcap); or topology file of a log, or the "
-                      "name of a ready-made one"),
-    ],
+    file: Annotated[str, tyro.conf.Positional, options.arg("FILE")],
     log: options.Log = None,
     /,
     *,
-    speed: Annotated[
-        float, tyro.conf.arg(help="1 is real time, 10 ten times as fast, 0 as fast as it goes")
-    ] = 1.0,
+    speed: float = 1.0,
     map: options.Map = (),
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Play what `skin run --record` has recorded, or any log that `skin decode` reads.
 
     Shows the table of `skin run`. The states of a recording are those of the live run, to the bit,
     and `same` is how many are: exits with 1 if any differ, if something was left out, or if
     the file is damaged; what is whole is played.
+
+    Parameters
+    ----------
+    file
+        recording (.mcap); or topology file of a log, or the name of a ready-made one
+    speed
+        1 is real time, 10 ten times as fast, 0 as fast as it goes
     """
     import skin
     from skin.errors import OptionError

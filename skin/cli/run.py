@@ -22,21 +22,7 @@ def run(
     bus: options.Bus = None,
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
-    record: Annotated[
-        Path | None,
-        options.quiet(
-            "write a new recording of frames and states (.mcap), or a log of what the buses carry "
-            "(.log, .log.gz, .blf)",
-            metavar="FILE",
-        ),
-    ] = None,
-    auto_tare: Annotated[
-        bool,
-        options.quiet(
-            "do not take the zeros of units that were never tared from the first second in which "
-            "nothing touches them"
-        ),
-    ] = True,
+    record: Annotated[Path | None, options.arg("FILE")] = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
@@ -45,14 +31,20 @@ def run(
     played to its end, with its own faults. Foxglove, PlotJuggler and the tools for ROS 2 bags read
     a recording as it is; `skin replay` plays it to the same states, and `skin decode` takes it, or
     a log. Exits with 1 if no unit ever answered, or no reading was valid.
+
+    Parameters
+    ----------
+    record
+        write a new recording of frames and states (.mcap), or a log of what the buses carry (.log,
+        .log.gz, .blf)
     """
     from skin.view.terminal import LiveTable
     from topology.files import NO_KIND
 
     options.check_seconds(seconds)
     options.check_folder("--record", record, NO_KIND)
-    how = {"auto_tare": auto_tare, "record": record}
-    with options.open_skin(file, bus=bus, sync=sync, simulate=simulate, **how) as opened:
+    given = {"bus": bus, "sync": sync, "simulate": simulate}
+    with options.open_skin(file, **given, record=record) as opened:
         topology = opened.topology
         table, tally = LiveTable(topology), Tally(topology)
         with suppress(KeyboardInterrupt):

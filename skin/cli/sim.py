@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -27,34 +27,15 @@ __all__ = ["sim"]
 
 def sim(
     file: options.File,
-    scene: Annotated[
-        str | None,
-        tyro.conf.Positional,
-        options.quiet("scene to play, ready-made or from a file; otherwise units are pressed all "
-                      "over", metavar="[SCENE]"),
-    ] = None,
+    scene: Annotated[str | None, tyro.conf.Positional, options.arg("[SCENE]")] = None,
     /,
     *,
     seconds: options.Until = None,
-    seed: Annotated[
-        int | None,
-        options.quiet("seed of the simulated noise; otherwise the scene's, or 0", metavar="INT",
-                      constructor=int),
-    ] = None,
     bus: options.Bus = None,
-    faults: Annotated[
-        str | None, options.quiet("do to the frames what this script says", metavar="FILE")
-    ] = None,
-    truth: Annotated[
-        str | None, options.quiet("write down the truth about every cycle", metavar="FILE.npz")
-    ] = None,
-    record: Annotated[
-        Path | None,
-        options.quiet("write a new log of what the buses carry (.log, .log.gz, .blf)",
-                      metavar="FILE"),
-    ] = None,
+    truth: Annotated[Path | None, options.arg("FILE.npz")] = None,
+    record: Annotated[Path | None, options.arg("FILE")] = None,
     json: options.Json = False,
-) -> int:  # fmt: skip
+) -> int:
     """Put simulated units on the buses of a topology; they answer the SYNC of any host.
 
     Listen in another process with `skin run FILE` and the same `--bus`. On Linux this can be `--bus
@@ -63,35 +44,47 @@ def sim(
     `pip install 'f3t-skin[udp]'`.
 
     On `--bus memory`, which no other process can reach, a scene is played as fast as possible: for
-    its log and its truth. A scene's own faults are done if no others are given. Exits with 1
-    without SYNC.
+    its log and its truth. The scene has the seed of the noise, and faults. Exits with 1 without
+    SYNC.
+
+    Parameters
+    ----------
+    scene
+        scene to play, ready-made or from a file; otherwise units are pressed all over
+    truth
+        write down the truth about every cycle
+    record
+        write a new log of what the buses carry (.log, .log.gz, .blf)
     """
-    from bus.faults import load_script
+    from bus.logs import Recording
     from skin.compiling import announcer
     from skin.errors import OptionError
     from skin.sim.node import SimulatedUnits
     from skin.sim.scenes.load import open_scene
     from skin.sim.scenes.record import TRUTH, Recorder
+    from topology.files import NO_KIND
 
     options.check_seconds(seconds)
-    options.check_folder("--truth", None if truth is None else Path(truth), TRUTH)
+    options.check_folder("--truth", truth, TRUTH)
+    options.check_folder("--record", record, NO_KIND)
     if scene is None and truth is not None:
         raise OptionError("--truth: must be given with a scene; got none")
     loaded = options.load(file, bus)
     is_fast = _is_inside(file, loaded, scene)
-    script = None if faults is None else load_script(faults, loaded)
     announcer()
     with ExitStack() as opened:
+        script = None
         if scene is None:
-            nodes = SimulatedUnits(loaded, seed=seed or 0)
+            nodes = SimulatedUnits(loaded)
         else:
-            played = open_scene(scene, loaded, seed=seed)
-            script = script or played.faults
+            played = open_scene(scene, loaded)
+            script = played.faults
             watched = played if truth is None else opened.enter_context(Recorder(played, truth))
             nodes = SimulatedUnits(loaded, watched, history=0)
         options.note_scene(nodes.scene)
-        if (log := options.frame_log(record, file)) is not None:
-            opened.callback(log.close)
+        log = None
+        if record is not None:  # whose buses are named as in the file, wherever they are
+            log = opened.enter_context(closing(Recording(record, options.load(file))))
         if is_fast:
             from skin.sim.scenes.fast import play
 
@@ -100,28 +93,13 @@ def sim(
             served, injected = play(nodes, lasts_s, script, log)
         else:
             served, injected = _serve(opened, nodes, seconds, script, log)
-    report = _report(loaded, served, None if scene is None else played.script.name, truth)
-    end(report if script is None else report | {"faults": _sum(injected)}, json)
+    report = {
+        "topology": loaded.name, "units": loaded.n, **asdict(served), "scene": scene,
+        "truth": str(truth) if truth is not None and served.cycles else None,
+        "faults": dict(sum(map(Counter, injected), Counter())),
+    }  # fmt: skip
+    end(report, json)
     return 0 if served.cycles else 1
-
-
-def _report(
-    loaded: Topology, served: Served, scene: str | None, truth: str | None
-) -> dict[str, Any]:
-    report: dict[str, Any] = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
-    if scene is not None:
-        lasted = served.cycles / loaded.cycle_rate_hz
-        report |= {
-            "scene": scene,
-            "truth": truth if served.cycles else None,
-            "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
-        }
-    return report
-
-
-def _sum(counts: list[dict[str, int]]) -> dict[str, int]:
-    """The counts of all buses."""
-    return dict(sum(map(Counter, counts), Counter()))
 
 
 def _is_inside(file: str, loaded: Topology, scene: str | None) -> bool:

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.cli.options import share_of
-
 if TYPE_CHECKING:
     from skin.state import State
     from topology import Topology
@@ -82,8 +80,9 @@ class Tally:
         self.work_us.append(work_ns * 1e-3)
 
     def report(self) -> dict[str, Any]:
-        """What was counted, for programs."""
-        enabled = self.topology.enabled
+        """What was counted; ``valid_share`` is None where the layout has counts only."""
+        enabled, feels = self.topology.enabled, self.topology.feels
+        readings = max(1, self.cycles * int(feels.sum()))
         silent = np.flatnonzero(~self.heard & enabled)
         p50, p99 = np.percentile(self.work_us, [50, 99]) if self.work_us else (0.0, 0.0)
         return {
@@ -95,7 +94,7 @@ class Tally:
             "cycles": self.cycles,
             "complete_cycles": int(self.complete),
             "overruns": self.overruns,
-            "valid_share": share_of(int(self.valid.sum()), self.cycles, self.topology),
+            "valid_share": int(self.valid.sum()) / readings if feels.any() else None,
             "peak_force_n": self.load,
             "contacts": len(self.contacts),
             "contacts_slipped": len(self.slipped),

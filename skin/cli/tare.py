@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from itertools import islice
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
 from skin.cli import options
-from skin.cli.table import columns
+from skin.cli.table import end
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["refused", "tare"]
 
-SHOWN = 16
-
 
 def tare(
     file: options.File,
@@ -27,13 +24,7 @@ def tare(
     *,
     seconds: options.Listening = 2.0,
     output: options.Calibration = None,
-    write: options.Write = False,
-    leave_out: Annotated[
-        tuple[str, ...], options.quiet("units that keep the zeros they have", metavar="[UNIT …]")
-    ] = (),
-    simulate: Annotated[
-        bool, options.quiet("tare simulated units, which nothing touches, in this process")
-    ] = False,
+    simulate: bool = False,
     bus: options.Bus = None,
     sync: options.Sync = "host",
     json: options.Json = False,
@@ -41,26 +32,32 @@ def tare(
     """Take the frequency and the lateral field of every unit as its zero, and save them.
 
     Nothing may touch the skin meanwhile. Every other value of the calibration files is kept. A file
-    that the topology does not name yet is used once it has the line that is printed, or with
-    --write added. If a unit is loaded, moving, noisy or invalid, nothing is written and the exit
-    status is 1.
+    that the topology does not name yet is used once the topology has the line that is printed. If a
+    unit is loaded, moving, noisy or invalid, nothing is written and the exit status is 1; a unit
+    that is broken is left out by `enabled = false` in the topology file.
+
+    Parameters
+    ----------
+    simulate
+        tare simulated units, which nothing touches, in this process
     """
     import skin
     from skin.calibrate.tare import calibration_files, chosen
     from skin.calibrate.tare import tare as take
     from skin.compiling import announcer
-    from skin.errors import ScanError
+    from skin.errors import OptionError, ScanError
     from skin.physics.stencil import neighbours_at_rest
     from skin.sim.scenes.script import SceneFile
 
     options.check_seconds(seconds)
     announcer()
     loaded = options.load(file, bus, allow_no_calibration=True)
-    for unit in leave_out:
-        loaded.unit_index(unit)
-    if simulate:
-        options.refuse_simulated(loaded, output)
-    calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
+    if simulate and output is None and not loaded.in_process:
+        raise OptionError(
+            f"--output: must be given with --simulate, since {loaded.name!r} is on a real bus, "
+            "whose zeros simulated ones would replace; got none"
+        )
+    calibration_files(loaded, chosen(loaded), output)  # refused before, not after
     scene = SceneFile(format=1, name="untouched", seconds=2.0 * seconds) if simulate else None
     with skin.open(
         loaded, options=skin.Options(want="temperature", auto_tare=False), sync=sync,
@@ -69,20 +66,16 @@ def tare(
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
         counts, status = _listen(opened, seconds)
         if unsent := opened.timing.unsent:
-            print(f"note: {unsent} SYNCs were not taken by the buses", file=sys.stderr)
+            options.note([f"{unsent} SYNCs were not taken by the buses"])
     try:
-        found = take(
-            loaded, counts, status, rest_ut=neighbours_at_rest(loaded), leave_out=leave_out
-        )
+        found = take(loaded, counts, status, rest_ut=neighbours_at_rest(loaded))
     except ScanError as error:
         return refused(str(error), loaded, json)
     changes = found.changes()
-    print(_table(changes))
-    written = options.named_in_file(loaded, found.write(output, simulated=simulate), write)
-    if json:
-        report = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
-                  "cycles": len(counts), "refused": [], "changes": changes}  # fmt: skip
-        print(json_text.dumps(report | written))
+    report = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
+              "cycles": len(counts), "refused": [], "changes": changes}  # fmt: skip
+    written = options.named_in_file(loaded, found.write(output, simulated=simulate))
+    end(report | written, json)
     return 0
 
 
@@ -90,8 +83,7 @@ def refused(message: str, topology: Topology, json: bool) -> int:
     """Print why nothing was written; the exit status."""
     print(message, file=sys.stderr)
     if json:
-        report = {"topology": topology.name, "refused": message.splitlines(), "files": {}}
-        print(json_text.dumps(report))
+        end({"topology": topology.name, "refused": message.splitlines(), "files": {}}, json)
     return 1
 
 
@@ -100,29 +92,7 @@ def _listen(opened: Skin, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     import numpy as np
 
     pipeline = opened.pipeline
-    counts, status = [pipeline.counts[np.newaxis][:0]], [pipeline.status[np.newaxis][:0]]
-    for _ in islice(opened, max(1, round(seconds * opened.topology.cycle_rate_hz))):
-        counts.append(pipeline.counts[np.newaxis].copy())
-        status.append(pipeline.status[np.newaxis].copy())
-    return np.concatenate(counts), np.concatenate(status)
-
-
-def _table(changes: dict[str, dict[str, Any]]) -> str:
-    rows = [
-        (unit, _change(new, "frequency", "hz"), _change(new, "offset_x", "ut"),
-         _change(new, "offset_y", "ut"), f"{new['axial_ut']:.0f}")
-        for unit, new in list(changes.items())[:SHOWN]
-    ]  # fmt: skip
-    lines = columns(("unit", "frequency, Hz", "Bx, µT", "By, µT", "Bz, µT"), rows)
-    if len(changes) > SHOWN:
-        moved = max(abs(new["frequency_hz"] - new["frequency_before_hz"])
-                    for new in changes.values())  # fmt: skip
-        lines.append(
-            f"and {len(changes) - SHOWN} more; frequencies moved by {moved:.1f} Hz at most"
-        )
-    return "\n".join(lines)
-
-
-def _change(new: dict[str, Any], name: str, unit: str) -> str:
-    sigma = new[f"{name.partition('_')[0]}_sigma_{unit}"]
-    return f"{new[f'{name}_before_{unit}']:.1f} -> {new[f'{name}_{unit}']:.1f} ± {sigma:.1f}"
+    cycles = islice(opened, max(1, round(seconds * opened.topology.cycle_rate_hz)))
+    taken = [(pipeline.counts.copy(), pipeline.status.copy()) for _ in cycles]
+    counts, status = zip(*taken, strict=True)
+    return np.stack(counts), np.stack(status)

@@ -18,22 +18,9 @@ __all__ = ["view"]
 LOOK_S = 0.1
 """Between two looks at the process of the view after the last state."""
 
-LookAt = Annotated[
-    str,
-    tyro.conf.Positional,
-    tyro.conf.arg(metavar="FILE", help=f"{options.FILE_HELP}; or a recording"),
-]
-Host = Annotated[
-    str, tyro.conf.arg(metavar="HOST", help="address of this machine; others let others in")
-]
-Port = Annotated[
-    int | None,
-    options.quiet("port; otherwise the first free one from 8080", metavar="INT", constructor=int),
-]
-
 
 def view(
-    file: LookAt,
+    file: Annotated[str, tyro.conf.Positional, options.arg("FILE")],
     log: options.Log = None,
     /,
     *,
@@ -42,16 +29,23 @@ def view(
     bus: options.Bus = None,
     sync: options.Sync = "host",
     simulate: options.Simulate = None,
-    host: Host = "127.0.0.1",
-    port: Port = None,
+    host: str = "127.0.0.1",
     json: options.Json = False,
 ) -> int:
     """Show what the skin feels in a browser: loads, forces, contacts, slip, health.
 
-    Prints the address, and serves it until Ctrl-C, or for a time. With `--simulate` a sphere
+    Prints the address, with the first free port from 8080, and serves it until Ctrl-C, or for a
+    time. With `--simulate` a sphere
     presses, slides and lifts all over simulated units, or a scene is played. What `skin run
     --record` has recorded, or a log, is played as fast as it was. Exits with 1 if the process of
     the view ends, or a recording holds no cycle or is damaged.
+
+    Parameters
+    ----------
+    file
+        topology file, or the name of a ready-made one; or a recording
+    host
+        address of this machine; others let others in
     """
     import skin
     from skin.io.record import is_recording
@@ -73,7 +67,7 @@ def view(
                 options.open_skin(file, bus=bus, sync=sync, simulate=simulate)
             )
         tally = Tally(source.topology)
-        shown = ended.enter_context(show(source, host=host, port=port))
+        shown = ended.enter_context(show(source, host=host))
         print(f"{source.topology.name}: open {shown.address} in a browser; Ctrl-C ends",
               file=sys.stderr, flush=True)  # fmt: skip
         with suppress(KeyboardInterrupt):

@@ -51,7 +51,6 @@ class Panel:
             self._quantity = gui.add_dropdown("quantity", tuple(QUANTITIES), initial_value="load")
             self._legend = gui.add_html("")
             fit = gui.add_button("Fit the scale", hint="to the values shown now")
-            camera = gui.add_button("Reset the camera")
         with gui.add_folder("Health"):
             self._words = gui.add_html("")
             tare = gui.add_button(
@@ -59,7 +58,7 @@ class Panel:
             )
             self._tare_text = gui.add_html("", visible=False)
         self._quantity.on_update(self._requests("draw"))
-        for button, request in ((fit, "fit"), (tare, "tare"), (camera, "camera"), (close, "close")):
+        for button, request in ((fit, "fit"), (tare, "tare"), (close, "close")):
             button.on_click(self._requests(request))
 
     def _requests(self, request: str) -> Callable[[Any], None]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,8 +72,6 @@ def force_map(
     *,
     valid: np.ndarray | None = None,
     centroid: np.ndarray | None = None,
-    most_n: float | None = None,
-    most_shear_n: float | None = None,
 ) -> Any:
     """Draw units in place, coloured by normal force, with arrows of tangential force.
 
@@ -87,9 +85,6 @@ def force_map(
         Valid units; the others are empty circles with a cross.
     centroid : ndarray, shape (3,), optional
         Centre of pressure, metre, skin frame; a cross.
-    most_n, most_shear_n : float, optional
-        Normal force at the dark end of the scale, and tangential force of the longest arrow; the
-        largest of these forces if not given.
 
     Returns
     -------
@@ -111,9 +106,8 @@ def force_map(
     x, y = topology.position[flat] * 1e3
     size = 2e3 * np.sqrt(topology.area / np.pi)
     shear = np.einsum("ijn,jn->in", topology.rotation[:, :2], np.where(trusted, force[:2], 0.0))
-    top = max(float(force[2][trusted].max(initial=0.0)), 1.0) if most_n is None else most_n
+    top = max(float(force[2][trusted].max(initial=0.0)), 1.0)
     longest = float(np.hypot(*shear[flat]).max(initial=0.2))
-    longest = longest if most_shear_n is None else most_shear_n
     discs = EllipseCollection(
         size, size, np.zeros(x.size), units="xy", offsets=np.stack([x, y], axis=1),
         offset_transform=axes.transData, edgecolors="#d7dbe0", linewidths=0.6, cmap="YlGnBu",
@@ -165,59 +159,28 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
     """Draw `run` and write it to `path` as a PNG file, atomically; overwrites only a picture of
     this package.
 
-    Lines are broken where cycles are missing.
-
     Raises
     ------
     LibraryError
         matplotlib is not installed.
     """
     with figure((11.0, 7.6)) as made:
-        maps, lines = made.subfigures(2, 1, height_ratios=(1.1, 1.0))
-        _draw_maps(maps, topology, run)
-        _draw_lines(lines, _torn(run, 1.0 / topology.cycle_rate_hz))
+        map_of_forces, lines = made.subfigures(2, 1, height_ratios=(1.1, 1.0))
+        _draw_map(map_of_forces, topology, run)
+        _draw_lines(lines, run)
         with whole_file(path, over=PICTURE) as file:
             made.savefig(file, dpi=120, format="png", metadata={"Software": SOFTWARE})
 
 
-def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
-    """The forces at three moments of the longest contact."""
-    chosen, axes = _moments(run), figure.subplots(1, 3)
-    top = max(float(run.force[chosen, 2].max()), 1.0)
-    longest = max(float(np.hypot(run.force[chosen, 0], run.force[chosen, 1]).max()), 0.2)
-    discs = None
-    for axis, k in zip(axes, chosen, strict=True):
-        discs = force_map(
-            axis, topology, run.force[k], centroid=run.centroid[k], most_n=top, most_shear_n=longest
-        )
-        axis.set_title(f"t = {run.time_s[k]:.2f} s")
-    figure.colorbar(discs, ax=axes, shrink=0.85, label="normal load / N")
-    figure.suptitle(
-        f"{topology.name}: decoded forces (arrows: tangential, longest {longest:.2f} N; "
-        "+: centre of pressure)",
+def _draw_map(figure: Any, topology: Topology, run: Run) -> None:
+    """The forces at the moment of the largest load."""
+    at, axis = int(np.abs(run.true_wrench[:, :3]).sum(axis=1).argmax()), figure.subplots()
+    discs = force_map(axis, topology, run.force[at], centroid=run.centroid[at])
+    figure.colorbar(discs, ax=axis, shrink=0.85, label="normal load / N")
+    axis.set_title(
+        f"{topology.name} at {run.time_s[at]:.2f} s (arrows: tangential; +: centre of pressure)",
         fontsize=10,
     )
-
-
-def _moments(run: Run) -> np.ndarray:
-    """Indices of three cycles to show, from the longest contact, shape (3,), int."""
-    load = np.abs(run.true_wrench[:, :3]).sum(axis=1)
-    touching = np.concatenate([[False], load > 0.5 * load.max(), [False]])
-    if not touching.any():
-        return np.linspace(0, load.size - 1, 3).astype(int)
-    edges = np.flatnonzero(np.diff(touching.astype(np.int8)))
-    start, end = max(edges.reshape(-1, 2), key=lambda pair: pair[1] - pair[0])
-    return np.linspace(start, end - 1, 5)[1:-1].astype(int)
-
-
-def _torn(run: Run, period_s: float) -> Run:
-    """The run with a row of NaN, where lines end, at each gap of cycles.
-
-    Times are whole periods, so a threshold of one and a half periods separates gaps from rounding.
-    """
-    gaps = 1 + np.flatnonzero(np.diff(run.time_s) > 1.5 * period_s)
-    values = (getattr(run, each.name) for each in fields(run))
-    return Run(*(np.insert(each, gaps, np.nan, axis=0) for each in values))
 
 
 def _draw_lines(figure: Any, run: Run) -> None:
@@ -232,10 +195,9 @@ def _draw_lines(figure: Any, run: Run) -> None:
     for (upper, lower), (title, letter, unit, found, truth) in zip(axes.T, columns, strict=True):
         upper.plot(run.time_s, truth, linewidth=2.4, color=INK, alpha=0.25)
         for i, hue in enumerate(HUES):
-            # a dot as wide as the line shows a cycle between two gaps
-            style = {"color": hue, "marker": ".", "markersize": 2.0, "markeredgewidth": 0.0}
-            upper.plot(run.time_s, found[:, i], linewidth=1.1, label=f"{letter}{'xyz'[i]}", **style)
-            lower.plot(run.time_s, found[:, i] - truth[:, i], linewidth=0.8, **style)
+            label = f"{letter}{'xyz'[i]}"
+            upper.plot(run.time_s, found[:, i], linewidth=1.1, color=hue, label=label)
+            lower.plot(run.time_s, found[:, i] - truth[:, i], linewidth=0.8, color=hue)
         upper.plot([], [], color=INK, linewidth=2.4, alpha=0.25, label="truth")
         upper.legend(frameon=False, ncols=4, loc="best", fontsize=8)
         upper.set_title(title, fontsize=10)

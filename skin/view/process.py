@@ -109,9 +109,6 @@ class Viewer(Service):
                 panel.choose(None)
             elif request == "unit":
                 panel.choose(of)
-            elif request == "camera" and self._scene is not None:
-                if of.client_id in self._server.get_clients():  # it may have left meanwhile
-                    self._scene.reset_camera(of.camera)
             elif request == "fit":
                 self._scales.reset()
             elif request == "tare":

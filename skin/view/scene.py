@@ -113,8 +113,15 @@ class Scene:
             "/axes", axes_length=AXES, axes_radius=0.035 * AXES, origin_radius=0.0,
             position=self.points.min(axis=0) - self._radius.max() - 0.5 * AXES,
         )  # fmt: skip
-        view = server.initial_camera
-        view.position, view.look_at, view.up = self._view()
+        self._look(server.initial_camera, pose)
+
+    def _look(self, view: Any, pose: Pose) -> None:
+        """Let a camera see units and links, from the side that most units face."""
+        points = self.points
+        low, high = points.min(axis=0), points.max(axis=0)
+        place, look, up = drawing.camera(pose)
+        size, middle = max(1.0, float((high - low).max())), 0.5 * (low + high)
+        view.position, view.look_at, view.up = middle + size * place, middle + size * look, up
         view.near, view.far = 0.01, 50.0
 
     @property
@@ -155,18 +162,6 @@ class Scene:
         self._put(self._normals, normals)
         self._put(self._wrenches, forces, rendered(hues))
         self._label(record, dict(zip(known.tolist(), forces[:, 0], strict=True)), words)
-
-    def reset_camera(self, camera: Any) -> None:
-        """Let a camera of a browser see all that is drawn, from the side that most units face."""
-        camera.position, camera.look_at, camera.up_direction = self._view()
-
-    def _view(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, target and up direction of a camera that sees units and links."""
-        points = self.points
-        low, high = points.min(axis=0), points.max(axis=0)
-        place, look, up = drawing.camera(self._pose)
-        size, middle = max(1.0, float((high - low).max())), 0.5 * (low + high)
-        return middle + size * place, middle + size * look, up
 
     def _colour(self, record: np.void, quantity: str, scales: Scales) -> None:
         """Colour the discs, and cross out units that are not valid."""

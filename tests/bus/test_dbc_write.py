@@ -346,12 +346,13 @@ def test_a_write_that_fails_leaves_the_older_file(tmp_path, monkeypatch):
 
 def test_the_command_writes_says_what_and_ends_with_json(tmp_path, capsys):
     assert main(["check", "palm", "--dbc", str(tmp_path), "--json"]) == 0
-    *table, last = capsys.readouterr().out.splitlines()
-    report = json.loads(last)
+    report = json.loads(capsys.readouterr().out)
     assert report["dbc"] == [
         {"path": str(tmp_path / "palm-main.dbc"), "bus": "main", "messages": 28, "signals": 570}
     ]
-    assert table[-2].split() == ["bus", "messages", "signals", "file"]
+    assert main(["check", "palm", "--dbc", str(tmp_path)]) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert table[-2].split() == ["bus", "messages", "signals", "path"]
     assert table[-1].split() == ["main", "28", "570", str(tmp_path / "palm-main.dbc")]
 
 

@@ -474,18 +474,19 @@ def test_a_wrong_script_is_refused_with_every_problem_and_its_line(tmp_path, mon
     check_golden("faults", "\n".join(text) + "\n")
 
 
-# -- skin sim --faults -----------------------------------------------------------------------------
+# -- skin sim --------------------------------------------------------------------------------------
 
 
-def test_simulated_units_fail_to_order(tmp_path, monkeypatch, capsys):
-    script = tmp_path / "faults.toml"
-    script.write_text('[[faults]]\nkind = "drop"\nids = [0x100]\n[[faults]]\nkind = "remote"\n')
+def test_simulated_units_fail_as_their_scene_says(tmp_path, monkeypatch, capsys):
+    scene = tmp_path / "lossy.toml"
+    scene.write_text('format = 1\nseconds = 9.0\n[[faults]]\nkind = "drop"\nids = [0x100]\n'
+                     '[[faults]]\nkind = "remote"\n')  # fmt: skip
     near, far = MemoryTransport.pair()
     monkeypatch.setattr(bus.open, "open_transport", lambda _bus, _index: far)
     answers = FrameBatch(64)
 
     near.send(sync(0))  # waits until it is listened to
-    arguments = ["sim", "palm", "--bus", "socketcan", "--faults", str(script), "--json"]
+    arguments = ["sim", "palm", str(scene), "--bus", "socketcan", "--json"]
     assert main([*arguments, "--seconds", "1"]) == 0
     near.receive(answers, LONG_S)
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -494,10 +495,3 @@ def test_simulated_units_fail_to_order(tmp_path, monkeypatch, capsys):
     assert np.count_nonzero(ids < 0x700) == np.count_nonzero(ids & CAN_RTR) == 12
     assert 0x100 not in ids
     near.close()
-
-
-def test_a_wrong_script_stops_the_simulation_before_it_starts(tmp_path, capsys):
-    script = tmp_path / "faults.toml"
-    script.write_text('[[faults]]\nkind = "dorp"\n')
-    assert main(["sim", "palm", "--bus", "socketcan", "--faults", str(script)]) == 2
-    assert "nearest: 'drop'" in capsys.readouterr().err

@@ -17,7 +17,7 @@ HEAD_TEXT = """\
 
 Parquet, CSV and arrays (.npz) have the same columns, from a file, a folder and Python; the messages
 of ROS 2 have the same contacts. A quantity that is not in `want` has no column. `single` is
-float32, or the type of `--dtype`. `python -m tests.house draw` writes this page.
+float32, or the `dtype` of the options. `python -m tests.house draw` writes this page.
 
 - A log gives three tables: a row for each cycle, for each contact in a cycle, and for each interval
   in which a unit is not valid.

@@ -171,7 +171,7 @@ def viewable():
 COMMANDS = {
     "run": ((), ()),
     "record": ((), ("--record", "{folder}/run.mcap")),
-    "view": (viewable, ("--port", "0")),
+    "view": (viewable, ()),
     "publish": (publishable, ()),
 }
 

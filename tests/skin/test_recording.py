@@ -66,7 +66,7 @@ def test_logs_of_the_commands_are_decoded_as_they_are(command, suffix, tmp_path,
     log = tmp_path / f"run{suffix}"
     assert main([*command, "--record", str(log)]) == 0
     capsys.readouterr()
-    assert main(["decode", str(log), "--topology", "hand", "--json"]) == 0
+    assert main(["decode", "hand", str(log), "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert report["cycles"] >= 3  # on a loaded machine
     assert report["logs"][0]["valid_share"] > 0.9

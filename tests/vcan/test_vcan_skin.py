@@ -153,8 +153,8 @@ def felt_live(loaded, cycles, *, sweeps=1, **options):
 @pytest.mark.parametrize(
     ("name", "cycles"), [pytest.param("strip", 200, marks=pytest.mark.long), ("palm", 20)]
 )
-def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, skin_json, tmp_path):
-    log, output = tmp_path / f"{name}.log", tmp_path / "forces.npz"
+def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, tmp_path):
+    log = tmp_path / f"{name}.log"
     loaded = topology.load(name).on(interface="socketcan", channel="vcan0")
     with log.open("w") as file:
         recorder = subprocess.Popen(["candump", "-r", "8000000", "-L", "vcan0"], stdout=file)
@@ -163,11 +163,9 @@ def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, skin_js
         time.sleep(0.5)
         recorder.terminate()
         recorder.wait(LONG_S)
-    report = skin_json("decode", str(log), "--topology", name, "--output", str(output),
-                       "--dtype", "float64", "--sweeps", "2")  # fmt: skip
-    assert report["logs"][0]["counters"]["lost"] == 0
-    with np.load(output, allow_pickle=False) as arrays:
-        recorded = arrays["force"]
+    decoded = skin.decode_log(name, log, dtype="float64", sweeps=2)
+    recorded = np.stack([state.units.force.copy() for state in decoded])
+    assert decoded.counters.lost == 0
     assert recorded.shape == live.shape
     # the kernel's stamps are not quite the host's, and the ambient field is followed by time
     np.testing.assert_allclose(recorded, live, atol=1e-3, rtol=0.0)

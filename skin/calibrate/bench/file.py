@@ -95,6 +95,9 @@ class BenchFile(_Table, frozen=True, kw_only=True):
         Annotated[float, Meta(description="Of the mount that units go to afterwards", ge=5, le=1e6)]
         | None
     ) = None
+    channels: Annotated[
+        dict[str, str], Meta(description="Channel of the logs, by name or number, to its bus")
+    ] = {}
     columns: dict[str, Column] = {}
     segments: tuple[Segment, ...] = ()
     recordings: Annotated[tuple[Recording, ...], Meta(min_length=1)]

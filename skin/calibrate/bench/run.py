@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -150,26 +150,19 @@ def _covariance(fit: Fit) -> dict[str, Any]:
             "correlation": np.clip(np.round(below, 4), -1.0, 1.0).tolist()}  # fmt: skip
 
 
-def calibrate_bench(
-    file: str | os.PathLike[str], *, force: bool = False, progress: Progress | None = None,
-    channels: Mapping[str, str] | None = None,
-) -> Outcome:  # fmt: skip
+def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None = None) -> Outcome:
     """Fit the units of a BENCH file.
 
     Parameters
     ----------
     file : str or path
-    force : bool
-        Fit recordings all the same that have faults.
     progress : callable, optional
         As of `Progress`.
-    channels : mapping of str to str, optional
-        As of `skin.decode_log`.
 
     Returns
     -------
     Outcome
-        Without results of recordings that have faults, unless `force` says so.
+        Without results of recordings that have faults.
 
     Raises
     ------
@@ -187,10 +180,10 @@ def calibrate_bench(
     for done, recording in enumerate(recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench, channels)
+        series, found = _judged(skin, recording, folder, bench)
         faults += found
         serials |= _serials(recording, series)
-        if found and not force:
+        if found:
             continue
         kinds = {segment.kind for segment in recording.segments}
         touched += [series] if "neighbours" in kinds else []
@@ -241,7 +234,6 @@ def check_bench(
     calibration: str | os.PathLike[str],
     file: str | os.PathLike[str],
     progress: Progress | None = None,
-    channels: Mapping[str, str] | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Score an old calibration on new recordings.
 
@@ -251,8 +243,8 @@ def check_bench(
         Calibration file of a patch.
     file : str or path
         BENCH file of the new recordings.
-    progress, channels : optional
-        As of `calibrate_bench`.
+    progress : callable, optional
+        As of `Progress`.
 
     Returns
     -------
@@ -281,7 +273,7 @@ def check_bench(
     for done, recording in enumerate(bench.recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench, channels)
+        series, found = _judged(skin, recording, folder, bench)
         for name, serial in _serials(recording, series).items():
             index = skin.unit_index(name)
             faults = [*found, *_swapped(name, serial, serials)]
@@ -324,10 +316,9 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
 
 
 def _judged(
-    skin: Topology, recording: Recording, folder: Path, bench: BenchFile,
-    channels: Mapping[str, str] | None,
-) -> tuple[Series, list[str]]:  # fmt: skip
-    series = load_series(skin, recording, folder, channels)
+    skin: Topology, recording: Recording, folder: Path, bench: BenchFile
+) -> tuple[Series, list[str]]:
+    series = load_series(skin, recording, folder, bench.channels)
     everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
     heard = series.counts.serials
     compared = compare_serials(recording.units, heard, everywhere, "BENCH").items()

@@ -43,7 +43,7 @@ def rows_of(path):
 def test_recorded_log_decodes_to_the_forces_beside_it(name, tmp_path, capsys):
     output, golden = tmp_path / "forces.npz", LOGS / f"{name}-vcan.csv"
     log = LOGS / f"{name}-vcan.log"
-    assert main(["decode", str(log), "--topology", name, "--output", str(output), "--json"]) == 0
+    assert main(["decode", name, str(log), "--output", str(output), "--json"]) == 0
     (report,) = json.loads(capsys.readouterr().out.splitlines()[-1])["logs"]
     assert report["counters"]["lost"] == report["counters"]["crc"] == 0
     assert report["valid_share"] == 1.0

@@ -162,26 +162,6 @@ def test_a_magnet_at_one_pad_is_no_hand_whether_it_is_seen_or_not():
     assert handover.phase is Phase.GIVING
 
 
-def test_what_is_offered_is_received_when_it_hangs_still():
-    held = Held(weight_n=0.0, grip_n=0.0)
-    handover = Handover(held.topology)
-    handover.take()
-    play(handover, held, nothing, 0.5)
-    assert handover.phase is Phase.AWAITING
-    held.grip_n = 3.0
-    play(handover, held, nothing, 0.3)
-    assert handover.phase is Phase.OFFERED
-    play(handover, held, nothing, 1.0)
-    assert handover.phase is Phase.OFFERED  # the person still bears all of it
-    for cycle in range(300):
-        held.weight_n = min(1.5, 0.02 * cycle)
-        handover.update(held.cycle())
-    play(handover, held, nothing, 1.5)
-    assert handover.phase is Phase.RECEIVED
-    handover.stop()
-    assert handover.phase is Phase.IDLE
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

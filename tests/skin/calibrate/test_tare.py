@@ -796,7 +796,6 @@ def test_command_refuses_and_writes_nothing(tmp_path, capsys):
         (["strip", "--seconds", "0"], "--seconds: must be above 0"),
         (["strip", "--simulate"], "patch 'strip': must have a calibration file"),
         (["strpi"], "nearest: 'strip'"),
-        (["strip", "--simulate", "-o", "x.toml", "--leave-out", "strip/r0c99"], "nearest"),
     ],
 )
 def test_command_refuses_wrong_use(arguments, message, tmp_path, monkeypatch, capsys):

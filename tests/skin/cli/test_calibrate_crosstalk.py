@@ -56,9 +56,9 @@ def recorded(file, log, seconds):
 
 
 def test_a_finger_teaches_the_stencil_and_files_can_be_read_again(file, tmp_path, capsys):
-    out, zeros = tmp_path / "stray.npz", tmp_path / "zeros.toml"
+    out, zeros = tmp_path / "stray.npz", tmp_path / "pad.pad.calibration.toml"
     log = recorded(file, tmp_path / "run.log", 9.0)
-    command = ["calibrate", "crosstalk", str(file), log, str(out), "-o", str(zeros), "--json"]
+    command = ["calibrate", "crosstalk", str(file), log, str(out), "--json"]
     assert main(command) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert told["missing"] == []
@@ -71,9 +71,9 @@ def test_a_finger_teaches_the_stencil_and_files_can_be_read_again(file, tmp_path
 
 
 def test_where_no_press_is_seen_nothing_is_written(file, tmp_path, capsys):
-    out, zeros = tmp_path / "stray.npz", tmp_path / "zeros.toml"
+    out, zeros = tmp_path / "stray.npz", tmp_path / "pad.pad.calibration.toml"
     log = recorded(file, tmp_path / "run.log", 3.0)
-    assert main(["calibrate", "crosstalk", str(file), log, str(out), "-o", str(zeros)]) == 1
+    assert main(["calibrate", "crosstalk", str(file), log, str(out)]) == 1
     assert "neighbours: must be pressed one by one" in capsys.readouterr().err
     assert not out.exists()
     assert not zeros.exists()
@@ -101,7 +101,7 @@ def test_a_live_skin_takes_what_was_learned_from_its_file(tmp_path):
     [
         (["FILE", "a.log", "none/a.npz"], "STENCIL: must be in a folder that exists"),
         (["strip", "a.log", "a.npz"], "must have a calibration file"),
-        (["FILE", "a.log", "a.npz", "-o", "zeros.toml"], "a.log: must be an existing file"),
+        (["FILE", "a.log", "a.npz"], "a.log: must be an existing file"),
     ],
 )
 def test_wrong_use_is_refused_before_anything_is_learned(words, told, file, tmp_path, monkeypatch,

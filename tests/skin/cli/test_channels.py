@@ -75,7 +75,7 @@ COMMANDS = {
     "table": "decode TOML LOG -o o.csv",
     "doctor": "doctor TOML LOG",
     "replay": "replay TOML LOG --speed 0",
-    "view": "view TOML LOG --port 0 --seconds 0.1",
+    "view": "view TOML LOG --seconds 0.1",
     "export": "export lerobot LOG --topology TOML --frames images -o set --task press --fps 250",
 }
 

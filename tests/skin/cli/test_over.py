@@ -41,18 +41,6 @@ WRITERS = {
     "table": ("a.csv", lambda file, tmp: with_log(tmp, "decode", "-o", file)),
     "arrays": ("a.npz", lambda file, tmp: with_log(tmp, "decode", "-o", file)),
     "columns": ("a.parquet", lambda file, tmp: with_log(tmp, "decode", "-o", file)),
-    "zeros of a stencil": (
-        "zeros.toml",
-        lambda file, tmp: [
-            "calibrate",
-            "crosstalk",
-            "strip",
-            "none.log",
-            str(tmp / "s.npz"),
-            "-o",
-            file,
-        ],
-    ),
     "picture": ("a.png", lambda file, tmp: ["demo", "--picture", file]),
     "bus": ("strip-main.dbc", lambda file, tmp: ["check", "strip", "--dbc", str(tmp)]),
 }

@@ -68,7 +68,7 @@ def test_demo_counts_contacts(tmp_path, capsys):
 
 def test_decoded_log_says_what_touches_each_unit(tmp_path, capsys):
     log, output = LOGS / "palm-vcan.log", tmp_path / "palm.npz"
-    assert main(["decode", str(log), "--topology", "palm", "--output", str(output)]) == 0
+    assert main(["decode", "palm", str(log), "--output", str(output)]) == 0
     capsys.readouterr()
     with np.load(output) as found:
         contact, force, wrench = found["contact"], found["force"], found["wrench"]
@@ -77,7 +77,7 @@ def test_decoded_log_says_what_touches_each_unit(tmp_path, capsys):
     held = (force[:, 2] * (contact > 0)).sum(axis=1)
     np.testing.assert_allclose(held, -wrench[:, 2], atol=1e-9)
     table = tmp_path / "palm.csv"
-    assert main(["decode", str(log), "--topology", "palm", "--output", str(table)]) == 0
+    assert main(["decode", "palm", str(log), "--output", str(table)]) == 0
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     names = [name for name in rows[0] if name.endswith(".contact")]

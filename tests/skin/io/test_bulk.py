@@ -250,10 +250,11 @@ def test_processes_give_the_same_files_and_the_command_says_what_it_did(logs, tm
     given = ["decode", "palm", *map(str, logs), "-o"]
     assert main([*given, str(tmp_path / "two"), "--jobs", "2"]) == 0
     shown = capsys.readouterr().out
-    assert shown.count(": decoded: ") == 3
-    assert "3 decoded, 0 unchanged, 0 failed" in shown
+    lines = [line.split() for line in shown.splitlines()]
+    assert ["decoded", "3"] in lines
+    assert [line[1] for line in lines[-3:]] == 3 * ["decoded"]
     assert main([*given, str(tmp_path / "one")]) == 0
-    assert f"written: {tmp_path / 'one'}" in capsys.readouterr().out
+    assert str(tmp_path / "one") in capsys.readouterr().out
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 

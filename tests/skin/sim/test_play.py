@@ -445,7 +445,6 @@ def test_the_command_plays_a_scene_and_writes_its_truth(
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert (report["scene"], report["cycles"], report["truth"]) == ("slide", 500, str(path))
     assert report["frames"] >= 500 * len(skin().frames)
-    assert report["real_time_factor"] > 0.0
     assert read_truth(path)[0].force.shape == (500, 3, 64)
 
 

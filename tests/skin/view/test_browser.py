@@ -171,7 +171,6 @@ def test_a_click_shows_a_unit_and_its_force(viewed):
     shown, _, browser = viewed
     press(shown, range(64), 5.0)  # the scale is as wide from here on
     press(shown, range(64), 2.5)
-    browser.press("Reset the camera")
     magenta = tuple(CHOSEN_COLOUR.tolist())
     settled(browser, lambda seen: count(seen, shade(2.5, 5.0)) > 10_000)
     for x in range(300, 600, 20):  # beside a disc there is no unit

@@ -5,16 +5,13 @@ from __future__ import annotations
 import re
 import socket
 import sys
-from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import pytest
 
 from skin.errors import LibraryError, OptionError, SkinError
-from skin.view import process, show
+from skin.view import show
 from skin.view.server import LOOPBACK, address_of, check_free, check_installed, is_loopback
 from tests.fixtures.shown import Shown
-from topology.packed import packed
 
 
 @pytest.fixture
@@ -61,16 +58,3 @@ def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(LibraryError, match=re.escape("pip install 'f3t-skin[view]'")):
         check_installed()
-
-
-def test_the_camera_of_a_browser_that_has_left_is_not_reset(monkeypatch):
-    server = MagicMock()
-    server.get_clients.return_value = {}
-    monkeypatch.setattr(process, "open_server", lambda *_: server)
-    asked = {"topology": packed(Shown().topology), "host": "127.0.0.1", "port": 1,
-             "is_live": False}  # fmt: skip
-    viewer = process.Viewer(SimpleNamespace(request=asked))
-    viewer._scene = MagicMock()
-    viewer._panel.requests.put(("camera", MagicMock(client_id=7)))
-    assert viewer._handle_requests()
-    viewer._scene.reset_camera.assert_not_called()

@@ -127,7 +127,7 @@ def test_a_tare_asked_for_takes_the_zeros_of_untouched_units_anew():
 
 
 def test_the_command_shows_a_simulated_skin_and_ends_by_itself(capsys):
-    arguments = ["view", "strip", "--simulate", "--seconds", "1", "--port", "0", "--json"]
+    arguments = ["view", "strip", "--simulate", "--seconds", "1", "--json"]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
     report = json.loads(out.splitlines()[-1])
@@ -138,7 +138,7 @@ def test_the_command_shows_a_simulated_skin_and_ends_by_itself(capsys):
 
 def test_the_command_plays_a_log(capsys):
     log = ROOT / "tests" / "golden" / "logs" / "palm-vcan.log"
-    arguments = ["view", "palm", str(log), "--seconds", "1", "--port", "0", "--json"]
+    arguments = ["view", "palm", str(log), "--seconds", "1", "--json"]
     assert main(arguments) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert report["snapshots"] > 0

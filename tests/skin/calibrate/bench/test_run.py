@@ -150,7 +150,7 @@ def test_the_command_writes_report_and_json(bench, tmp_path, capsys):
         "https://matplotlib.org", "")  # fmt: skip
 
 
-def test_a_fault_is_named_and_nothing_is_written_unless_forced(bench, tmp_path, capsys):
+def test_a_fault_is_named_and_nothing_is_written(bench, tmp_path, capsys):
     new = copied(bench, tmp_path)
     text = new.read_text()
     new.write_text(
@@ -185,7 +185,7 @@ def test_an_old_calibration_holds_on_new_recordings(bench, fitted, capsys):
     assert main(["calibrate", "check", str(bench.parent / "pad.toml"), str(bench), "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])["units"]
     assert told["pad/r0c0"]["faults"] == []
-    assert 0.8 < told["pad/r0c0"]["score"]["over_sigma"]["normal"] < 1.3
+    assert 0.8 < told["pad/r0c0"]["over_sigma"]["normal"] < 1.3
 
 
 def test_a_unit_that_drifted_is_named(bench, fitted, tmp_path, capsys):

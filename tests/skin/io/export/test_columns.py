@@ -90,7 +90,7 @@ def folder(log, tmp_path_factory):
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
     folder = tmp_path_factory.mktemp("out")
     for format in FORMATS:
-        command = ["decode", str(log), "--topology", "palm", "--json", "-o"]
+        command = ["decode", "palm", str(log), "--json", "-o"]
         assert main([*command, str(folder / f"file.{format}")]) == 0
         assert main([*command, str(folder / format), "--format", format]) == 0
         decoded = skin.decode_log("palm", log, want=WANT)
