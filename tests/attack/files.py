@@ -30,7 +30,6 @@ from bus.errors import FaultScriptError, LogError
 from bus.faults.script import load_script
 from bus.frame import FrameBatch
 from bus.logs import read, write
-from skin.decode.ambient import Ambient
 from skin.errors import SceneError, SkinError
 from skin.physics.stencil import Stencil
 from skin.sim.scenes import names as scenes
@@ -169,9 +168,6 @@ def kinds(folder: Path) -> dict[str, Kind]:
         "stencil": Kind(
             ".npz", _stencils(folder, strip), lambda path: Stencil.load(path, strip), SkinError, 2
         ),
-        "ambient": Kind(
-            ".npz", _states(folder, strip), Ambient(strip, "float32").restore, SkinError, 2
-        ),
         **{
             f"log {suffix}": Kind(
                 suffix, [raw], lambda path: sum(len(b) for b in read(path)), LogError, 1
@@ -231,12 +227,6 @@ def _mf4(folder: Path) -> bytes:
 
 def _stencils(folder: Path, strip: topology.Topology) -> list[bytes]:
     Stencil.of(strip).save(folder / "whole.npz")
-    return _arrays(folder)
-
-
-def _states(folder: Path, strip: topology.Topology) -> list[bytes]:
-    (folder / "whole.npz").unlink(missing_ok=True)  # a file of another kind stands there
-    Ambient(strip, "float32").save(folder / "whole.npz")
     return _arrays(folder)
 
 

@@ -154,7 +154,7 @@ OPTIONS |= {
     "decode_log of a hand": (lambda log: skin.decode_log("hand", log), "log"),
     "topology.load": (topology.load, "file"),
     "load_scene": (lambda **options: load_scene(**SCENE | options), "file topology"),
-    "open_scene": (lambda **options: open_scene(**SCENE | options), "file topology seed noise"),
+    "open_scene": (lambda **options: open_scene(**SCENE | options), "file topology seed"),
     "load_script": (lambda file: load_script(file, STRIP), "file"),
     "LogReader": (lambda log: list(CandumpReader(log)), "log"),
     "Recording": (within(lambda log: Recording(log, STRIP).close()), "log"),

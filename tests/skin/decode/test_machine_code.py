@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from skin.decode.bound import arrays_of
 from skin.decode.decoder import Decoder
 from tests.fixtures.decode import row_of
 
@@ -29,7 +30,7 @@ def assembly():
     decoder(np.zeros((6, 3), np.int16))
     plain = decoder._kernel.py_func
     fresh = njit(plain, nogil=True, error_model="numpy", fastmath={"contract"})
-    fresh(*decoder._own.at(False).decodes.arguments)
+    fresh(*decoder._kernel_on(*arrays_of(3), False).arguments)
     (text,) = fresh.inspect_asm().values()
     names = re.findall(r"^([A-Za-z_]\S*decode_python\S*):$", text, re.MULTILINE)
     body = text[text.index(f"\n{names[0]}:") :]

@@ -295,4 +295,5 @@ def test_the_plan_has_every_segment_and_its_time(capsys):
         "tare", "neighbours", "array", "array", "array",
     ]  # fmt: skip
     assert told["array"][1]["seconds"] == 2 * topology.load("palm").n
-    assert "each unit on a bench, 17 min:" in said
+    assert main(["calibrate", "plan", "palm"]) == 0
+    assert "circles      180      circles of 0.3 to 2.8 mm" in capsys.readouterr().out
