@@ -96,7 +96,7 @@ class Zeros:
         self._of_run = np.zeros(topology.n, bool)  # whose zero is of this run
         self._is_told = False  # that nothing touches the skin
         self._doubt_n2 = np.zeros(topology.n) if doubt_n2 is None else doubt_n2
-        self._fall_hz = np.full(topology.n, np.nan)  # taken for zero, while nobody has told
+        self._fall_hz = np.full(topology.n, np.nan)  # taken for zero, while nothing is known
         rate = topology.cycle_rate_hz
         self._cycles = max(round(WINDOW_S * rate), round(SPARE * LEAST_CYCLES))
         self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)

@@ -104,7 +104,7 @@ def decode(
 
 
 def _into_file(loaded: Topology, log: Path, output: Path | None, **how: Any) -> dict[str, Any]:
-    """Decode one log, into one file and those beside it; the report."""
+    """Decode one log into one file and its further tables; the report."""
     from skin.errors import OptionError
     from skin.io.bulk import decode_one
     from skin.io.export.tables import beside

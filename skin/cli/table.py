@@ -66,7 +66,7 @@ def columns(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 def _rows(value: Any) -> list[Mapping[str, Any]]:
     """Objects in a list, or by name; none of anything else."""
     if isinstance(value, Mapping):
-        value = [{"": name} | one if isinstance(one, Mapping) else one
+        value = [{"": name, **one} if isinstance(one, Mapping) else one
                  for name, one in value.items()]  # fmt: skip
     if isinstance(value, list) and all(isinstance(one, Mapping) for one in value):
         return value
