@@ -209,9 +209,10 @@ class Stencil:
             values: dict[str, Any] = {f.name: saved[f.name][()] for f in dataclasses.fields(cls)}
             found = cls(**values)
             found._check()
+            is_simulated = bool(saved["simulated"])
         except (OSError, LookupError, AttributeError, ValueError, TypeError) as error:
             raise SkinError(f"{path}: must be a stencil that was saved; got {error}") from None
-        if bool(saved.get("simulated", False)) and not topology.in_process:
+        if is_simulated and not topology.in_process:
             raise SkinError(f"{path}: must be the stencil of real units, as {topology.name} is on "
                             "a real bus; got one of simulated units")  # fmt: skip
         if found.n != topology.n:
