@@ -165,8 +165,8 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
         matplotlib is not installed.
     """
     with figure((11.0, 7.6)) as made:
-        map_of_forces, lines = made.subfigures(2, 1, height_ratios=(1.1, 1.0))
-        _draw_map(map_of_forces, topology, run)
+        upper, lines = made.subfigures(2, 1, height_ratios=(1.1, 1.0))
+        _draw_map(upper.subfigures(1, 3, width_ratios=(1.0, 2.2, 1.0))[1], topology, run)
         _draw_lines(lines, run)
         with whole_file(path, over=PICTURE) as file:
             made.savefig(file, dpi=120, format="png", metadata={"Software": SOFTWARE})
