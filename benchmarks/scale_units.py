@@ -22,7 +22,7 @@ import numpy as np
 import topology
 from bus import mmsg
 from bus.codec import Packer
-from bus.compiled.bound import direct
+from bus.compiled.jit import direct
 from bus.datagram import DatagramTransport
 from bus.frame import FRAME_DTYPE, FrameBatch, as_words
 from skin.physics.elastic import Elastic

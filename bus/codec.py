@@ -43,7 +43,7 @@ class Packer:
 
     def __init__(self, topology: Topology) -> None:
         from bus.codec_kernels import pack
-        from bus.compiled.bound import direct
+        from bus.compiled.jit import direct
 
         self._pack = direct(pack)
         self._tables = FrameTable(topology).tables

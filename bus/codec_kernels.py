@@ -199,24 +199,16 @@ _codes_in = types.Array(types.uint8, 1, "A", readonly=True)
 # Without numba's run-time memory nothing can allocate, and references of arrays in a tuple are not
 # counted, which would cost several times the work itself. Functions that kernels call are inlined,
 # since a call would pass all fields of all arrays.
-crc16 = compiled(
-    crc16_python, [_int(_int, _data_in, _int, _int, _int)], allocates=False, forceinline=True
-)
+crc16 = compiled(crc16_python, [_int(_int, _data_in, _int, _int, _int)])
 frame_crc = compiled(
     frame_crc_python,
     [_int(_data_in, _int, from_dtype(EXPECTED))],
-    allocates=False,
-    forceinline=True,
 )
 unpack_frame = compiled(
     unpack_frame_python,
     [types.void(_data_in, _int, _int, TABLES, _counts, _codes)],
-    allocates=False,
-    forceinline=True,
 )
 pack = compiled(
     pack_python,
     [types.void(_int, _int, _int, _int, _counts_in, _codes_in, TABLES, _views)],
-    allocates=False,
-    forceinline=True,
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from bus import mmsg
 from bus.clock import SEGMENT_NS, ClockModel
-from bus.compiled.bound import direct
+from bus.compiled.jit import direct
 from bus.errors import BusClosedError
 from bus.frame import FRAME_DTYPE, FrameBatch, as_words
 from bus.linux import (

@@ -8,11 +8,7 @@ counts, and follows the stamps through a low-pass filter. A stamp that is later 
 
 from __future__ import annotations
 
-import numpy as np
-
-from bus.compiled.jit import jitable
-
-__all__ = ["TIME", "Clock", "tick"]
+__all__ = ["Clock"]
 
 FOLLOW = 16
 """Time constant of the filter that follows the stamps, cycles [assumed]."""
@@ -20,35 +16,6 @@ GAP_PERIODS = 2
 """Latest stamp that is no gap, periods [assumed: more than the jitter of a host]."""
 LONGEST_NS = 3_600_000_000_000
 """Steps of stamps beyond this show a clock that was set, not a gap [assumed]."""
-
-TIME = np.dtype([
-    ("period_ns", np.int64),
-    ("begun", np.int64),  # whether a cycle was counted
-    ("number", np.int64), ("stamp_ns", np.int64),  # of the last cycle
-    ("off_ns", np.int64),  # its stamp minus the time, still to be followed
-    ("now_ns", np.int64), ("elapsed_ns", np.int64), ("overruns", np.int64),  # see `Clock`
-])  # fmt: skip
-"""The state of a clock."""
-
-
-@jitable
-def tick(number, stamp_ns, time):
-    """Advance to the next cycle; `time` is a record of TIME."""
-    if time["begun"] != 0:
-        period_ns = time["period_ns"]
-        counted_ns = max(number - time["number"], 1) * period_ns
-        stamped_ns = stamp_ns - time["stamp_ns"]
-        elapsed_ns = counted_ns
-        if 0 < stamped_ns < LONGEST_NS:
-            if stamped_ns - counted_ns > GAP_PERIODS * period_ns:
-                counted_ns = stamped_ns
-            off_ns = time["off_ns"] + stamped_ns - counted_ns
-            elapsed_ns = max(counted_ns + off_ns // FOLLOW, counted_ns // FOLLOW, 1)
-            time["off_ns"] += stamped_ns - elapsed_ns
-        time["elapsed_ns"] = elapsed_ns
-        time["now_ns"] += elapsed_ns
-        time["overruns"] += max(np.int64(np.rint(elapsed_ns / period_ns)) - 1, 0)
-    time["begun"], time["number"], time["stamp_ns"] = 1, number, stamp_ns
 
 
 class Clock:
@@ -60,8 +27,6 @@ class Clock:
 
     Attributes
     ----------
-    time : ndarray, shape (1,), TIME
-        Storage of the state, which the compiled cycle advances.
     now_ns : int
         Of the last cycle; 0 of the first one.
     elapsed_ns : int
@@ -79,21 +44,25 @@ class Clock:
     """
 
     def __init__(self, period_ns: int) -> None:
-        self.time = np.zeros(1, TIME)
-        self.time["period_ns"] = self.time["elapsed_ns"] = period_ns
+        self._period_ns = self.elapsed_ns = period_ns
+        self.now_ns = self.overruns = 0
+        self._before: tuple[int, int] | None = None
+        self._off_ns = 0
+        """Stamp of the last cycle minus the time, still to be followed."""
 
     def tick(self, number: int, stamp_ns: int) -> None:
         """Advance to the next cycle, by its `RawCycle.number` and `RawCycle.stamp_ns`."""
-        tick(number, stamp_ns, self.time[0])
-
-    @property
-    def now_ns(self) -> int:
-        return int(self.time["now_ns"][0])
-
-    @property
-    def elapsed_ns(self) -> int:
-        return int(self.time["elapsed_ns"][0])
-
-    @property
-    def overruns(self) -> int:
-        return int(self.time["overruns"][0])
+        before, self._before = self._before, (number, stamp_ns)
+        if before is None:
+            return
+        counted_ns = elapsed_ns = max(number - before[0], 1) * self._period_ns
+        stamped_ns = stamp_ns - before[1]
+        if 0 < stamped_ns < LONGEST_NS:
+            if stamped_ns - counted_ns > GAP_PERIODS * self._period_ns:
+                counted_ns = stamped_ns
+            off_ns = self._off_ns + stamped_ns - counted_ns
+            elapsed_ns = max(counted_ns + off_ns // FOLLOW, counted_ns // FOLLOW, 1)
+            self._off_ns += stamped_ns - elapsed_ns
+        self.elapsed_ns = elapsed_ns
+        self.now_ns += elapsed_ns
+        self.overruns += max(round(elapsed_ns / self._period_ns) - 1, 0)

@@ -23,7 +23,6 @@ from bus.memory import MemoryTransport
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Lull, Waiter
-from skin.compiling import announcer
 from skin.errors import SkinError
 from skin.moving import Moving
 from skin.pacing import sync_frames, sync_ns, wait_until
@@ -241,7 +240,6 @@ class Skin(Moving, Attachable):
                 ending.callback(transport.close)
             if self.nodes is not None:
                 ending.callback(self.nodes.close)
-            announcer().finish()
 
     def __iter__(self) -> Iterator[State]:
         """One state a cycle; a later loop continues where the one before ended.
@@ -271,7 +269,6 @@ class Skin(Moving, Attachable):
             if self._cycles is None or getgeneratorstate(self._cycles) == GEN_CLOSED:
                 self._cycles = self._host_cycles() if self._sends_sync else self._bus_cycles()
             first = next(self._cycles, None)
-            announcer().finish()  # everything is compiled by now
             for state in () if first is None else chain((first,), self._cycles):
                 if self._quiet_s:
                     self._expect_answers()

@@ -15,7 +15,6 @@ from bus.frame import CAN_ERR, CAN_RTR
 from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, beating_nodes
 from bus.logs import LogReader, buses_of, read
 from bus.processors import processors
-from skin.compiling import announcer
 from skin.options import Options
 from skin.sinks import Attachable
 from skin.state import INVALID
@@ -88,9 +87,7 @@ def decode_log(
     reader = read(log, buses=buses, strict=False)
     from skin.pipeline import Pipeline
 
-    with announcer().holding():
-        Pipeline.prepare(chosen)
-        return DecodedLog(Pipeline(loaded, chosen), reader)
+    return DecodedLog(Pipeline(loaded, chosen), reader)
 
 
 class DecodedLog(Attachable):
@@ -147,8 +144,7 @@ class DecodedLog(Attachable):
         return {kind: count for kind, count in found if not kind.startswith("frame of ")}
 
     def __iter__(self) -> Iterator[State]:
-        with announcer().holding():
-            self.pipeline.warmup()
+        self.pipeline.warmup()
         try:
             for frames in self._batches():
                 for state in self.pipeline.feed(frames):
@@ -161,9 +157,7 @@ class DecodedLog(Attachable):
         finally:
             self.pipeline.sinks.stop()
 
-    def blocks(
-        self, most: int | None = None, *, fast: bool = True, threads: bool | None = None
-    ) -> Iterator[Block]:
+    def blocks(self, most: int | None = None, *, threads: bool | None = None) -> Iterator[Block]:
         """The same states, once, as arrays of many cycles: every number is the same to the bit.
 
         Memory is bounded for a log of any length.
@@ -172,8 +166,6 @@ class DecodedLog(Attachable):
         ----------
         most : int, optional
             Maximum number of cycles of a block; some megabytes if not given.
-        fast : bool
-            Whether one compiled call decodes many cycles.
         threads : bool, optional
             Whether threads read what comes next; if not given, where there is more than one
             processor.
@@ -181,9 +173,8 @@ class DecodedLog(Attachable):
         from skin.blocks.blocks import Blocks
         from skin.blocks.prefetch import prefetch
 
-        with announcer().holding():
-            self.pipeline.warmup()
-        blocks = Blocks(self.pipeline, most, fast=fast)
+        self.pipeline.warmup()
+        blocks = Blocks(self.pipeline, most)
         self._reader.threads = threads = processors() > 1 if threads is None else threads
         batches = self._batches()
         if threads:

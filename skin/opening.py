@@ -14,7 +14,7 @@ import topology as topology_package
 from bus.logs import Recording
 from bus.open import open_transport
 from bus.transport import Transport
-from skin.compiling import announcer
+from skin.compiling import announce
 from skin.errors import (
     MOST_SEED,
     OptionError,
@@ -101,7 +101,7 @@ def open(
         check_flag("pace", pace)
         if seed is not None:
             check_number("seed", seed, 0, MOST_SEED, whole=True)
-        _begin_to_compile(undo, options)
+        announce()
         played = _scene(simulate), seed, repeat
         loaded, nodes = _nodes(undo, loaded, *played, transports is not None, sync)
         ends = _checked([*ends, *_ends(undo, loaded, nodes, transports)], loaded, nodes, faults)
@@ -120,12 +120,6 @@ def _options(
     check_kind("options", options, Options)
     given = {"want": want, "slip": slip}
     return replace(options, **{name: one for name, one in given.items() if one is not None})
-
-
-def _begin_to_compile(undo: ExitStack, options: Options) -> None:
-    """Compile by several processes until the first state, the longest kernel first."""
-    undo.callback(announcer().hold().finish)
-    Pipeline.prepare(options)
 
 
 def _recording(

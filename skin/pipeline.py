@@ -18,6 +18,7 @@ import numpy as np
 
 from bus.assemble import Assembler
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
+from skin.clock import Clock
 from skin.contact.record import UNSEEN
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, check_kind, check_number
@@ -56,8 +57,6 @@ class Pipeline:
     assembler : Assembler
     clock : Clock
         Time of the cycles, by which the filters run.
-    cycle : Cycle
-        The compiled call from counts to contacts.
     decoder : Decoder
     contacts : ContactStream or None
         None where no feature of the array is wanted.
@@ -129,7 +128,8 @@ class Pipeline:
                 self._shared(),
             )  # fmt: skip
             self._show(self.contacts)
-        self._bind()
+        self.clock = Clock(round(1e9 / topology.cycle_rate_hz))
+        self._inputs = self.decoder.inputs(self.counts, self.status)
         nothing = dict.fromkeys([*self.shown, "contacts", "whole", "untracked"])
         self._array = Layout(nothing) if self.contacts is None else None
         self._units = self.decoder.layout
@@ -231,21 +231,6 @@ class Pipeline:
             by_strength=decoder.estimator == "sine",
         )  # fmt: skip
 
-    def _bind(self) -> None:
-        """Bind the cycle, from counts to contacts, to the arrays of all stages."""
-        from skin.clock import Clock
-        from skin.cycle import no_ends
-
-        self.clock = Clock(round(1e9 / self.topology.cycle_rate_hz))
-        ends, stream = no_ends()._replace(clock=self.clock.time), self.contacts
-        if stream is not None and (steps := stream.bound) is not None:
-            ends = ends._replace(
-                contacts=steps.contacts, slip=steps.slip, slips=steps.slips,
-                now_ns=stream.data.clock["now_ns"], flags=stream.records["flags"][-1:],
-            )  # fmt: skip
-        self._next, self._shown = ends.next, ends.shown
-        self.cycle = self.decoder.cycle(self.counts, self.status, ends)
-
     def _show(self, stream: ContactStream) -> None:
         """Keep the arrays of the stream that every state shows."""
         want, total = self.options.quantities, stream.total
@@ -274,15 +259,6 @@ class Pipeline:
         names = ("wrench", "wrench_sigma", "centroid", "centroid_covariance", "label", "slip")
         return dict(zip(names, (*self._total, self._label, self._slip), strict=True))
 
-    @staticmethod
-    def prepare(options: Options) -> None:
-        """Begin to compile the longest kernels that the options need, before what comes first in a
-        pipeline; see `bus.compiled.pool.together`."""
-        if want := options.quantities.intersection(ARRAY_WANTS):
-            from skin.contact.stream import ContactStream
-
-            ContactStream.prepare(want, options.dtype)
-
     @property
     def watched(self) -> bool:
         """Whether sinks see each cycle."""
@@ -290,13 +266,13 @@ class Pipeline:
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
-        from bus.compiled.bound import ready_all
+        from skin.compiling import compile_calls
 
+        contacts = [] if self.contacts is None else self.contacts.calls()
+        compile_calls([*contacts, *self.decoder.calls()])
         self.decoder.warmup()
         if self.contacts is not None:
-            self.contacts.warmup()
-        self.cycle.bind()
-        ready_all()  # those of sinks as well
+            self.contacts.ready()
 
     def close(self) -> None:
         """Stop all sinks."""
@@ -451,20 +427,22 @@ class Pipeline:
     def step(self, cycle: RawCycle) -> State:
         """As `state`, but returns `now`, which the next cycle overwrites."""
         self.catch_up()
-        given, now = self._next, self.now
-        given[0], given[1] = cycle.number, cycle.stamp_ns
-        found = self.cycle()
-        overruns, everywhere, flags = self._shown.tolist()
-        if self.contacts is not None:
-            contacts = self.contacts.taken(found)
+        now, clock, contacts = self.now, self.clock, self.contacts
+        clock.tick(cycle.number, cycle.stamp_ns)
+        self.decoder.set_elapsed(1e-9 * clock.elapsed_ns)
+        self.decoder.step(self._inputs)
+        if contacts is not None:
+            found = contacts.step(clock.now_ns)
             if self.lists_contacts:
-                now.contacts = contacts
-            now.whole, now.untracked = not flags & UNSEEN, self._untracked[0]
+                now.contacts = found
+            now.whole = not contacts.records["flags"][-1] & UNSEEN
+            now.untracked = int(self._untracked[0])
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
-        now.coverage = 1.0 if everywhere else float(self._area_share.dot(now.units.valid))
-        now.counters, now.overruns = cycle.counters, overruns
+        valid = now.units.valid
+        now.coverage = 1.0 if valid.all() else float(self._area_share.dot(valid))
+        now.counters, now.overruns = cycle.counters, clock.overruns
         now.sampled_ns = cycle.sampled_ns
         if self.sinks.live:
             self.sinks.tell("state", now)

@@ -53,7 +53,7 @@ class Assembler:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         from bus.assemble.feed import close_cycle, feed
-        from bus.compiled.bound import direct
+        from bus.compiled.jit import direct
 
         if stale_cycles < 1:
             raise ValueError(f"stale_cycles: must be at least 1; got {stale_cycles}")

@@ -232,12 +232,8 @@ _views_in = types.NamedTuple((_words_in, _data_in), FrameViews)
 close_cycle = compiled(
     close_cycle_python,
     [types.void(_int, TABLES, _memory, _shown)],
-    allocates=False,
-    forceinline=True,
 )
 feed = compiled(
     feed_python,
     [_int(_int, _views_in, TABLES, _memory, _shown)],
-    allocates=False,
-    forceinline=True,
 )

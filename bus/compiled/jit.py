@@ -6,23 +6,24 @@ A kernel is a plain function that writes into its arguments, and one line that c
 
     scale = compiled(scale_python)
 
-Functions that kernels call carry `jitable`. Both may stand in any file: the cache of compiled code
-sees all that a kernel is made of, see `bus.compiled.cache`.
+Functions that kernels call carry `jitable`. Both may stand in any file. Machine code is kept on
+disk by numba's own cache, in the folder of `bus.compiled.cache`.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from numba import njit
+from numba import njit, typeof
 from numba.extending import register_jitable
 
 from bus.compiled import nested
-from bus.compiled.cache import cache_on_disk
+from bus.compiled.cache import digest, kept
 from bus.compiled.stamps import mark
 
-__all__ = ["compiled", "jitable"]
+__all__ = ["bound", "compiled", "direct", "jitable"]
 
 
 def compiled(
@@ -30,10 +31,8 @@ def compiled(
     signatures: Iterable[object] = (),
     *,
     fastmath: Iterable[str] = (),
-    cache: bool = True,
-    allocates: bool = True,
-    made_by: tuple[Any, ...] | None = None,
-    **options: object,
+    allocates: bool = False,
+    made_by: tuple[Any, ...] = (),
 ) -> Callable[..., Any]:
     """Compile a kernel: divisions as numpy's, without the interpreter's lock, kept on disk.
 
@@ -42,17 +41,16 @@ def compiled(
     function : callable
         The kernel; it and what it calls may be closures over constants.
     signatures : iterable, optional
-        Types for which it is compiled at once, and no others; as they are called if not given.
+        Types for which it is compiled at once.
     fastmath : iterable of str
         Of "contract", "reassoc" and "arcp". Others would delete tests for NaN, which says
         "no data" here.
-    cache : bool
-        Whether its machine code is kept on disk.
     allocates : bool
-        False for a kernel that makes no arrays of its own: it does not count references to those of
-        its arguments then, which it would do whenever it takes one from a tuple.
-    **options
-        Further ones of `numba.njit`.
+        Whether the kernel makes arrays of its own. One that does not takes no references to those
+        of its arguments, of which numba's cost 0.1 µs each in every call.
+    made_by : tuple
+        Of a closure: the name of the function of its module that makes the kernel, and the
+        arguments, by which other processes make it, and which tell the closures apart.
 
     Returns
     -------
@@ -67,29 +65,55 @@ def compiled(
     flags = set(fastmath)
     if not flags <= {"contract", "reassoc", "arcp"}:
         raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
-    # Always said: what is compiled within another kernel takes over what is not.
-    options["_nrt"] = allocates
+    if made_by:
+        marked: Any = function
+        marked.made_by = made_by
+        function.__qualname__ = f"{function.__name__}_{digest(repr(made_by))}"
+    compile_it: Any = njit
+    options: dict[str, Any] = {"_nrt": allocates, "fastmath": flags or False}
     if nested.kernel_pipeline is not None:
         options["pipeline_class"] = nested.kernel_pipeline
-    options |= {"error_model": "numpy", "nogil": True, "fastmath": flags or False}
-    compile_it: Any = njit
-    kernel = compile_it(**options)(function)
-    if not hasattr(kernel, "overloads"):
-        return kernel
-    kernel.made_by = made_by
-    if cache:
-        cache_on_disk(kernel, options)
-    compiled_at_once = list(signatures)
-    for signature in compiled_at_once:
+    with kept() as cached:
+        kernel = compile_it(error_model="numpy", nogil=True, cache=cached, **options)(function)
+    for signature in signatures if hasattr(kernel, "compile") else ():
         kernel.compile(signature)
-    if compiled_at_once:
-        kernel.disable_compile()
     return kernel
 
 
+def bound(kernel: Any, *arguments: Any) -> Callable[..., Any]:
+    """A call of a kernel on arguments that stay the same.
+
+    The kernel is compiled for their types, or loaded, at once. The call goes past the dispatcher,
+    which would look at the type of every array each time.
+
+    Parameters
+    ----------
+    kernel : callable
+        Of `compiled`; where it is not compiled, it is called as it is.
+    *arguments
+        Arrays, numbers, truth values, None, and tuples of these.
+    """
+    return functools.partial(direct(kernel, *arguments), *arguments)
+
+
+def direct(kernel: Any, *arguments: Any) -> Callable[..., Any]:
+    """A kernel compiled for the types of some arguments, without its dispatcher.
+
+    Who calls it answers for the types. Without arguments it is that of the only signature that the
+    kernel has.
+    """
+    if not hasattr(kernel, "compile"):
+        return kernel
+    if arguments:
+        return kernel.compile(tuple(map(typeof, arguments)))
+    (signature,) = kernel.signatures
+    return kernel.compile(signature)
+
+
 def jitable(
-    function: Callable[..., Any] | None = None, /, *, inline: bool = False, **options: object
-) -> Callable[..., Any]:
+    function: Callable[..., Any] | None = None, /, *, inline: bool = False,
+    fastmath: Iterable[str] = (),
+) -> Callable[..., Any]:  # fmt: skip
     """Mark a function that kernels call; from Python it stays as it is.
 
     Parameters
@@ -97,14 +121,14 @@ def jitable(
     function : callable
     inline : bool
         Whether its code is put into that of every caller, so that loops around it become vectors.
-    **options
-        Of `numba.extending.register_jitable`. What is not given is as in the calling kernel.
+    fastmath : iterable of str
+        As of `compiled`; that of the calling kernel if not given.
     """
     if function is None:
-        return lambda wrapped: jitable(wrapped, inline=inline, **options)
-    if inline:
-        options = {"forceinline": True, **options}
+        return lambda wrapped: jitable(wrapped, inline=inline, fastmath=fastmath)
+    options: dict[str, Any] = {"forceinline": True} if inline else {}
+    options |= {"fastmath": set(fastmath)} if fastmath else {}
     if nested.pipeline is not None:
-        options = {"pipeline_class": nested.pipeline, **options}
+        options["pipeline_class"] = nested.pipeline
     mark(function, options)
     return register_jitable(**options)(function) if options else register_jitable(function)

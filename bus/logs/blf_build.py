@@ -119,6 +119,4 @@ _data_in = types.Array(types.uint8, 2, "C", readonly=True)
 build = compiled(
     build_python,
     [types.int64(types.uint8[::1], _words_in, _data_in, types.int64)],
-    allocates=False,
-    forceinline=True,
 )

@@ -354,6 +354,4 @@ _states = from_dtype(STATE)[::1]
 parse = compiled(
     parse_python,
     [_int(_blob_in, _int, types.int16[::1], _ints, _ints, _words, _data, _states)],
-    allocates=False,
-    forceinline=True,
 )

@@ -119,6 +119,4 @@ _names, _lengths = types.uint8[:, ::1], types.int64[::1]
 format_frames = compiled(
     format_frames_python,
     [types.int64(types.uint8[::1], _words_in, _data_in, _names, _lengths, types.int64)],
-    allocates=False,
-    forceinline=True,
 )

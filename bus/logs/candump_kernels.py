@@ -380,6 +380,4 @@ _states = from_dtype(STATE)[::1]
 parse = compiled(
     parse_python,
     [types.int64(_text_in, types.int64, _data, _ints, _ints, _words, _data, _states)],
-    allocates=False,
-    forceinline=True,
 )

@@ -7,19 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bus.frame import FrameViews, views
+from bus.frame import views
 from skin.blocks.block import Block
 from skin.blocks.gather import Gather
 
 if TYPE_CHECKING:
-    from skin.blocks.stride import Stride
     from skin.pipeline import Pipeline
     from skin.state import State
 
 __all__ = ["Blocks", "blocks_of"]
-
-SHORTEST = 8
-"""Cycles above which a stride is worth its call [assumed]."""
 
 
 class Blocks:
@@ -31,18 +27,11 @@ class Blocks:
         Before its first cycle.
     most : int, optional
         Maximum cycles of a block; by default a block has some megabytes.
-    fast : bool
-        Whether one compiled call runs many cycles where possible.
     """
 
-    def __init__(self, pipeline: Pipeline, most: int | None = None, *, fast: bool = True) -> None:
+    def __init__(self, pipeline: Pipeline, most: int | None = None) -> None:
         self._pipeline = pipeline
         self._gather = Gather(pipeline, most)
-        self._stride: Stride | None = None
-        if fast:
-            from skin.blocks.stride import Stride
-
-            self._stride = Stride(pipeline)
 
     def feed(self, frames: np.ndarray) -> Iterator[Block]:
         """Take frames of all buses, in order; yields every block that is full.
@@ -59,7 +48,9 @@ class Blocks:
         frames.flags.writeable = False
         rows, row = views(frames), 0
         while row < frames.size:
-            row = self._go_on(row, rows)
+            row, cycle = pipeline.assembler.take(row, rows)
+            if cycle is not None:
+                self._gather.add(pipeline.step(cycle))
             if self._gather.is_full:
                 block = self._gather.block()
                 assert block is not None
@@ -71,17 +62,6 @@ class Blocks:
         if state is not None:
             self._gather.add(state)
         return self._gather.block()
-
-    def _go_on(self, row: int, rows: FrameViews) -> int:
-        """Take frames until the block is full, a cycle needs Python, or they end."""
-        pipeline, gather = self._pipeline, self._gather
-        cycles = 0 if self._stride is None else self._stride.ready()
-        if self._stride is not None and cycles >= SHORTEST:
-            return self._stride.run(row, rows, gather, cycles)
-        row, cycle = pipeline.assembler.take(row, rows)
-        if cycle is not None:
-            gather.add(pipeline.step(cycle))
-        return row
 
 
 def blocks_of(

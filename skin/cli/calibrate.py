@@ -48,14 +48,14 @@ def calibrate(
         report with plots to write, one HTML file
     """
     from skin.calibrate.bench.run import calibrate_bench
-    from skin.compiling import announcer
+    from skin.compiling import announce
     from skin.errors import SkinError
     from skin.view.calibration import REPORT, write_report
 
     options.check_folder("--report", report, REPORT)
     if output is not None and not output.is_dir():
         options.check_folder("--output", output)
-    announcer()
+    announce()
     outcome = calibrate_bench(bench, progress=progress)
     for fault in outcome.faults:
         print(fault, file=sys.stderr)
@@ -127,9 +127,9 @@ def check(
         calibration file
     """
     from skin.calibrate.bench.run import check_bench
-    from skin.compiling import announcer
+    from skin.compiling import announce
 
-    announcer()
+    announce()
     checked = check_bench(calibration, bench, progress)
     units = {name: {"serial": one["serial"], "faults": one["faults"]}
              | (asdict(one["score"]) if "score" in one else {})
@@ -170,12 +170,12 @@ def crosstalk(
     from skin.calibrate.bench.series import read_counts
     from skin.calibrate.tare import calibration_files, chosen
     from skin.cli.tare import refused
-    from skin.compiling import announcer
+    from skin.compiling import announce
     from skin.errors import ScanError
     from skin.physics.stencil import STENCIL_FILE
 
     options.check_folder("STENCIL", stencil, STENCIL_FILE)
-    announcer()
+    announce()
     loaded = options.load(file, allow_no_calibration=True)
     calibration_files(loaded, chosen(loaded))  # refused before, not after
     try:

@@ -124,11 +124,11 @@ def _too_dense(topology: Topology) -> list[str]:
 
     if far_apart(topology):  # which needs no compiler
         return []
-    from skin.compiling import announcer
+    from skin.compiling import announce
     from skin.decode.density import sparse_enough
     from skin.errors import TooDenseError
 
-    announcer()
+    announce()
     try:
         sparse_enough(topology)
     except TooDenseError as error:

@@ -46,13 +46,13 @@ def doctor(
     from bus.diagnose_boards import identities
     from bus.discover import Survey
     from bus.logs import buses_of, read
-    from skin.compiling import announcer
+    from skin.compiling import announce
     from skin.offline import LogWatch
 
     options.check_seconds(seconds)
     if log is not None:
         options.refuse_both("a log", "--bus", bus)
-    announcer()
+    announce()
     loaded = options.load(file, bus)
     mapped = options.mapped(map, log)
     survey, left_out = Survey(loaded), {}

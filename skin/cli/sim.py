@@ -57,7 +57,7 @@ def sim(
         write a new log of what the buses carry (.log, .log.gz, .blf)
     """
     from bus.logs import Recording
-    from skin.compiling import announcer
+    from skin.compiling import announce
     from skin.errors import OptionError
     from skin.sim.node import SimulatedUnits
     from skin.sim.scenes.load import open_scene
@@ -71,7 +71,7 @@ def sim(
         raise OptionError("--truth: must be given with a scene; got none")
     loaded = options.load(file, bus)
     is_fast = _is_inside(file, loaded, scene)
-    announcer()
+    announce()
     with ExitStack() as opened:
         script = None
         if scene is None:

@@ -168,7 +168,7 @@ def join_python(model, data):
     return parts
 
 
-join = compiled(join_python, fastmath={"contract"}, allocates=False)
+join = compiled(join_python, fastmath={"contract"})
 
 
 def contact_clusters(

@@ -189,4 +189,4 @@ def describe_python(count, each, silent, model, data):
     _conclude(whole, sums.rows[count], record, members, load, model.geometry, data.scratch)
 
 
-describe = compiled(describe_python, fastmath=REORDERED, allocates=False)
+describe = compiled(describe_python, fastmath=REORDERED)

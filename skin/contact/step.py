@@ -3,12 +3,12 @@ other detects slip. They are compiled side by side, and the second only where sl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from bus.compiled.bound import Bound
-from bus.compiled.jit import compiled
+from bus.compiled.jit import bound, compiled
 from skin.contact.common import Common
 from skin.contact.describe import describe_python
 from skin.contact.model import ContactData, ContactModel, SlipCycle, SlipSide
@@ -19,7 +19,8 @@ from skin.contact.track import find_contacts
 from skin.contact.unseen import nothing_touches, remember
 
 __all__ = [
-    "EARLY", "SAME", "Steps", "follow_slip", "follow_slip_python", "step", "step_python",
+    "EARLY", "SAME", "Steps", "calls_of", "follow_slip", "follow_slip_python", "step",
+    "step_python", "with_common",
 ]  # fmt: skip
 
 SAME, EARLY = -1, -2
@@ -84,8 +85,26 @@ def follow_slip_python(model, data):
     detect_slip(clock["slips"], clock["elapsed_s"], clock["now_ns"], model, data)
 
 
-step = compiled(step_python, fastmath={"contract"}, allocates=False)
-follow_slip = compiled(follow_slip_python, fastmath={"contract"}, allocates=False)
+step = compiled(step_python, fastmath={"contract"})
+follow_slip = compiled(follow_slip_python, fastmath={"contract"})
+
+
+def calls_of(model: ContactModel, data: ContactData) -> list[tuple[Any, ...]]:
+    """The kernels of a cycle with their arguments: of the contacts, and of slip where wanted."""
+    found: list[tuple[Any, ...]] = [(step, model, data)]
+    if model.wants.slip:
+        side = SlipSide(model.geometry, model.slip)
+        inputs = SlipCycle(*(getattr(data, name) for name in SlipCycle._fields))
+        found.append((follow_slip, side, inputs))
+    return found
+
+
+def with_common(data: ContactData, common: Common | None) -> ContactData:
+    """Data with the common errors of units, if they are given."""
+    if common is None:
+        return data
+    shape = data.sums.rows.size, 2 * len(common.covariance_ut2), 6, 3
+    return data._replace(common=common._replace(gain=np.zeros(shape)))
 
 
 class Steps(NamedTuple):
@@ -94,38 +113,25 @@ class Steps(NamedTuple):
 
     Attributes
     ----------
-    contacts : Bound
-    slip : Bound or None
+    contacts : callable
+    slip : callable or None
         To be called after it where `slips` says so; None where slip is not wanted.
     slips : ndarray, shape (1,), int64
         Contacts whose slip is to be detected.
     """
 
-    contacts: Bound
-    slip: Bound | None
+    contacts: Callable[[], int]
+    slip: Callable[[], None] | None
     slips: np.ndarray
 
     @classmethod
-    def of(cls, model: ContactModel, data: ContactData, common: Common | None = None) -> Steps:
-        """Those of a stream, with the common errors of units if they are given."""
-        slip = None
-        if model.wants.slip:
-            side = SlipSide(model.geometry, model.slip)
-            inputs = SlipCycle(*(getattr(data, name) for name in SlipCycle._fields))
-            slip = Bound(follow_slip, side, inputs)
-        if common is not None:
-            shape = data.sums.rows.size, 2 * len(common.covariance_ut2), 6, 3
-            data = data._replace(common=common._replace(gain=np.zeros(shape)))
-        return cls(Bound(step, model, data), slip, data.clock["slips"])
+    def of(cls, model: ContactModel, data: ContactData) -> Steps:
+        """Those of a stream."""
+        contacts, *slip = (bound(*call) for call in calls_of(model, data))
+        return cls(contacts, slip[0] if slip else None, data.clock["slips"])
 
     def __call__(self) -> int:
         found = self.contacts()
         if self.slips[0] > 0 and self.slip is not None:
             self.slip()
         return found
-
-    def put(self, field: str, array: np.ndarray) -> None:
-        """Let them read another array of the same type and shape; a field of `Readings`."""
-        for bound in (self.contacts, self.slip):
-            if bound is not None:
-                bound.put((1, "reading", field), array)

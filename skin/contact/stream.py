@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from skin.contact.record import BRIDGE, OPEN, UNTOUCHED
 from skin.contact.rows import CycleLayout, Layouts, Rows
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
-from skin.contact.step import EARLY, SAME, Steps
+from skin.contact.step import EARLY, SAME, Steps, calls_of, with_common
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError, check_choice, check_number, check_numbers, shown
 from skin.options import DTYPES, MOST_CONTACTS, wanted
@@ -108,8 +109,6 @@ class ContactStream:
         `UnitSlip` of each unit.
     shocks : Shocks or None
         Where they are wanted.
-    bound : Steps or None
-        The kernels of a cycle on the arrays of the last `bind`.
 
     Examples
     --------
@@ -199,7 +198,7 @@ class ContactStream:
         self._rows = rows
         self.show(label=self.tracker.label)
         self._now_ns = self.data.clock["now_ns"]
-        self.bound: Steps | None = None
+        self._bound_data, self._steps = self.data, cast(Steps | None, None)
         self._found: list[Contact] = []
         self.records[-1:] = UNTOUCHED
 
@@ -226,13 +225,9 @@ class ContactStream:
         check_poses(self.model.geometry.pose.size, position, rotation)
         set_poses(self.model.geometry, position, rotation)
 
-    @classmethod
-    def prepare(cls, want: Collection[str], dtype: str) -> None:
-        """Begin to compile the kernels, which are the same for all arrays; see
-        `bus.compiled.pool.together`."""
-        alone, upright = np.zeros((3, 1)), np.eye(3)[:, :, np.newaxis]
-        nobody = np.zeros(2, np.int64), np.zeros(0, np.int64)
-        _ = cls(alone, upright, 1e-4, *nobody, want=want, dtype=dtype)._step
+    def calls(self) -> list[tuple[Any, ...]]:
+        """The kernels of a cycle, with arguments of their types."""
+        return calls_of(self.model, self._bound_data)
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
@@ -341,7 +336,6 @@ class ContactStream:
         self._check_displacement(displacement_mm, displacement_sigma_mm)
         own = no_readings(self.tracker.label.size, self._dtype)
         own.given[0] = displacement_mm is not None, temperature is not None
-        call = Steps.of(self.model, self.data._replace(reading=own), common)
         for name, field, array in zip(PUBLIC_NAMES, own._fields, given, strict=False):
             if array is None:
                 continue
@@ -356,14 +350,20 @@ class ContactStream:
                     f"{name}: must be contiguous {wanted.dtype} of shape {wanted.shape}; "
                     f"got {array.dtype} of shape {array.shape}"
                 )
-            call.put(field, array)
-        self.bound = call
+            own = own._replace(**{field: array})
+        self._bound_data, self._steps = with_common(self.data._replace(reading=own), common), None
+        return self.step
 
-        def take(stamp_ns: int) -> list[Contact]:
-            self._now_ns[0] = stamp_ns
-            return self.taken(call())
+    def step(self, now_ns: int) -> list[Contact]:
+        """Process the next cycle from the arrays of the last `bind`, as what that returns."""
+        self._now_ns[0] = now_ns
+        return self.taken(self.ready()())
 
-        return take
+    def ready(self) -> Steps:
+        """The kernels of the cycle that is bound: compiled, or loaded, when first asked for."""
+        if self._steps is None:
+            self._steps = Steps.of(self.model, self._bound_data)
+        return self._steps
 
     def __reduce_ex__(self, protocol: object) -> str:
         raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")

@@ -58,15 +58,15 @@ slower as well.
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from bus.compiled.bound import Bound
+from bus.compiled.jit import bound
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient_model import (
     PRIOR_UT2,
-    AmbientData,
     body_of,
     data_of,
     frames_of,
@@ -329,7 +329,7 @@ class Ambient:
         """What `bound` reads: time since its last call, shape (1,), to be written before each."""
         return self._data.elapsed_s
 
-    def bound(self, reading: Reading) -> Bound:
+    def bound(self, reading: Reading) -> Callable[[], None]:
         """`update` with a reading whose arrays stay the same, as a decoder's.
 
         Parameters
@@ -339,22 +339,20 @@ class Ambient:
 
         Returns
         -------
-        Bound
+        callable
             Looks at the cycle that stands in the arrays, `elapsed_s` after the last one.
         """
+        return bound(*self.call(reading))
+
+    def call(self, reading: Reading) -> tuple[Any, ...]:
+        """The kernel of `bound`, with its arguments."""
         read = {"field_ut": reading.field_ut, "displacement_mm": reading.displacement_mm,
                 "temperature": reading.temperature, "status": reading.status,
                 "valid": reading.valid}  # fmt: skip
-        return self._bound(self._data._replace(
+        data = self._data._replace(
             **{name: array for name, array in read.items() if array is not None}
-        ))  # fmt: skip
-
-    def _bound(self, data: AmbientData) -> Bound:
-        return Bound(kernels.update, self._model, data)
-
-    @functools.cached_property
-    def _own(self) -> Bound:
-        return self._bound(self._data)
+        )
+        return kernels.update, self._model, data
 
     def update(self, reading: Reading, dt_s: float | None = None) -> None:
         """Look at a decoded cycle, from whose counts `background` had been taken off.
@@ -372,11 +370,4 @@ class Ambient:
             given = getattr(reading, name)
             getattr(data, name)[:] = 0 if given is None else given
         self.elapsed_s[0] = self.period_s if dt_s is None else max(dt_s, 0.0)
-        self._own()
-
-    def warmup(self, reading: Reading) -> None:
-        """Compile the kernels, or load them, for such a reading; the state stays as it is."""
-        self.bound(reading)
-        taken = self.taken.copy()
-        kernels.compose(self._model, self._data)
-        self.taken[:] = taken
+        kernels.update(self._model, data)

@@ -486,5 +486,5 @@ def update_python(model, data):
     _compose(model, data)
 
 
-update = compiled(update_python, fastmath={"contract", "reassoc"}, allocates=False)
-compose = compiled(_compose, fastmath={"contract", "reassoc"}, allocates=False)
+update = compiled(update_python, fastmath={"contract", "reassoc"})
+compose = compiled(_compose, fastmath={"contract", "reassoc"})

@@ -15,23 +15,23 @@ equally likely: ``h_j = F_e0 / 2``, with the variance F_e0² / 12.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bus.compiled.aligned import zeros
 from bus.compiled.intrinsics import assume_noalias
-from bus.compiled.jit import compiled, jitable
+from bus.compiled.jit import bound, compiled, jitable
 from skin.decode.functions import atan2
 from skin.decode.records import RESULT_ROWS
 from skin.decode.results import Results
 from topology import CREEP_TERMS, Topology
 
-if TYPE_CHECKING:
-    from bus.compiled.bound import Bound
-
 __all__ = ["Creep", "relax", "relax_python"]
 
+STEPS_A_PERIOD = 4
+"""Steps are rounded to this fraction of a period [assumed]."""
 FEEBLE_N = 1e-9
 """N: a force that has no direction."""
 THETA_MOST_RAD = float(np.pi / np.sqrt(3.0))
@@ -312,6 +312,7 @@ class Creep:
         first = Memory(zeros(3 * n, real), h, variance)
         self._memories = first, Memory(*(array.copy() for array in first))
         self._elastic = elastic
+        self._relax: list[Callable[[], None]] = []
         self.steps = 0.0
         self.reset()
 
@@ -319,21 +320,34 @@ class Creep:
         """Forget the history: the next cycle is the first."""
         for memory in self._memories:
             memory.elastic[:] = np.nan
+        self._turn, self._missing = 0, 0.0
         self.stretch(1.0)
 
-    def bound(self) -> list[Bound]:
-        """Two calls, by turns, for each goes on from the memory that the other one leaves."""
-        from bus.compiled.bound import Bound
-
+    def calls(self) -> list[tuple[Any, ...]]:
+        """The kernel with its arguments, twice, by turns, for each goes on from the memory that the
+        other one leaves."""
         a, b = self._memories
-        arrays, scratch = (
-            (self._elastic.values, self.borne.values),
-            zeros((3, a.elastic.size), a.h.dtype),
-        )
-        return [
-            Bound(relax, self._model, CreepData(*arrays, *turns, *scratch))
-            for turns in ((a, b), (b, a))
-        ]  # fmt: skip
+        scratch = zeros((3, a.elastic.size), a.h.dtype)
+        arrays = self._elastic.values, self.borne.values
+        return [(relax, self._model, CreepData(*arrays, *turns, *scratch))
+                for turns in ((a, b), (b, a))]  # fmt: skip
+
+    def relax(self, *, advance: bool = True) -> None:
+        """Add what has not relaxed in the cycle that was decoded; without `advance` in the cycle
+        before once more."""
+        if advance:
+            self._turn = 1 - self._turn
+        if not self._relax:
+            self._relax = [bound(*call) for call in self.calls()]
+        self._relax[self._turn]()
+
+    def go_on(self, periods: float) -> None:
+        """Let the next cycle come so many periods after the last one, rounded to a part of a
+        period, so that the coefficients of the step before usually apply; the rest is kept."""
+        missing = self._missing + periods - 1.0
+        steps = max(round((1.0 + missing) * STEPS_A_PERIOD) / STEPS_A_PERIOD, 0.0)
+        self._missing = missing + 1.0 - steps
+        self.stretch(steps)
 
     def stretch(self, steps: float) -> None:
         """Let the next call go on by so many periods."""

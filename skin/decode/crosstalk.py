@@ -17,11 +17,13 @@ the skin is refused. `sine` gains less: near its crest no sweep helps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from bus.compiled.aligned import zeros
-from bus.compiled.bound import Bound
-from bus.compiled.chained import call
+from bus.compiled.jit import bound
 from skin.decode import crosstalk_kernels as kernels
 from skin.decode.crosstalk_kernels import (
     Background,
@@ -184,7 +186,7 @@ class CrossTalk:
         out: np.ndarray,
         base: np.ndarray | None = None,
         film_above: np.ndarray | None = None,
-    ) -> Prediction:
+    ) -> Callable[[], np.ndarray]:
         """`predict` with arrays that stay the same, for a call each cycle: they are looked at once.
 
         Parameters
@@ -192,6 +194,29 @@ class CrossTalk:
         displacement_mm, usable, out, base, film_above : ndarray
             As of `predict`.
         """
+        calls = self.calls(displacement_mm, usable, out, base, film_above)
+        films, unknown, fields = (bound(*call) for call in calls)
+
+        def predict() -> np.ndarray:
+            moved, changed = films()
+            if changed:
+                unknown()
+            if moved:
+                fields()
+            return out
+
+        return predict
+
+    def calls(
+        self,
+        displacement_mm: np.ndarray,
+        usable: np.ndarray,
+        out: np.ndarray,
+        base: np.ndarray | None = None,
+        film_above: np.ndarray | None = None,
+    ) -> list[tuple[Any, ...]]:
+        """The kernels of a prediction, with their arguments: which films count; what is not known,
+        where that has changed; and, where any counts, what they add."""
         if base is None:
             base = np.zeros_like(out)
         if film_above is None:
@@ -200,14 +225,15 @@ class CrossTalk:
         data = FilmData(
             displacement_mm, usable, film_above, given, self._films, known, written
         )  # fmt: skip
-        films = Bound(kernels.films, self._film_model, data)
         pairs = PairData(known, self._todo, given.variance_ut2, written.variance_ut2)
-        unknown = Bound(kernels.unknown, self._pair_model, pairs)
         model = self._field_model
         most = 3 * int(np.diff(model.start).max(initial=0))
         term, sums = zeros(1 + model.parent.size, out.dtype), zeros(most, out.dtype)
         added = FieldData(self._films, written.field_ut, term, sums)
-        return Prediction(films, unknown, Bound(kernels.fields, model, added), out)
+        return [
+            (kernels.films, self._film_model, data), (kernels.unknown, self._pair_model, pairs),
+            (kernels.fields, model, added),
+        ]  # fmt: skip
 
     def retare(self, topology: Topology) -> None:
         """Count what films and places at rest are off by only in units that are not tared now, and
@@ -216,11 +242,6 @@ class CrossTalk:
         for variance in (self._pair_model.always_ut2, self.residue_ut2):
             np.add(variance, (now - self._off_ut2).astype(variance.dtype), out=variance)
         self._off_ut2 = now
-
-    def warmup(self) -> None:
-        """Compile what a cycle of this skin needs, or load it; nothing is predicted."""
-        n, real = self.stencil.n, self.strength.dtype
-        self.bound(np.zeros((3, n), real), np.zeros(n, bool), np.zeros((3, n), real))
 
     def _off_by(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
         """Variance by films and places that are not as drawn, with what a tare has shown of the
@@ -278,31 +299,6 @@ class CrossTalk:
             float(np.bincount(stencil.unit, axis, minlength=stencil.n).max(initial=0.0))
             for axis in each.T
         )
-
-
-class Prediction:
-    """The calls that a prediction is made of, in their order.
-
-    Attributes
-    ----------
-    films, unknown, fields : Bound
-        The kernels of `skin.decode.crosstalk_kernels`; the second where what is known has changed,
-        the third where any film counts.
-    """
-
-    __slots__ = ("_out", "fields", "films", "unknown")
-
-    def __init__(self, films: Bound, unknown: Bound, fields: Bound, out: np.ndarray) -> None:
-        self.films, self.unknown, self.fields, self._out = films, unknown, fields, out
-
-    def __call__(self) -> np.ndarray:
-        """Predict; see `CrossTalk.predict`."""
-        found = call([self.films], 0)
-        if found & 2:
-            self.unknown()
-        if found & 1:
-            self.fields()
-        return self._out
 
 
 def _fields_of(stencil: Stencil, real: np.dtype) -> FieldModel:

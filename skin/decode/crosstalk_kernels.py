@@ -224,6 +224,6 @@ def unknown_python(model, data):
             data.out_ut2[i] = data.base_ut2[i] + total
 
 
-films = compiled(films_python, fastmath={"contract"}, allocates=False)
-fields = compiled(fields_python, fastmath={"contract"}, allocates=False)
-unknown = compiled(unknown_python, fastmath={"contract"}, allocates=False)
+films = compiled(films_python, fastmath={"contract"})
+fields = compiled(fields_python, fastmath={"contract"})
+unknown = compiled(unknown_python, fastmath={"contract"})

@@ -11,19 +11,16 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records
-from skin.decode.aging import Aging
-from skin.decode.bound import BoundKernels, arrays_of, check_call, plain
+from skin.decode.arrays import check_call, plain
 from skin.decode.plan import Plan
 from skin.decode.results import Results
 from skin.errors import CountsError, check_kind
 from skin.options import Options
 from skin.owned import Layout
 from skin.state import UNIT_WANTS, Reading
-from topology import Topology
+from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
-    from bus.compiled.bound import Bound
-    from skin.cycle import Cycle, CycleParts, Ends
     from skin.decode.ambient import Ambient
     from skin.decode.creep import Creep
     from skin.decode.crosstalk import CrossTalk
@@ -31,7 +28,28 @@ if TYPE_CHECKING:
     from skin.options import DType, Estimator, Sweeps
     from skin.physics.stencil import Stencil
 
-__all__ = ["Decoder"]
+__all__ = ["Decoder", "Inputs"]
+
+WORTH = 0.5
+"""Periods without a cycle, or too many, after which lags age by them [assumed]."""
+
+
+class Inputs:
+    """Counts and flags that are overwritten before each cycle, and the calls that decode them.
+
+    Parameters
+    ----------
+    counts, status : ndarray, shape (1, c, n), int16, and shape (1, n), uint16
+
+    Attributes
+    ----------
+    calls : dict of bool to callable
+        The kernel on them, with a background and without; made when they are first needed.
+    """
+
+    def __init__(self, counts: np.ndarray, status: np.ndarray) -> None:
+        self.counts, self.status = counts, status
+        self.calls: dict[bool, Callable[..., None]] = {}
 
 
 class Decoder:
@@ -144,19 +162,14 @@ class Decoder:
 
     def _make_buffers(self) -> None:
         """All that cycles are read from, written to and remembered in."""
-        from skin.cycle import filters_of
-
         n, real = self.topology.n, self.dtype
         blocks = -(-n // records.LANES)
         self._state = zeros(blocks, records.state(real))
-        self._control = zeros(1, records.CONTROL)
         self._scratch = {
             "flag": zeros(records.LANES, np.int16), "tile": zeros(1, records.tile(real)),
         }  # fmt: skip
-        self._filters = filters_of(self.topology.cycle_rate_hz)
-        self._aging = Aging(self.topology, self._state)
         self._background = zeros((1, 5, n), real)
-        self._taken = self._background[0]
+        self._taken, self._base = self._background[0], zeros((5, n), real)
         self._out = self._shown = Results(self.plan.results, 1, n, real)
         self.creep: Creep | None = None
         if self.plan.creep:
@@ -165,13 +178,14 @@ class Decoder:
             self.creep = Creep(self.topology, self.plan.results, self._out)
             self._shown = self.creep.borne
         self.whole = self._out.reading(0, {*self.plan.results} - {"film_above"})
-        self._base = np.zeros_like(self._taken)
         self._reading = self._shown.reading(0, self.plan.quantities)
         self.layout = Layout(
             {name: getattr(self._reading, name) for name in Reading.__slots__}, self._shown.arrays
         )
-        self._bound: list[BoundKernels] = []
-        self._own = self._kernels(None, *arrays_of(n))
+        self._own = Inputs(zeros((1, len(CHANNELS), n), np.int16), zeros((1, n), np.uint16))
+        self._inputs = [self._own]
+        self._predict: Callable[[], object] | None = None
+        self._look: Callable[[], None] | None = None
 
     @property
     def want(self) -> frozenset[str]:
@@ -194,13 +208,8 @@ class Decoder:
         self._state["film_lag"] = self._state["chip_lag"] = 0.0
         for name in records.WATCHED:
             self._state[name] = 0.0
-        self._control["phase"] = 0
-        filters = self._filters
-        filters["look_since_s"] = filters["aging_missing"] = filters["creep_missing"] = 0.0
-        filters["creep_last"], filters["creep_steps"] = -(self.creep is None), 1.0
-        filters["sweeps"] = self.plan.sweeps or 1
-        filters["look_every"], filters["renewed"] = self.plan.look_every, 0
-        self.set_elapsed(1.0 / self.topology.cycle_rate_hz)
+        self._phase, self._missing, self._unseen_s = 0, 0.0, 0.0
+        self._elapsed_s = self._period_s = 1.0 / self.topology.cycle_rate_hz
         self._background[:] = 0.0
         for array in (*self._out.arrays, self._shown.values):
             array[:] = 0
@@ -221,8 +230,8 @@ class Decoder:
             self.crosstalk.retare(topology)
             self._neighbours = self._neighbours._replace(axial_ut2=self.crosstalk.axial_ut2)
         self._model = self._model_of(topology, neighbours=self._neighbours)
-        for kernels in self._bound:
-            kernels.renew()
+        for inputs in self._inputs:
+            inputs.calls.clear()
         if self.ambient is not None:
             self.ambient.retare(topology)
         self.topology = topology
@@ -235,17 +244,33 @@ class Decoder:
         seconds : float
             Second.
         """
-        self._filters["elapsed_s"] = seconds
-        self._filters["periods"] = seconds * self.topology.cycle_rate_hz
+        self._elapsed_s = seconds
 
     def warmup(self, *, background: bool = False) -> None:
         """Compile what a cycle needs, or load it: one of a call with a `background`, or another;
         the state stays as it is."""
-        self._own.at(background).bind()
-        if self.crosstalk is not None:
-            self.crosstalk.warmup()
+        self._call(self._own, background)
+        self._make_calls()
+
+    def calls(self) -> list[tuple[Any, ...]]:
+        """The kernels of a cycle, with arguments of their types."""
+        background = self._background if self._loops else None
+        data = self._data(self._own.counts, self._own.status, background, self._out)
+        found: list[tuple[Any, ...]] = [(self._kernel, self._model, data, 0, True, 0.0)]
         if self.ambient is not None:
-            self.ambient.warmup(self.whole)
+            found.append(self.ambient.call(self.whole))
+        if self.crosstalk is not None:
+            found += self.crosstalk.calls(*self._films)
+        if self.creep is not None:
+            found += self.creep.calls()[:1]
+        return found
+
+    @property
+    def _films(self) -> tuple[np.ndarray | None, ...]:
+        """What the cross-talk is predicted from, and where it goes."""
+        warmer = self._out.values[0, -1] if "film_above" in self.plan.results else None
+        whole = self.whole
+        return whole.displacement_mm, whole.valid, self._taken, self._base, warmer
 
     def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
         """A call for each cycle, on arrays that the caller overwrites.
@@ -265,40 +290,73 @@ class Decoder:
         CountsError
             An array of another shape or type, or one that lies scattered in memory.
         """
-        cycle = self.cycle(counts, status)
+        inputs = self.inputs(counts, status)
 
         def decode() -> Reading:
-            cycle()
+            self.step(inputs)
             return self._reading
 
         return decode
 
-    def cycle(self, counts: np.ndarray, status: np.ndarray, ends: Ends | None = None) -> Cycle:
-        """The same as a `Cycle`.
-
-        Parameters
-        ----------
-        counts, status : ndarray
-            As of `bind`.
-        ends : Ends, optional
-            What gives the time, and what follows; without them it is as after `set_elapsed`.
-        """
+    def inputs(self, counts: np.ndarray, status: np.ndarray) -> Inputs:
+        """Arrays to `step` on; as of `bind`."""
         check_call(self.topology, self.dtype, counts, status, None)
         if plain(counts) is not counts or plain(status) is not status:
             raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
-        return self._kernels(ends, counts[np.newaxis], status[np.newaxis]).at(False)
+        self._inputs.append(found := Inputs(counts[np.newaxis], status[np.newaxis]))
+        return found
 
-    def _renew(self) -> None:
-        """Renew coefficients for a step of another length."""
-        from skin.cycle import WORTH
+    def step(self, inputs: Inputs, *, given: bool = False, advance: bool = True) -> None:
+        """Decode the cycle that stands in the inputs: predict what is not the units' own, decode,
+        relax, in each sweep; then look at the ambient field.
 
-        filters = self._filters
-        missing = float(filters["aging_missing"][0])
-        if abs(missing) >= WORTH:
-            self._aging(missing)
-            filters["aging_missing"] = 0.0
+        Parameters
+        ----------
+        inputs : Inputs
+        given : bool
+            Whether the caller has set a background.
+        advance : bool
+            As of a call.
+        """
+        decode = self._call(inputs, given)
+        if self._loops and self._look is None and self._predict is None:
+            self._make_calls()
+        missing = self._pass_time() if advance else 0.0
+        looks = advance and self.ambient is not None and self._phase % self.plan.look_every == 0
+        for sweep in range(self.plan.sweeps or 1):
+            goes_on = advance and sweep == 0
+            if self._loops:
+                self._predict_background(given)
+            decode(self._phase, goes_on, missing if goes_on else 0.0)
+            self._phase += goes_on
+            if self.creep is not None:
+                self.creep.relax(advance=goes_on)
+        if looks:
+            assert self._look is not None
+            self.ambient.elapsed_s[0], self._unseen_s = max(self._unseen_s, 0.0), 0.0
+            self._look()
+
+    def _pass_time(self) -> float:
+        """Go on by the time since the last cycle; returns the periods that lags are to age by."""
+        elapsed_s, self._elapsed_s = self._elapsed_s, self._period_s
+        periods = elapsed_s / self._period_s
+        self._unseen_s += elapsed_s
+        self._missing += periods - 1.0
         if self.creep is not None:
-            self.creep.stretch(float(filters["creep_steps"][0]))
+            self.creep.go_on(periods)
+        if abs(self._missing) < WORTH:
+            return 0.0
+        missing, self._missing = self._missing, 0.0
+        return missing
+
+    def _predict_background(self, given: bool) -> None:
+        """What is not the units' own: of the films near them, of the ambient field, and given."""
+        if not given:
+            self._base[:] = self._known
+        if self._predict is None:
+            self._taken[:] = self._base
+        else:
+            self._predict()
 
     def __call__(
         self,
@@ -352,83 +410,54 @@ class Decoder:
     def _one(self, raw, status, background, advance: bool) -> None:
         """Decode one cycle."""
         check_call(self.topology, self.dtype, raw, status, background)
-        self._own.take(raw, status)
-        given = background is not None
-        if given and self._loops:
-            self._base[:] = self._known
-            self._base[: len(background)] += background
-        elif given:
-            self._taken[: len(background)] = background
-        if not advance:
-            self._filters["advances"] = 0
-        try:
-            self._own.at(given)()
-        finally:
-            self._filters["advances"] = 1
+        self._own.counts[0], self._own.status[0] = raw, 0 if status is None else status
+        if background is not None:
+            target = self._taken
+            if self._loops:
+                target, self._base[:] = self._base, self._known
+            else:
+                target[:] = 0.0
+            target[: len(background)] += background
+        self.step(self._own, given=background is not None, advance=advance)
 
     def _data(self, counts, status, background, out: Results) -> DecodeData:
         """What changes between cycles."""
         return self._data_of(
             counts=counts, status=status, background=background, state=self._state,
-            control=self._control, out=out.rows, flags=out.flags, valid=out.valid, **self._scratch,
+            values=out.values, flags=out.flags, valid=out.valid, **self._scratch,
         )  # fmt: skip
 
     @property
-    def _known(self) -> np.ndarray:
+    def _known(self) -> np.ndarray | float:
         """Background that cycles have shown, shape (5, n)."""
-        return np.zeros_like(self._taken) if self.ambient is None else self.ambient.taken
+        return 0.0 if self.ambient is None else self.ambient.taken
 
-    def _kernels(self, ends: Ends | None, *inputs: np.ndarray) -> BoundKernels:
-        """The cycle on counts and flags."""
-        make = functools.partial(self._stages, ends)
-        kernels = BoundKernels(make, self._kernel_on, *inputs)
-        self._bound.append(kernels)
-        return kernels
+    def _call(self, inputs: Inputs, given: bool) -> Callable[..., None]:
+        """The kernel on some inputs; with a background, `given` by the caller or not, or bare."""
+        found = inputs.calls.get(given)
+        if found is None:
+            background = self._background if given or self._loops else None
+            found = inputs.calls[given] = self._bound(inputs.counts, inputs.status, background,
+                                                      self._out)  # fmt: skip
+        return found
 
-    def _kernel_on(self, counts, status, given: bool) -> Bound:
-        """The stage that decodes; with a background, `given` by the caller or not, or bare."""
-        from bus.compiled.bound import Bound
+    def _bound(self, counts, status, background, out: Results) -> Callable[..., None]:
+        """The kernel on arrays; takes the phase, whether it goes on, and periods to age by."""
+        from bus.compiled.jit import direct
 
-        background = self._background if given or self._loops else None
-        data = self._data(counts, status, background, self._out)
-        return Bound(self._kernel, self._model, data)
+        data = self._data(counts, status, background, out)
+        kernel = direct(self._kernel, self._model, data, 0, True, 0.0)
+        return functools.partial(kernel, self._model, data)
 
-    def _stages(self, ends: Ends | None, counts, status, given: bool) -> CycleParts:
-        """What a cycle is made of."""
-        from skin.cycle import NOTHING, CycleParts, no_ends
-
-        calls: dict[str, Any] = {"decode": self._kernel_on(counts, status, given)}
-        control, ends = self._control, ends or no_ends()
-        background = source = NOTHING
-        whole, taken, base = self.whole, self._taken, self._base if given else self._known
+    def _make_calls(self) -> None:
+        """What runs beside the kernel."""
         if self.crosstalk is not None:
-            warmer = self._out.values[0, -1] if "film_above" in self.plan.results else None
-            prediction = self.crosstalk.bound(
-                whole.displacement_mm, whole.valid, taken, base, warmer
-            )  # fmt: skip
-            calls |= {name: getattr(prediction, name) for name in ("films", "unknown", "fields")}
-        elif self.ambient is not None:
-            background, source = (array.reshape(-1).view(np.uint8) for array in (taken, base))
-        if self.creep is not None:
-            calls |= dict(zip(("relax_to", "relax_fro"), self.creep.bound(), strict=True))
-        look_s = np.zeros(1)
+            self._predict = self.crosstalk.bound(*self._films)
         if self.ambient is not None:
-            calls["ambient"], look_s = self.ambient.bound(whole), self.ambient.elapsed_s
-        if ends.contacts is not None:
-            calls |= {"contacts": ends.contacts, "slip": ends.slip}
-        return CycleParts(calls, {
-            "filters": self._filters, "phase": control["phase"], "advance": control["advance"],
-            "look_s": look_s, "background": background, "source": source,
-            "valid": whole.valid[: whole.valid.size * ends.clock.size],
-            "clock": ends.clock, "next": ends.next,
-            "now_ns": ends.now_ns, "slips": ends.slips, "flags": ends.flags,
-            "shown": ends.shown,
-        }, self._renew)  # fmt: skip
+            self._look = self.ambient.bound(self.whole)
 
     def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
-        from skin.cycle import set_elapsed
-
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
         check_call(self.topology, self.dtype, raw, status, background, cycles)
         known = (*cycles, self.topology.n)
@@ -444,10 +473,9 @@ class Decoder:
             taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
             taken[:, : background.shape[1]] = background
             background = taken
-        self._control["advance"] = advance
-        if advance and not set_elapsed(self._filters[0]):
-            self._renew()
-        self._kernel(self._model, self._data(plain(raw), plain(status), background, out))
+        decode = self._bound(plain(raw), plain(status), background, out)
+        decode(self._phase, advance, self._pass_time() if advance else 0.0)
+        self._phase += raw.shape[0] if advance else 0
         return out.reading(slice(None), self.plan.quantities)
 
 

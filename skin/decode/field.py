@@ -14,8 +14,8 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
 from skin.decode.parts import Parts
-from skin.decode.records import BX, BY, BZ, INVALID, MAGNETIC_ANOMALY, SATURATED, SILENT
-from skin.decode.span import lanes_of
+from skin.decode.records import BX, BY, BZ, INVALID, LANES, MAGNETIC_ANOMALY, SATURATED, SILENT
+from skin.decode.rows import read, write
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import force
 
@@ -63,27 +63,27 @@ def field_law(parts: Parts) -> Callable:
     with_z = parts.angle or parts.consistency or parts.field
 
     @jitable(inline=True)
-    def field(unit, counts, background, at, chip_above):
+    def field(unit, counts, background, j, chip_above):
         """Lateral field and Bz of a unit, and the chip's gain, which is left in them."""
-        real, cycle, i, j = type(chip_above), at.cycle, at.unit, at.lane
-        bx, by = real(counts[cycle, BX, i]), real(counts[cycle, BY, i])
+        real = type(chip_above)
+        bx, by = real(read(counts, BX, j)), real(read(counts, BY, j))
         x = unit["x_bx"][j] * bx + unit["x_by"][j] * by + unit["x_offset"][j]
         y = unit["y_bx"][j] * bx + unit["y_by"][j] * by + unit["y_offset"][j]
         z = real(0.0)
         gain = real(1.0)
         if with_z:
-            z = unit["z_bz"][j] * real(counts[cycle, BZ, i]) + unit["z_offset"][j]
+            z = unit["z_bz"][j] * real(read(counts, BZ, j)) + unit["z_offset"][j]
         if with_chip:
             x += unit["x_drift"][j] * chip_above
             y += unit["y_drift"][j] * chip_above
             z += unit["z_drift"][j] * chip_above
             gain = max(gain + unit["chip_gain"][j] * chip_above, real(GAIN_MIN))
         if background is not None:
-            bx = gain * background[cycle, 1, i]
-            by = gain * background[cycle, 2, i]
+            bx = gain * read(background, 1, j)
+            by = gain * read(background, 2, j)
             x -= unit["map_xx"][j] * bx + unit["map_xy"][j] * by
             y -= unit["map_yx"][j] * bx + unit["map_yy"][j] * by
-            z -= gain * background[cycle, 3, i]
+            z -= gain * read(background, 3, j)
         return x, y, z, gain
 
     return field
@@ -297,13 +297,13 @@ def anomaly_stage(parts: Parts) -> Callable:
     with_sigma, row = parts.sigma, parts.row("test_ratio")
 
     @jitable(inline=True)
-    def check(unit, span, tile, flag, state, out, advance):
+    def check(unit, size, tile, flag, state, out, advance):
         assume_noalias()
-        span = lanes_of(span)
+        size = min(size, LANES)
         real = unit["x_bx"].dtype.type
         nothing, one, two, three = real(0.0), real(1.0), real(2.0), real(3.0)
         doubted = np.int16(0)
-        for j in range(span.size):
+        for j in range(size):
             z, radius, gain = tile["z"][j], tile["radius"][j], tile["gain"][j]
             solid, missed = max(tile["strength"][j], real(FIELD_MIN)), state["missed"][j]
             if with_angle:
@@ -332,9 +332,9 @@ def anomaly_stage(parts: Parts) -> Callable:
                 doubted = np.int16(doubted | (MAGNETIC_ANOMALY if now else 0))
             if with_ratio:
                 ratio = np.sqrt(max(miss2 / single2, mean * mean))
-                out[row][span.shown + j] = real(np.nan) if flags & SILENT else ratio
+                write(out, row, j, real(np.nan) if flags & SILENT else ratio)
         if with_sigma and doubted != 0:
-            for j in range(span.size):
+            for j in range(size):
                 doubt(tile["beyond"][j], tile, unit, j)
 
     return check

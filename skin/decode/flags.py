@@ -12,10 +12,11 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.parts import Parts
-from skin.decode.span import lanes_of
+from skin.decode.rows import read
 
 from skin.decode.records import (  # isort: skip
-    BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, OUT_OF_RANGE, SATURATED, SILENT,
+    BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, LANES, OUT_OF_RANGE, SATURATED,
+    SILENT,
 )  # fmt: skip
 
 __all__ = ["flags_stage", "judge"]
@@ -72,26 +73,23 @@ def flags_stage(parts: Parts) -> Callable:
     with_skip = parts.skip
 
     @jitable(inline=True)
-    def flags(counts, status, limits, span, flag):
+    def flags(counts, status, limits, size, flag):
         """All flags that units of a block have by their counts or from the bus, in one, and whether
         any unit is under load."""
         assume_noalias()
-        span = lanes_of(span)
-        first, size = span.first, span.size
+        size = min(size, LANES)
         doubt = touched = flagged = np.int16(0)
-        cycle = span.cycle
         for j in range(size):
-            i = first + j
-            frequency = counts[cycle, FREQUENCY, i]
+            frequency = read(counts, FREQUENCY, j)
             unusual = (
-                outside(counts[cycle, GEL, i], limits["usual_gel"], j)
+                outside(read(counts, GEL, j), limits["usual_gel"], j)
                 | outside(frequency, limits["usual_frequency"], j)
-                | outside(counts[cycle, BX, i], limits["usual_bx"], 0)
-                | outside(counts[cycle, BY, i], limits["usual_by"], 0)
-                | outside(counts[cycle, BZ, i], limits["usual_bz"], 0)
-                | outside(counts[cycle, CHIP, i], limits["usual_chip"], 0)
+                | outside(read(counts, BX, j), limits["usual_bx"], 0)
+                | outside(read(counts, BY, j), limits["usual_by"], 0)
+                | outside(read(counts, BZ, j), limits["usual_bz"], 0)
+                | outside(read(counts, CHIP, j), limits["usual_chip"], 0)
             )
-            known = np.int16(status[cycle, i]) | limits["status"][j]
+            known = np.int16(status[j]) | limits["status"][j]
             doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
             flag[j] = np.int16(0)
             if with_skip:
@@ -100,12 +98,11 @@ def flags_stage(parts: Parts) -> Callable:
         if doubt != 0:
             touched = np.int16(0)
             for j in range(size):
-                i = first + j
                 count = (
-                    counts[cycle, GEL, i], counts[cycle, FREQUENCY, i], counts[cycle, BX, i],
-                    counts[cycle, BY, i], counts[cycle, BZ, i], counts[cycle, CHIP, i],
+                    read(counts, GEL, j), read(counts, FREQUENCY, j), read(counts, BX, j),
+                    read(counts, BY, j), read(counts, BZ, j), read(counts, CHIP, j),
                 )  # fmt: skip
-                found = np.int16(judge(status[cycle, i], count, limits, j))
+                found = np.int16(judge(status[j], count, limits, j))
                 flag[j] = found
                 flagged = np.int16(flagged | found)
                 if with_skip:

@@ -12,21 +12,25 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from types import FunctionType
 from typing import NamedTuple
 
 import numpy as np
-from numba import literal_unroll
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from skin.decode.flags import flags_stage
 from skin.decode.parts import Parts
 from skin.decode.records import FLAGS, INVALID, LANES, UNKNOWN
-from skin.decode.span import Span, lanes_of
+from skin.decode.rows import rows_of, write
 from skin.decode.tangential import units_stage
 from skin.decode.temperature import temperature_stage
 
 __all__ = ["DecodeData", "decode", "decode_python"]
+
+WITH_LOOK = WITH_SKIP = WITH_FILM = WITH_CHIP = False
+decode_block: Callable
+"""Constants and stages of a kernel; see `decode_python`."""
 
 
 class DecodeData(NamedTuple):
@@ -46,10 +50,8 @@ class DecodeData(NamedTuple):
         Scratch: flags of a block's units.
     tile : ndarray, shape (1,), record of `skin.decode.records.tile`
         Scratch: what one stage leaves to the next.
-    control : ndarray, shape (1,), record of `CONTROL`
-    out : tuple of ndarray, shape (m,)
-        Written: the wanted rows, in the order of `skin.decode.records.RESULT_ROWS`; each from its
-        first number on to the end of the array of shape (t, r, n) that they make.
+    values : ndarray, shape (t, r, n)
+        Written: the wanted rows, in the order of `skin.decode.records.RESULT_ROWS`.
     flags : ndarray, shape (t, n), uint16
         Written: flags of the bus and of the decoder.
     valid : ndarray, shape (t, n), bool
@@ -62,22 +64,20 @@ class DecodeData(NamedTuple):
     state: np.ndarray
     flag: np.ndarray
     tile: np.ndarray
-    control: np.ndarray
-    out: tuple[np.ndarray, ...]
+    values: np.ndarray
     flags: np.ndarray
     valid: np.ndarray
 
 
 @jitable(inline=True)
-def hide(flag, span, out):
+def hide(flag, size, out, rows):
     """Show nothing of units that are UNKNOWN."""
     assume_noalias()
-    span = lanes_of(span)
-    for row in out:
-        nothing = row.dtype.type(np.nan)
-        for j in range(span.size):
+    nothing = out.values.dtype.type(np.nan)
+    for row in range(rows):
+        for j in range(min(size, LANES)):
             if flag[j] & UNKNOWN != 0:
-                row[span.shown + j] = nothing
+                write(out, row, j, nothing)
 
 
 def clear_stage(parts: Parts) -> Callable:
@@ -85,15 +85,22 @@ def clear_stage(parts: Parts) -> Callable:
     rows = parts.tangential_rows
 
     @jitable(inline=True)
-    def clear(span, out):
+    def clear(size, out):
         assume_noalias()
-        span = lanes_of(span)
-        for row in literal_unroll(rows):
-            nothing = out[row].dtype.type(np.nan)
-            for lane in range(span.size):
-                out[row][span.shown + lane] = nothing
+        nothing = out.values.dtype.type(np.nan)
+        for row in rows:
+            for j in range(min(size, LANES)):
+                write(out, row, j, nothing)
 
     return clear
+
+
+@jitable(inline=True)
+def background_of(values, cycle, first):
+    """Rows of a background, where there is one."""
+    if values is None:
+        return None
+    return rows_of(values, cycle, first)
 
 
 def block_stage(parts: Parts) -> Callable:
@@ -105,69 +112,95 @@ def block_stage(parts: Parts) -> Callable:
     temperature = temperature_stage(parts)
 
     @jitable(inline=True)
-    def decode_block(model, data, span, look, advance, block):
-        """`look`: at units without load as well; `advance` as of `skin.decode.records.CONTROL`."""
+    def decode_block(model, data, cycle, block, size, look, advance):
+        """`look`: at units without load as well; `advance` as of `decode`."""
         assume_noalias()
-        flag, out, tile = data.flag, data.out, data.tile[0]
+        first = block * LANES
+        flag, tile, state = data.flag, data.tile[0], data.state[block]
         unit = model.coefficients[block if model.coefficients.size > 1 else 0]
         limits = model.limits[block if model.limits.size > 1 else 0]
-        state = data.state[block]
-        found, touched = judge(data.counts, data.status, limits, span, flag)
+        counts, out = rows_of(data.counts, cycle, first), rows_of(data.values, cycle, first)
+        background = background_of(data.background, cycle, first)
+        here = slice(first, first + size)
+        found, touched = judge(counts, data.status[cycle, here], limits, size, flag)
         if with_warmth:
-            temperature(unit, data, span, state, tile, found, advance)
+            temperature(unit, counts, size, state, tile, flag, out, found, advance)
         if with_skip and not (look or touched):
-            rest(unit, data, span, tile, state, advance)
-            clear(span, out)
+            rest(unit, counts, background, size, tile, flag, state, out, advance)
+            clear(size, out)
         else:
-            units(unit, data, span, tile, state, advance)
+            units(unit, counts, background, size, tile, flag, state, out, advance)
         if found & UNKNOWN != 0:
-            hide(flag, span, out)
-        write_flags(flag, limits, span, data.flags, data.valid)
+            hide(flag, size, out, data.values.shape[1])
+        write_flags(flag, limits, size, data.flags[cycle, here], data.valid[cycle, here])
 
     return decode_block
 
 
 @jitable(inline=True)
-def write_flags(flag, limits, span, flags, valid):
+def write_flags(flag, limits, size, flags, valid):
     """Show the flags of a block, and what they mean."""
     assume_noalias()
-    span = lanes_of(span)
-    for j in range(span.size):
-        flags[span.cycle, span.first + j] = (flag[j] & FLAGS) | limits["note"][j]
-        valid[span.cycle, span.first + j] = flag[j] & INVALID == 0
+    for j in range(min(size, LANES)):
+        flags[j] = (flag[j] & FLAGS) | limits["note"][j]
+        valid[j] = flag[j] & INVALID == 0
+
+
+@jitable
+def age(lag, keep, periods):
+    """Let the lags of a block fade for some periods."""
+    for j in range(LANES):
+        if keep[j] > 0.0:
+            lag[j] *= keep[j] ** periods
+
+
+def _decode(model, data, phase, advance, missing):
+    """Decode the cycles of a `DecodeData`, in turn.
+
+    Parameters
+    ----------
+    model : skin.decode.model.DecodeModel
+    data : DecodeData
+    phase : int
+        Number of the first cycle, by which units without load are looked at.
+    advance : bool
+        False: the cycle before once more; its temperatures stay as they are.
+    missing : float
+        Periods since the cycle before, less one, that lags age by. A change of the gel's
+        temperature in them counts as if it came at their end.
+    """
+    assume_noalias()
+    n = data.counts.shape[2]
+    if missing != 0.0:
+        for block in range(data.state.size):
+            unit = model.coefficients[block if model.coefficients.size > 1 else 0]
+            if WITH_FILM:
+                age(data.state[block]["film_lag"], unit["film_keep"], missing)
+            if WITH_CHIP:
+                age(data.state[block]["chip_lag"], unit["chip_keep"], missing)
+    phase -= 0 if advance else 1
+    for cycle in range(data.counts.shape[0]):
+        look = WITH_LOOK and (phase + cycle) % model.look_every == 0
+        for block in range(data.state.size):
+            left = n - block * LANES
+            # a whole block has nothing left over of its vectors, if the compiler knows
+            if WITH_SKIP or left < LANES:
+                decode_block(model, data, cycle, block, min(left, LANES), look, advance)
+            else:
+                decode_block(model, data, cycle, block, LANES, look, advance)
 
 
 def decode_python(parts: Parts) -> Callable:
-    """The function that decodes what `parts` say, not compiled: ``decode(model, data)``."""
-    with_look, with_skip = parts.look, parts.skip
-    decode_block = block_stage(parts)
-
-    def decode(model, data):
-        """Decode the cycles of a `DecodeData` by a `skin.decode.model.DecodeModel`, in turn."""
-        assume_noalias()
-        control, n = data.control[0], data.counts.shape[2]
-        advance = control["advance"] != 0
-        phase = control["phase"] - (0 if advance else 1)
-        for cycle in range(data.counts.shape[0]):
-            look = with_look and (phase + cycle) % model.look_every == 0
-            for block in range(data.state.size):
-                first = block * LANES
-                shown = cycle * len(data.out) * n + first
-                # a whole block has nothing left over of its vectors, if the compiler knows
-                if with_skip or n - first < LANES:
-                    span = Span(cycle, first, shown, n - first)
-                    decode_block(model, data, span, look, advance, block)
-                else:
-                    whole = Span(cycle, first, shown, LANES)
-                    decode_block(model, data, whole, look, advance, block)
-        control["phase"] = phase + (data.counts.shape[0] if advance else 1)
-
-    return decode
+    """The function that decodes what `parts` say, not compiled: `_decode`, with its constants and
+    stages among its globals, for numba finds no closure again in its cache."""
+    constants = {
+        "WITH_LOOK": parts.look, "WITH_SKIP": parts.skip, "WITH_FILM": parts.film_compensation,
+        "WITH_CHIP": parts.chip_lags, "decode_block": block_stage(parts),
+    }  # fmt: skip
+    return FunctionType(_decode.__code__, globals() | constants, "decode")
 
 
 @functools.cache
 def decode(parts: Parts) -> Callable:
     """The kernel for `parts`, compiled."""
-    return compiled(
-        decode_python(parts), fastmath={"contract"}, allocates=False, made_by=("decode", parts)
-    )
+    return compiled(decode_python(parts), fastmath={"contract"}, made_by=("decode", parts))

@@ -12,7 +12,7 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records as k
-from skin.decode.bound import check
+from skin.decode.arrays import check
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop

@@ -10,6 +10,7 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.decode.parts import Parts
 from skin.decode.records import FREQUENCY
+from skin.decode.rows import read
 from skin.decode.temperature import EXTRAPOLATION
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import force, lines
@@ -39,13 +40,12 @@ def normal_law(parts: Parts) -> Callable:
     with_sigma, push_of = parts.sigma, force if parts.cubes else lines
 
     @jitable(inline=True)
-    def normal(unit, counts, background, at):
-        j = at.lane
+    def normal(unit, counts, background, j):
         real = unit["depth_scale"].dtype.type
-        depth = unit["depth_scale"][j] * real(counts[at.cycle, FREQUENCY, at.unit])
+        depth = unit["depth_scale"][j] * real(read(counts, FREQUENCY, j))
         depth += unit["depth_offset"][j]
         if background is not None:
-            depth -= unit["depth_per_hz"][j] * background[at.cycle, 0, at.unit]
+            depth -= unit["depth_per_hz"][j] * read(background, 0, j)
         law = law_at(unit["normal_law"], j)
         push = push_of(depth, law)
         depth_sigma = push_sigma = real(0.0)

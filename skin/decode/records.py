@@ -136,12 +136,6 @@ ON_THE_WAY = (
 its sigma; 1 / S; variance of the field; how far its miss is beyond what it may be, relative,
 squared; depth and normal force."""
 
-CONTROL = np.dtype([
-    ("phase", np.int64),  # number of the next cycle, which is kept
-    ("advance", np.int64),  # 0: the cycle before once more; its temperatures stay as they are
-])  # fmt: skip
-"""What differs from call to call."""
-
 # -- what is decoded -------------------------------------------------------------------------------
 RESULT_ROWS = {
     "temperature": 1, "force": 3, "tangential": 1, "theta": 1, "displacement": 3,

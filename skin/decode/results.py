@@ -32,8 +32,6 @@ class Results:
     Attributes
     ----------
     values : ndarray, shape (t, r, n), float32 or float64
-    rows : tuple of ndarray, shape (m,)
-        The same from the first number of each row on.
     flags : ndarray, shape (t, n), uint16
     valid : ndarray, shape (t, n), bool
     """
@@ -44,7 +42,6 @@ class Results:
         self.values = zeros((cycles, rows, units), real)
         self.flags = zeros((cycles, units), np.uint16)
         self.valid = zeros((cycles, units), bool)
-        self.rows = tuple(self.values.reshape(-1)[row * units :] for row in range(rows))
         self.arrays = self.values, self.flags, self.valid
 
     def reading(self, at: int | slice, shown: Collection[str]) -> Reading:

@@ -21,8 +21,8 @@ from skin.decode.field import (
 from skin.decode.functions import atan2, sin_cos
 from skin.decode.normal import Normal, law_variance, normal_law
 from skin.decode.parts import Parts
-from skin.decode.records import EXTRAPOLATED, IDLE, KNOTS, SILENT
-from skin.decode.span import lanes_of, place
+from skin.decode.records import EXTRAPOLATED, IDLE, KNOTS, LANES, SILENT
+from skin.decode.rows import read, write
 from skin.decode.temperature import EXTRAPOLATION
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import force, lines
@@ -98,8 +98,7 @@ def shear_of(parts: Parts) -> Callable:
     push_of = force if parts.cubes else lines
 
     @jitable(inline=True)
-    def shear(field, inverted, depth, unit, out, at):
-        j, i = at.lane, at.shown
+    def shear(field, inverted, depth, unit, out, j):
         real = type(depth)
         zero, one = real(0.0), real(1.0)
         x, y, outer = field.x * inverted.each, field.y * inverted.each, inverted.radius
@@ -117,15 +116,15 @@ def shear_of(parts: Parts) -> Callable:
         stiffening = unit["shear_gain"][j] * depth + unit["shear_gain_offset"][j]
         push = law * stiffening
         if with_force:
-            out[push_row][i] = push * x
-            out[push_row + 1][i] = push * y
+            write(out, push_row, j, push * x)
+            write(out, push_row + 1, j, push * y)
         if with_tangential:
-            out[tangential_row][i] = push * share
+            write(out, tangential_row, j, push * share)
         if with_theta:
-            out[theta_row][i] = atan2(y, x)
+            write(out, theta_row, j, atan2(y, x))
         if with_displacement:
-            out[row][i] = radius * x
-            out[row + 1][i] = radius * y
+            write(out, row, j, radius * x)
+            write(out, row + 1, j, radius * y)
         return Shear(x, y, radius, law, stiffening)
 
     return shear
@@ -140,8 +139,7 @@ def sigma_of(parts: Parts) -> Callable:
     shear_variance = shear_variance_of(parts)
 
     @jitable(inline=True)
-    def sigma(shear, inverted, depth_sigma, unit, out, at):
-        j, i = at.lane, at.shown
+    def sigma(shear, inverted, depth_sigma, unit, out, j):
         real = type(depth_sigma)
         limit = unit["displacement_max"][j]
         over = max(inverted.radius - inverted.along - limit, real(0.0))
@@ -154,19 +152,19 @@ def sigma_of(parts: Parts) -> Callable:
         turned2 = across2 * (rate * rate)
         if with_theta:
             most = real(1.8137993642342178)  # pi / sqrt(3)
-            out[theta_row][i] = min(np.sqrt(turned2), most)
+            write(out, theta_row, j, min(np.sqrt(turned2), most))
         if with_displacement:
-            out[row][i] = component(shear.x, along2, across2)
-            out[row + 1][i] = component(shear.y, along2, across2)
+            write(out, row, j, component(shear.x, along2, across2))
+            write(out, row + 1, j, component(shear.y, along2, across2))
         if with_force or with_tangential:
             push = shear.law * shear.stiffening
             along2 = shear_variance(shear, along, depth_sigma, unit, j)
             across2 = push * push * turned2
             if with_tangential:
-                out[tangential_row][i] = np.sqrt(along2)
+                write(out, tangential_row, j, np.sqrt(along2))
             if with_force:
-                out[push_row][i] = component(shear.x, along2, across2)
-                out[push_row + 1][i] = component(shear.y, along2, across2)
+                write(out, push_row, j, component(shear.x, along2, across2))
+                write(out, push_row + 1, j, component(shear.y, along2, across2))
 
     return sigma
 
@@ -179,15 +177,15 @@ def field_of(parts: Parts) -> Callable:
     row, law = parts.row("field"), field_law(parts)
 
     @jitable(inline=True)
-    def field_at(unit, counts, background, at, above, out):
-        real, j = unit["x_bx"].dtype.type, at.lane
+    def field_at(unit, counts, background, j, above, out):
+        real = unit["x_bx"].dtype.type
         chip_above = above["chip_above"][j] if with_chip else real(0.0)
-        x, y, z, gain = law(unit, counts, background, at, chip_above)
+        x, y, z, gain = law(unit, counts, background, j, chip_above)
         if with_field:
             each = real(1.0) / gain
-            out[row][at.shown] = x * each
-            out[row + 1][at.shown] = y * each
-            out[row + 2][at.shown] = z * each
+            write(out, row, j, x * each)
+            write(out, row + 1, j, y * each)
+            write(out, row + 2, j, z * each)
         if with_film:
             warmer = unit["film_drift"][j] * above["film_above"][j]
             gain *= max(real(1.0) + warmer, real(GAIN_MIN))
@@ -241,20 +239,19 @@ def show_of(parts: Parts, loaded: bool) -> Callable:
     shear_from, sigma_from = shear_of(parts), sigma_of(parts)
 
     @jitable(inline=True)
-    def show(field, inverted, normal, unit, out, at):
-        i = at.shown
+    def show(field, inverted, normal, unit, out, j):
         if loaded:
-            shear = shear_from(field, inverted, normal.depth, unit, out, at)
+            shear = shear_from(field, inverted, normal.depth, unit, out, j)
             if with_sigma:
-                sigma_from(shear, inverted, normal.depth_sigma, unit, out, at)
+                sigma_from(shear, inverted, normal.depth_sigma, unit, out, j)
         if with_force:
-            out[push_row][i] = normal.push
+            write(out, push_row, j, normal.push)
             if with_sigma:
-                out[push_sigma_row][i] = normal.push_sigma
+                write(out, push_sigma_row, j, normal.push_sigma)
         if with_displacement:
-            out[depth_row][i] = normal.depth
+            write(out, depth_row, j, normal.depth)
             if with_sigma:
-                out[depth_sigma_row][i] = normal.depth_sigma
+                write(out, depth_sigma_row, j, normal.depth_sigma)
 
     return show
 
@@ -269,47 +266,43 @@ def units_stage(parts: Parts, loaded: bool) -> Callable:
     (keep, kept), show, check = keep_of(parts), show_of(parts, loaded), anomaly_stage(parts)
 
     @jitable(inline=True)
-    def invert_units(unit, counts, background, span, above, tile, flag, out):
+    def invert_units(unit, counts, background, size, tile, flag, out):
         assume_noalias()
-        span = lanes_of(span)
-        for lane in range(span.size):
-            at = place(span, lane)
-            j, flags = at.lane, flag[at.lane]
+        for j in range(min(size, LANES)):
+            flags = flag[j]
             if with_field:
-                field = field_at(unit, counts, background, at, above, out)
+                field = field_at(unit, counts, background, j, tile, out)
             if with_shear:
-                normal = normal_of(unit, counts, background, at)
+                normal = normal_of(unit, counts, background, j)
                 if with_field:
                     variance = unit["field_variance"][j]
                     if background is not None:
-                        variance += background[at.cycle, 4, at.unit]
+                        variance += read(background, 4, j)
                     inverted, found, gain = invert(field, normal, variance, unit, j)
                     found |= EXTRAPOLATED if inverted.radius > unit["displacement_max"][j] else 0
                     flag[j] = flags if flags & SILENT else flags | found
                     if with_check:
                         keep(tile, j, field, inverted, normal, gain)
                     if not shows_later:
-                        show(field, inverted, normal, unit, out, at)
+                        show(field, inverted, normal, unit, out, j)
                 else:
-                    show(None, None, normal, unit, out, at)
+                    show(None, None, normal, unit, out, j)
             if not loaded:
                 flag[j] = flags if flags & SILENT else flags | IDLE
 
     @jitable(inline=True)
-    def show_units(unit, span, tile, out):
+    def show_units(unit, size, tile, out):
         assume_noalias()
-        span = lanes_of(span)
-        for lane in range(span.size):
-            field, inverted, normal = kept(tile, lane)
-            show(field, inverted, normal, unit, out, place(span, lane))
+        for j in range(min(size, LANES)):
+            field, inverted, normal = kept(tile, j)
+            show(field, inverted, normal, unit, out, j)
 
     @jitable(inline=True)
-    def units(unit, data, span, above, state, advance):
-        tile, flag, out = data.tile[0], data.flag, data.out
-        invert_units(unit, data.counts, data.background, span, above, tile, flag, out)
+    def units(unit, counts, background, size, tile, flag, state, out, advance):
+        invert_units(unit, counts, background, size, tile, flag, out)
         if with_check:
-            check(unit, span, tile, flag, state, out, advance)
+            check(unit, size, tile, flag, state, out, advance)
             if shows_later:
-                show_units(unit, span, tile, out)
+                show_units(unit, size, tile, out)
 
     return units

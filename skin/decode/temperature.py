@@ -15,8 +15,8 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import log2
 from skin.decode.parts import Parts
-from skin.decode.records import CHIP, GEL, INVALID
-from skin.decode.span import lanes_of
+from skin.decode.records import CHIP, GEL, INVALID, LANES
+from skin.decode.rows import read, write
 
 __all__ = ["EXTRAPOLATION", "temperature_stage"]
 
@@ -94,13 +94,13 @@ def temperature_stage(parts: Parts) -> Callable:
     calmly, carefully = gel_stage(parts, calm=True), gel_stage(parts, calm=False)
 
     @jitable(inline=True)
-    def temperature(unit, data, span, state, above, found, advance):
+    def temperature(unit, counts, size, state, above, flag, out, found, advance):
         """`found` are all flags of the block's units, in one; with `advance` the state goes on by a
         cycle."""
         if with_compensation and advance and found & INVALID == 0:
-            calmly(unit, data.counts, span, state, above, data.flag, data.out, True)
+            calmly(unit, counts, size, state, above, flag, out, True)
         else:
-            carefully(unit, data.counts, span, state, above, data.flag, data.out, advance)
+            carefully(unit, counts, size, state, above, flag, out, advance)
 
     return temperature
 
@@ -114,27 +114,26 @@ def gel_stage(parts: Parts, calm: bool) -> Callable:
     film_row = parts.row("film_above")
 
     @jitable(inline=True)
-    def gel(unit, counts, span, state, above, flag, out, advance):
+    def gel(unit, counts, size, state, above, flag, out, advance):
         assume_noalias()
-        span = lanes_of(span)
         real = unit["gel_scale"].dtype.type
         sigma = real(0.0)
-        for j in range(span.size):
-            flags, i, at = flag[j], span.first + j, span.shown + j
-            t, current = gel_law(real(counts[span.cycle, GEL, i]), unit, j)
+        for j in range(min(size, LANES)):
+            flags = flag[j]
+            t, current = gel_law(real(read(counts, GEL, j)), unit, j)
             if with_sigma:
                 sigma = sigma_law(t, current, unit, j)
             keep = flags & INVALID == 0
-            chip_count = real(counts[span.cycle, CHIP, i])
+            chip_count = real(read(counts, CHIP, j))
             film_above, chip_above = follow(t, chip_count, unit, state, j, keep, advance)
             if with_temperature:
-                out[row][at] = t
+                write(out, row, j, t)
             if with_sigma:
-                out[sigma_row][at] = sigma
+                write(out, sigma_row, j, sigma)
             if with_compensation:
                 above["film_above"][j] = film_above
                 above["chip_above"][j] = chip_above
             if with_film:
-                out[film_row][at] = film_above
+                write(out, film_row, j, film_above)
 
     return gel

@@ -359,6 +359,6 @@ def skin_fields_python(tables, units, rest, turn, point, films, out):
         out[t, 0], out[t, 1], out[t, 2] = bx, by, bz
 
 
-rest_fields = compiled(rest_fields_python, fastmath=("contract", "reassoc"))
-chip_fields = compiled(chip_fields_python, fastmath=("contract", "reassoc"))
-skin_fields = compiled(skin_fields_python, fastmath=("contract", "reassoc"))
+rest_fields = compiled(rest_fields_python, fastmath=("contract", "reassoc"), allocates=True)
+chip_fields = compiled(chip_fields_python, fastmath=("contract", "reassoc"), allocates=True)
+skin_fields = compiled(skin_fields_python, fastmath=("contract", "reassoc"), allocates=True)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from bus.compiled.bound import Bound
+from bus.compiled.jit import bound
 from skin.errors import OptionError, SceneError
 from skin.physics.force_law import at, slope
 from skin.sim.grasping.model import compile_model, engine_library, name_of
@@ -104,7 +104,7 @@ class Plant:
         self._rim_m = _rims(self.model)
         self._longest_s = min(LONGEST_S, float(self.model.opt.timestep))
         self._elapsed_s = np.zeros(1)
-        self._feel = Bound(
+        self._feel = bound(
             feel, self.bodies, self.mounted, self.surfaces, self.touch, self._elapsed_s
         )
         self._begin()

@@ -321,4 +321,4 @@ def feel_python(bodies, mounted, surfaces, touch, elapsed_s):
             _free(touch, i)
 
 
-feel = compiled(feel_python, allocates=False, fastmath=("contract",))
+feel = compiled(feel_python, fastmath=("contract",))
