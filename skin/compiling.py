@@ -7,6 +7,7 @@ standard error; ``logging.getLogger("skin").setLevel("ERROR")`` keeps both away.
 
 from __future__ import annotations
 
+import atexit
 import functools
 import logging
 import os
@@ -14,6 +15,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable
+from contextlib import ExitStack
 from typing import Any, TextIO
 
 __all__ = ["announce", "compile_calls", "terminal"]
@@ -25,6 +27,9 @@ CELLS = 24
 BEGUN = "f3t-skin: compiling kernels for this machine, once …"
 
 _log = logging.getLogger("skin")
+_watching = ExitStack()
+"""For the lifetime of the process."""
+atexit.register(_watching.close)
 
 
 def compile_calls(calls: Iterable[tuple[Any, ...]]) -> None:
@@ -82,27 +87,16 @@ def announce() -> None:
     """Say, once in this process, that a kernel is being compiled when one takes long."""
     from threading import Timer
 
-    from numba.core import event
+    from bus.compiled.watch import watch
 
-    class Announcer(event.Listener):
-        """Hears of every compilation, those within others included."""
+    timers: list[Timer] = []
 
-        depth = 0
-        timer: Timer | None = None
+    def begun(_kernel: str) -> None:
+        timers.append(timer := Timer(PATIENCE_S, _say_begun))
+        timer.daemon = True
+        timer.start()
 
-        def on_start(self, event: Any) -> None:
-            self.depth += 1
-            if self.depth == 1:
-                self.timer = Timer(PATIENCE_S, _say_begun)
-                self.timer.daemon = True
-                self.timer.start()
-
-        def on_end(self, event: Any) -> None:
-            self.depth -= 1
-            if self.depth == 0 and self.timer is not None:
-                self.timer.cancel()
-
-    event.register("numba:compile", Announcer())
+    _watching.enter_context(watch(begun, lambda _kernel: timers.pop().cancel()))
 
 
 @functools.cache

@@ -71,8 +71,10 @@ from skin.decode.ambient_model import (
     data_of,
     frames_of,
     lag_hz,
+    memory_of,
     model_of,
     sheared_ut,
+    units_of,
 )  # fmt: skip
 from skin.decode.ambient_turn import Turned
 from skin.errors import OptionError
@@ -150,6 +152,8 @@ class Ambient:
         self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
             background=self.background, residue_ut2=self.residue_ut2
         )  # fmt: skip
+        self._bodies, self._units = self._data.bodies, units_of(self._model.units)
+        self._memory = memory_of(self._data.memory)
         self.reset()
 
     # -- what is known -----------------------------------------------------------------------------
@@ -160,30 +164,30 @@ class Ambient:
 
         In the skin frame, the body being where the topology has it.
         """
-        return self._data.bodies.field_ut.T.copy()
+        return self._bodies["field_ut"].T.copy()
 
     @property
     def field_at_chips_ut(self) -> np.ndarray:
         """The ambient field as each chip reads it, shape (3, n), µT in the axes of the chips."""
-        units = self._model.units
-        field = np.einsum("ban,bn->an", units.skin_chip, self._data.bodies.field_ut[self.body].T)
+        units = self._units
+        field = np.einsum("ban,bn->an", units.skin_chip, self._bodies["field_ut"][self.body].T)
         field[:2] = np.einsum("abn,bn->an", units.inverse_map, field[:2])
         return field
 
     @property
     def covariance_ut2(self) -> np.ndarray:
         """Of `field_ut`, from the noise of the votes and how fast fields turn; (3, 3, bodies)."""
-        return np.moveaxis(self._data.bodies.covariance_ut2, 0, -1).copy()
+        return np.moveaxis(self._bodies["covariance_ut2"], 0, -1).copy()
 
     @property
     def body_covariance_ut2(self) -> np.ndarray:
         """The same by bodies, (bodies, 3, 3), in one array that `update` writes."""
-        return self._data.bodies.covariance_ut2
+        return self._bodies["covariance_ut2"]
 
     @property
     def voters(self) -> np.ndarray:
         """Units that voted in the last cycle, shape (bodies,); under 4 the field is held."""
-        return self._data.bodies.voters.astype(int)
+        return self._bodies["voters"].astype(int)
 
     @property
     def zero(self) -> np.ndarray:
@@ -194,7 +198,7 @@ class Ambient:
     def load_hz(self) -> np.ndarray:
         """Fall of each frequency beyond its zero, shape (n,): the larger of its averages over 0.05
         and 1 s; NaN of units that were not usable for so long."""
-        memory = self._data.memory
+        memory = self._memory
         load = np.maximum(memory.fast_hz, memory.slow_hz)
         return np.where(memory.age_s >= self._model.slow_s, load, np.nan)
 
@@ -206,7 +210,7 @@ class Ambient:
     @property
     def rest_ut(self) -> np.ndarray:
         """Bz of each unit at rest, shape (n,); NaN where it has not been learnt."""
-        return self._data.memory.rest_ut.copy()
+        return self._memory.rest_ut.copy()
 
     @property
     def wants_tare(self) -> np.ndarray:
@@ -248,12 +252,13 @@ class Ambient:
 
     def reset(self) -> None:
         """Forget everything: nothing is taken off until it has been seen again."""
-        memory, bodies = self._data.memory, self._data.bodies
-        for array in (*memory, *bodies, self._data.zero, self._data.marks, self.background):
+        memory, bodies = self._memory, self._bodies
+        for array in (*memory, self._data.zero, self._data.marks, self.background):
             array[:] = 0
         memory.rest_ut[:] = memory.rest_film_c[:] = np.nan
-        memory.bound_hz[:] = self._model.units.bound_hz
-        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
+        memory.bound_hz[:] = self._units.bound_hz
+        bodies[:] = 0
+        bodies["covariance_ut2"] = bodies["kept_ut2"] = PRIOR_UT2 * np.eye(3)
         self.residue_ut2[:] = PRIOR_UT2
         self._turned = [Turned() for _ in self.bodies]
 
@@ -265,7 +270,7 @@ class Ambient:
         units : ndarray, shape (n,), bool
         field : bool
         """
-        memory = self._data.memory
+        memory = self._memory
         for array in memory:
             array[..., units] = 0.0
         memory.rest_ut[units] = memory.rest_film_c[units] = np.nan
@@ -279,7 +284,7 @@ class Ambient:
     def retare(self, topology: Topology) -> None:
         """Go on with the same units, other zeros; see `forget`."""
         self.topology = topology
-        self._model.units.sheared_ut[:] = sheared_ut(topology)
+        self._units.sheared_ut[:] = sheared_ut(topology)
 
     def begin(self, field_ut: np.ndarray) -> None:
         """Set out from an ambient field that was known long ago; counted in `begun`.
@@ -289,11 +294,11 @@ class Ambient:
         field_ut : ndarray, shape (3, bodies)
             As the attribute.
         """
-        bodies = self._data.bodies
-        for array in bodies:
-            array[:] = 0.0
-        bodies.field_ut[:] = bodies.kept_ut[:] = field_ut.T
-        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
+        bodies = self._bodies
+        bodies[:] = 0
+        bodies["field_ut"] = field_ut.T
+        bodies["kept_ut"] = field_ut.T[:, np.newaxis]
+        bodies["covariance_ut2"] = bodies["kept_ut2"] = PRIOR_UT2 * np.eye(3)
         self.begun += 1
         self._turned = [Turned() for _ in self.bodies]
         kernels.compose(self._model, self._data)
@@ -322,7 +327,7 @@ class Ambient:
         if attitude.shape != (3, 3) or not np.allclose(attitude @ attitude.T, np.eye(3), atol=1e-3):
             raise OptionError(f"attitude: must be a rotation, shape (3, 3); got {attitude}")
         for g in range(len(self.bodies)) if body is None else (body,):
-            self._turned[g](self._data.bodies, g, attitude)
+            self._turned[g](self._bodies, g, attitude)
 
     @property
     def elapsed_s(self) -> np.ndarray:

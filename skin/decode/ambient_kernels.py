@@ -21,6 +21,10 @@ from skin.decode.ambient_model import (
     SPAN_UT,
     WALK_UT2,
     WORD,
+    AmbientData,
+    AmbientModel,
+    memory_of,
+    units_of,
 )  # fmt: skip
 
 __all__ = ["compose", "update", "update_python"]
@@ -64,6 +68,26 @@ SHORTEST_S = 1e-9
 """Cycles nearer to each other are so far apart [derived: stamps are nanoseconds]."""
 NOT_NEGATIVE = 2**31 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end."""
+
+
+@jitable(inline=True)
+def opened(model, data):
+    """Model and data with the rows of units and memory by their names."""
+    units, memory = units_of(model.units), memory_of(data.memory)
+    named_model = AmbientModel(
+        units, model.near, model.runs, model.near_votes, model.slow_s, model.period_s
+    )
+    return named_model, AmbientData(
+        data.field_ut, data.displacement_mm, data.temperature, data.status, data.valid,
+        data.elapsed_s, memory, data.zero, data.marks, data.near, data.bodies, data.background,
+        data.residue_ut2,
+    )  # fmt: skip
+
+
+@jitable(inline=True)
+def range_of(run):
+    """First unit of a run, and the one after the last."""
+    return int(run["first"]) & NOT_NEGATIVE, int(run["last"]) & NOT_NEGATIVE
 
 
 @jitable(inline=True)
@@ -194,10 +218,10 @@ def _pool(model, data):
     per_s, most_samples = 1.0 / dt_s, (2.0 - share) / share
     limit = TOUCHED_SIGMAS * TOUCHED_SIGMAS
     together = limit * (1.0 + 1e-9)  # a single one is at the limit, and rounding no touch
-    bodies.load[:] = 0.0
-    bodies.weight[:] = 0.0
-    for run in range(model.runs.body.size):
-        first, last = model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE
+    for g in range(bodies.size):
+        bodies[g]["load"] = bodies[g]["weight"] = 0.0
+    for run in range(model.runs.size):
+        first, last = range_of(model.runs[run])
         load = weight = near_load = near_weight = 0.0
         for i in range(first, last):
             above = memory.fast_hz[i] - memory.bound_hz[i]
@@ -219,12 +243,13 @@ def _pool(model, data):
         if load > 0.0 and load * load > together * weight:
             _refuse(marks, range(first, last), 0)
             load = weight = near_load = near_weight = 0.0
-        bodies.load[model.runs.body[run]] += load + near_load
-        bodies.weight[model.runs.body[run]] += weight + near_weight
-    for run in range(model.runs.body.size):
-        load, weight = bodies.load[model.runs.body[run]], bodies.weight[model.runs.body[run]]
+        bodies[model.runs[run]["body"]]["load"] += load + near_load
+        bodies[model.runs[run]["body"]]["weight"] += weight + near_weight
+    for run in range(model.runs.size):
+        body = bodies[model.runs[run]["body"]]
+        load, weight = body["load"], body["weight"]
         if load > 0.0 and load * load > together * weight:
-            first, last = model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE
+            first, last = range_of(model.runs[run])
             _refuse(marks, range(first, last), 0)
 
 
@@ -240,7 +265,8 @@ def _vote(model, data, run):
     count = pressed = both = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
     tx = ty = tz = 0.0
-    for i in range(model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE):
+    first, last = range_of(model.runs[run])
+    for i in range(first, last):
         felt = field[0, i] + field[1, i] + _axial(i, field[2, i], units, memory)
         votes = (data.marks[i] & VOTES != 0) & (felt - felt == 0.0)
         sigma = units.sigma_ut[i]
@@ -274,10 +300,10 @@ def _vote(model, data, run):
         tx += turn[0, 0, i] * x + turn[0, 1, i] * y + nx * z
         ty += turn[1, 0, i] * x + turn[1, 1, i] * y + ny * z
         tz += turn[2, 0, i] * x + turn[2, 1, i] * y + nz * z
-    body = model.runs.body[run]
-    information, told = data.bodies.information[body], data.bodies.told[body]
-    data.bodies.voters[body] += count
-    data.bodies.pressed[body] += pressed
+    body = model.runs[run]["body"]
+    information, told = data.bodies[body]["information"], data.bodies[body]["told"]
+    data.bodies[body]["voters"] += count
+    data.bodies[body]["pressed"] += pressed
     information[0, 0] += both + xx
     information[0, 1] += xy
     information[0, 2] += xz
@@ -296,59 +322,59 @@ def _go_back(bodies, g, delay_s):
     They are as old as t = age + `delay_s`, and the robot may have turned: the covariance widens by
     `WALK_UT2` · t + `TURN_UT2` · t², and goes on as one that has been held as long.
     """
-    old_s = bodies.kept_s[g] + delay_s
-    bodies.kept_s[g] = 0.0
-    bodies.held_s[g] = old_s
+    old_s = bodies[g]["kept_s"] + delay_s
+    bodies[g]["kept_s"] = 0.0
+    bodies[g]["held_s"] = old_s
     wander = min(old_s * (WALK_UT2 + TURN_UT2 * old_s) / PRIOR_UT2, 1.0)
     for a in range(3):
-        bodies.field_ut[g, a] = bodies.kept_ut[1, g, a] = bodies.kept_ut[0, g, a]
+        bodies[g]["field_ut"][a] = bodies[g]["kept_ut"][1, a] = bodies[g]["kept_ut"][0, a]
         for b in range(3):
             prior = PRIOR_UT2 if a == b else 0.0
-            kept = bodies.kept_ut2[0, g, a, b]
+            kept = bodies[g]["kept_ut2"][0, a, b]
             kept += wander * (prior - kept)
-            bodies.covariance_ut2[g, a, b] = kept
-            bodies.kept_ut2[0, g, a, b] = bodies.kept_ut2[1, g, a, b] = kept
+            bodies[g]["covariance_ut2"][a, b] = kept
+            bodies[g]["kept_ut2"][0, a, b] = bodies[g]["kept_ut2"][1, a, b] = kept
 
 
 @jitable
 def _keep(bodies, g, dt_s, delay_s):
     """Keep field and covariance for `_go_back`: of between one and two delays ago, and newer."""
-    bodies.kept_s[g] += dt_s
-    if bodies.kept_s[g] < delay_s:
+    bodies[g]["kept_s"] += dt_s
+    if bodies[g]["kept_s"] < delay_s:
         return
-    bodies.kept_s[g] = 0.0
+    bodies[g]["kept_s"] = 0.0
     for a in range(3):
-        bodies.kept_ut[0, g, a] = bodies.kept_ut[1, g, a]
-        bodies.kept_ut[1, g, a] = bodies.field_ut[g, a]
+        bodies[g]["kept_ut"][0, a] = bodies[g]["kept_ut"][1, a]
+        bodies[g]["kept_ut"][1, a] = bodies[g]["field_ut"][a]
         for b in range(3):
-            bodies.kept_ut2[0, g, a, b] = bodies.kept_ut2[1, g, a, b]
-            bodies.kept_ut2[1, g, a, b] = bodies.covariance_ut2[g, a, b]
+            bodies[g]["kept_ut2"][0, a, b] = bodies[g]["kept_ut2"][1, a, b]
+            bodies[g]["kept_ut2"][1, a, b] = bodies[g]["covariance_ut2"][a, b]
 
 
 @jitable
 def _filter(bodies, g, dt_s, delay_s):
     """One step of the Kalman filter of a body's ambient field, a random walk."""
-    covariance, information = bodies.covariance_ut2[g], bodies.information[g]
-    voters = bodies.voters[g]
-    if voters < LEAST_UNITS <= voters + bodies.pressed[g] and bodies.held_s[g] == 0.0:
+    covariance, information = bodies[g]["covariance_ut2"], bodies[g]["information"]
+    voters = bodies[g]["voters"]
+    if voters < LEAST_UNITS <= voters + bodies[g]["pressed"] and bodies[g]["held_s"] == 0.0:
         _go_back(bodies, g, delay_s)
-    turns = 2.0 * TURN_UT2 * (1.0 - bodies.attitude_known[g])
-    wander = dt_s * (WALK_UT2 + turns * bodies.held_s[g]) / PRIOR_UT2
+    turns = 2.0 * TURN_UT2 * (1.0 - bodies[g]["attitude_known"])
+    wander = dt_s * (WALK_UT2 + turns * bodies[g]["held_s"]) / PRIOR_UT2
     wander = min(wander, 1.0)
     for a in range(3):
         for b in range(3):
             covariance[a, b] -= wander * covariance[a, b]
         covariance[a, a] += wander * PRIOR_UT2
     if voters < LEAST_UNITS:
-        bodies.held_s[g] += dt_s
+        bodies[g]["held_s"] += dt_s
         return
-    if bodies.held_s[g] > 0.0:  # what was held is what there is to go back to
-        bodies.held_s[g] = bodies.kept_s[g] = 0.0
+    if bodies[g]["held_s"] > 0.0:  # what was held is what there is to go back to
+        bodies[g]["held_s"] = bodies[g]["kept_s"] = 0.0
         for old in range(2):
             for a in range(3):
-                bodies.kept_ut[old, g, a] = bodies.field_ut[g, a]
+                bodies[g]["kept_ut"][old, a] = bodies[g]["field_ut"][a]
                 for b in range(3):
-                    bodies.kept_ut2[old, g, a, b] = covariance[a, b]
+                    bodies[g]["kept_ut2"][old, a, b] = covariance[a, b]
     _invert(covariance)
     for a in range(3):
         for b in range(3):
@@ -356,7 +382,7 @@ def _filter(bodies, g, dt_s, delay_s):
     _invert(covariance)
     for a in range(3):
         for b in range(3):
-            bodies.field_ut[g, a] += covariance[a, b] * bodies.told[g, b]
+            bodies[g]["field_ut"][a] += covariance[a, b] * bodies[g]["told"][b]
     _keep(bodies, g, dt_s, delay_s)
 
 
@@ -426,10 +452,11 @@ def _compose(model, data):
     """
     assume_noalias()
     bodies, out = data.bodies, data.background
-    for run in range(model.runs.body.size):
-        g, first, last = model.runs.body[run], model.runs.first[run], model.runs.last[run]
-        rows, ambient = (out[0], out[1], out[2], out[3]), bodies.field_ut[g]
-        _take_off(model.units, data, rows, ambient, bodies.covariance_ut2[g], first, last)
+    for run in range(model.runs.size):
+        g = model.runs[run]["body"]
+        first, last = range_of(model.runs[run])
+        rows, ambient = (out[0], out[1], out[2], out[3]), bodies[g]["field_ut"]
+        _take_off(model.units, data, rows, ambient, bodies[g]["covariance_ut2"], first, last)
 
 
 @jitable(inline=True)
@@ -443,7 +470,7 @@ def _take_off(units, data, rows, ambient, covariance, first, last):
     bx, by, bz = real(ambient[0]), real(ambient[1]), real(ambient[2])
     xx, yy, zz = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     xy, xz, yz = covariance[0, 1], covariance[0, 2], covariance[1, 2]
-    for i in range(first & NOT_NEGATIVE, last & NOT_NEGATIVE):
+    for i in range(first, last):
         nx, ny, nz = turn[0, 2, i], turn[1, 2, i], turn[2, 2, i]
         x = real(zero[1, i]) + turn[0, 0, i] * bx + turn[1, 0, i] * by + turn[2, 0, i] * bz
         y = real(zero[2, i]) + turn[0, 1, i] * bx + turn[1, 1, i] * by + turn[2, 1, i] * bz
@@ -468,23 +495,31 @@ def update_python(model, data):
     data : AmbientData
     """
     assume_noalias()
+    model, data = opened(model, data)
     long_ut, zero = data.memory.long_ut, data.zero
     # rows as arrays of their own: the compiler need not ask whether they overlap
     long_rows, zero_rows = (long_ut[0], long_ut[1], long_ut[2]), (zero[0], zero[1], zero[2])
     _average(model, data, long_rows)
     _mark(model, data.memory, data.marks, data.near)
     _pool(model, data)
-    data.bodies.voters[:] = 0.0
-    data.bodies.pressed[:] = 0.0
-    data.bodies.information[:] = 0.0
-    data.bodies.told[:] = 0.0
-    for run in range(model.runs.body.size):
+    for g in range(data.bodies.size):
+        body = data.bodies[g]
+        body["voters"] = body["pressed"] = 0.0
+        body["information"][:] = 0.0
+        body["told"][:] = 0.0
+    for run in range(model.runs.size):
         _vote(model, data, run)
-    for g in range(data.bodies.voters.size):
+    for g in range(data.bodies.size):
         _filter(data.bodies, g, data.elapsed_s[0], FAST_OF_SLOW * model.slow_s)
     _follow(model, data, long_rows, zero_rows)
     _compose(model, data)
 
 
 update = compiled(update_python, fastmath={"contract", "reassoc"})
-compose = compiled(_compose, fastmath={"contract", "reassoc"})
+def compose_python(model, data):
+    """What is to be taken off the next cycle's counts; see `_compose`."""
+    model, data = opened(model, data)
+    _compose(model, data)
+
+
+compose = compiled(compose_python, fastmath={"contract", "reassoc"})

@@ -7,13 +7,29 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled.jit import jitable
 from skin.physics.halbach import CHIP_AXES
 from skin.physics.rest import film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology
 from topology.neighbours import neighbour_pairs
 
-__all__ = ["AmbientData", "AmbientModel", "Bodies", "Memory", "Near", "Runs", "Units", "body_of",
-           "data_of", "frames_of", "lag_hz", "model_of", "sheared_ut"]  # fmt: skip
+__all__ = [
+    "BODY",
+    "RUN",
+    "AmbientData",
+    "AmbientModel",
+    "Memory",
+    "Near",
+    "Units",
+    "body_of",
+    "data_of",
+    "frames_of",
+    "lag_hz",
+    "memory_of",
+    "model_of",
+    "sheared_ut",
+    "units_of",
+]  # fmt: skip
 
 WORD = 64
 """Units that have their bits in one word."""
@@ -68,13 +84,19 @@ class Units(NamedTuple):
     sheared_ut: np.ndarray  # lateral field that no unit has at rest, of those that are tared
 
 
-class Runs(NamedTuple):
-    """Units of one patch that follow each other; those of one body move together, and see one
-    ambient field; shape (r,), int32."""
+@jitable
+def units_of(rows):
+    """Those that stand in rows, shape (25, n)."""
+    n = rows.shape[1]
+    return Units(
+        rows[:9].reshape((3, 3, n)), rows[9:13].reshape((2, 2, n)), rows[13], rows[14], rows[15],
+        rows[16], rows[17], rows[18], rows[19], rows[20], rows[21:23], rows[23], rows[24],
+    )  # fmt: skip
 
-    first: np.ndarray
-    last: np.ndarray  # the unit after
-    body: np.ndarray
+
+RUN = np.dtype([("first", np.int32), ("last", np.int32), ("body", np.int32)])
+"""Units of one patch that follow each other, from `first` to the one before `last`; those of one
+body move together, and see one ambient field."""
 
 
 class Near(NamedTuple):
@@ -88,9 +110,9 @@ class Near(NamedTuple):
 class AmbientModel(NamedTuple):
     """What does not change between cycles."""
 
-    units: Units
+    units: np.ndarray  # (25, n), rows of `Units`
     near: Near
-    runs: Runs
+    runs: np.ndarray  # (r,), RUN
     near_votes: bool  # whether units near a loaded one vote
     slow_s: float  # time constant of the slow low-passes
     period_s: float  # from one look to the next
@@ -113,22 +135,31 @@ class Memory(NamedTuple):
     bound_hz: np.ndarray  # how far the zero of the frequency may be off, as a fall of it
 
 
-class Bodies(NamedTuple):
-    """The ambient field of each of g bodies, skin frame, float64."""
+@jitable
+def memory_of(rows):
+    """That which stands in rows, shape (14, n)."""
+    return Memory(
+        rows[0], rows[1], rows[2:5], rows[5], rows[6], rows[7], rows[8], rows[9], rows[10],
+        rows[11], rows[12], rows[13],
+    )  # fmt: skip
 
-    held_s: np.ndarray  # (g,), since enough units voted
-    voters: np.ndarray  # (g,)
-    field_ut: np.ndarray  # (g, 3)
-    covariance_ut2: np.ndarray  # (g, 3, 3)
-    information: np.ndarray  # (g, 3, 3), of the votes of a cycle, 1/µT²
-    told: np.ndarray  # (g, 3), their residuals times their information
-    pressed: np.ndarray  # (g,), usable units without a vote, for they may be touched
-    load: np.ndarray  # (g,), averaged loads of the voters over their variance, 1/Hz
-    weight: np.ndarray  # (g,), 1 / their variance, 1/Hz²
-    kept_s: np.ndarray  # (g,), since field and covariance were kept
-    kept_ut: np.ndarray  # (2, g, 3), older and newer
-    kept_ut2: np.ndarray  # (2, g, 3, 3)
-    attitude_known: np.ndarray  # (g,), 1 where turns are reported, 0 where it may turn unseen
+
+BODY = np.dtype([
+    ("held_s", np.float64),  # since enough units voted
+    ("voters", np.float64),
+    ("field_ut", np.float64, (3,)),
+    ("covariance_ut2", np.float64, (3, 3)),
+    ("information", np.float64, (3, 3)),  # of the votes of a cycle, 1/µT²
+    ("told", np.float64, (3,)),  # their residuals times their information
+    ("pressed", np.float64),  # usable units without a vote, for they may be touched
+    ("load", np.float64),  # averaged loads of the voters over their variance, 1/Hz
+    ("weight", np.float64),  # 1 / their variance, 1/Hz²
+    ("kept_s", np.float64),  # since field and covariance were kept
+    ("kept_ut", np.float64, (2, 3)),  # older and newer
+    ("kept_ut2", np.float64, (2, 3, 3)),
+    ("attitude_known", np.float64),  # 1 where turns are reported, 0 where it may turn unseen
+])  # fmt: skip
+"""The ambient field of a body, skin frame."""
 
 
 class AmbientData(NamedTuple):
@@ -140,11 +171,11 @@ class AmbientData(NamedTuple):
     status: np.ndarray  # (n,) uint16, written where a unit at rest reads a field that is none
     valid: np.ndarray  # (n,) bool, likewise
     elapsed_s: np.ndarray  # (1,), since the last cycle; of a gap two periods count as calm
-    memory: Memory
+    memory: np.ndarray  # (14, n), rows of `Memory`
     zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
     marks: np.ndarray  # (n,) uint8
     near: np.ndarray  # (words,) int64 scratch, bits of the units near a loaded one
-    bodies: Bodies
+    bodies: np.ndarray  # (g,), BODY
     background: np.ndarray  # (4, n), written: Hz, then µT in the axes of the chips
     residue_ut2: np.ndarray  # (n,), written: variance of an axis by the ambient field
 
@@ -173,10 +204,11 @@ def model_of(
     near = _near(n, *neighbour_pairs(topology.position, np.full(n, guard_m), np.zeros(n, int)))
     body = body_of(topology, bodies)
     edges = np.flatnonzero(np.diff(topology.patch, prepend=-1, append=-1))
-    runs = Runs(*np.stack([edges[:-1], edges[1:], body[edges[:-1]]]).astype(np.int32))
+    runs = np.zeros(edges.size - 1, RUN)
+    runs["first"], runs["last"], runs["body"] = edges[:-1], edges[1:], body[edges[:-1]]
     slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
     return AmbientModel(
-        Units(*(np.ascontiguousarray(row, dtype) for row in _units(topology, slow_s))),
+        np.vstack([np.reshape(row, (-1, n)) for row in _units(topology, slow_s)]).astype(dtype),
         near, runs, near_votes, slow_s, period_s,
     )  # fmt: skip
 
@@ -190,16 +222,11 @@ def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
         status=np.zeros(n, np.uint16),
         valid=np.zeros(n, bool),
         elapsed_s=np.zeros(1),
-        memory=Memory(*(np.empty((3, n) if name == "long_ut" else n) for name in Memory._fields)),
+        memory=np.empty((14, n)),
         zero=np.empty((3, n)),
         marks=np.empty(n, np.uint8),
         near=np.empty(-(-n // WORD), np.int64),
-        bodies=Bodies(
-            np.empty(bodies), np.empty(bodies), np.empty((bodies, 3)), np.empty((bodies, 3, 3)),
-            np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty(bodies), np.empty(bodies),
-            np.empty(bodies), np.empty(bodies), np.empty((2, bodies, 3)),
-            np.empty((2, bodies, 3, 3)), np.empty(bodies),
-        ),
+        bodies=np.zeros(bodies, BODY),
         background=np.empty((4, n), dtype),
         residue_ut2=np.empty(n, dtype),
     )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.decode.ambient_model import PRIOR_UT2, WALK_UT2, Bodies
+from skin.decode.ambient_model import PRIOR_UT2, WALK_UT2
 
 __all__ = ["Turned"]
 
@@ -39,17 +39,17 @@ class Turned:
         self._angle = 0.0
         self._was_held = False
 
-    def __call__(self, bodies: Bodies, g: int, attitude: np.ndarray) -> None:
+    def __call__(self, bodies: np.ndarray, g: int, attitude: np.ndarray) -> None:
         """Take the attitude of body g, and set its field where that is held.
 
         Parameters
         ----------
-        bodies : Bodies
+        bodies : ndarray, records of `skin.decode.ambient_model.BODY`
         g : int
         attitude : ndarray, shape (3, 3)
             Columns are the axes of the body in a frame at rest.
         """
-        is_held = bool(bodies.held_s[g] > 0.0)
+        is_held = bool(bodies[g]["held_s"] > 0.0)
         if self._attitude is None:
             self._begin(bodies, g)
         else:
@@ -62,13 +62,13 @@ class Turned:
             self._predict(bodies, g)
         self._was_held = is_held
         self._attitude = attitude.copy()
-        bodies.attitude_known[g] = 1.0
+        bodies[g]["attitude_known"] = 1.0
 
-    def _begin(self, bodies: Bodies, g: int) -> None:
+    def _begin(self, bodies: np.ndarray, g: int) -> None:
         """f is known, b is not, and w = f + b."""
-        mean = np.concatenate([bodies.field_ut[g], np.zeros(3)])
+        mean = np.concatenate([bodies[g]["field_ut"], np.zeros(3)])
         covariance = np.tile(PRIOR_UT2 * np.eye(3), (2, 2))
-        covariance[:3, :3] += bodies.covariance_ut2[g]
+        covariance[:3, :3] += bodies[g]["covariance_ut2"]
         self._state = _State(mean, covariance)
 
     def _rotate(self, back: np.ndarray) -> None:
@@ -81,18 +81,18 @@ class Turned:
         self._state = _State(move @ self._state.mean, covariance)
         self._angle += angle
 
-    def _observe(self, bodies: Bodies, g: int) -> None:
+    def _observe(self, bodies: np.ndarray, g: int) -> None:
         mean, covariance = self._state
-        seen = OBSERVE @ covariance @ OBSERVE.T + bodies.covariance_ut2[g]
+        seen = OBSERVE @ covariance @ OBSERVE.T + bodies[g]["covariance_ut2"]
         gain = np.linalg.solve(seen, OBSERVE @ covariance).T
-        mean = mean + gain @ (bodies.field_ut[g] - OBSERVE @ mean)
+        mean = mean + gain @ (bodies[g]["field_ut"] - OBSERVE @ mean)
         rest = np.eye(6) - gain @ OBSERVE
-        covariance = rest @ covariance @ rest.T + gain @ bodies.covariance_ut2[g] @ gain.T
+        covariance = rest @ covariance @ rest.T + gain @ bodies[g]["covariance_ut2"] @ gain.T
         self._state = _State(mean, covariance)
         self._angle = 0.0
 
-    def _predict(self, bodies: Bodies, g: int) -> None:
+    def _predict(self, bodies: np.ndarray, g: int) -> None:
         mean, covariance = self._state
-        spread = OBSERVE @ covariance @ OBSERVE.T + WALK_UT2 * bodies.held_s[g] * np.eye(3)
-        bodies.field_ut[g] = OBSERVE @ mean
-        bodies.covariance_ut2[g] = np.linalg.inv(np.linalg.inv(spread) + np.eye(3) / LARGEST_UT2)
+        spread = OBSERVE @ covariance @ OBSERVE.T + WALK_UT2 * bodies[g]["held_s"] * np.eye(3)
+        bodies[g]["field_ut"] = OBSERVE @ mean
+        bodies[g]["covariance_ut2"] = np.linalg.inv(np.linalg.inv(spread) + np.eye(3) / LARGEST_UT2)

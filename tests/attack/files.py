@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 import topology
-from bus.compiled.cache import watch
+from bus.compiled.watch import watch
 from bus.errors import FaultScriptError, LogError
 from bus.faults.script import load_script
 from bus.frame import FrameBatch

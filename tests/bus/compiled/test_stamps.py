@@ -138,7 +138,7 @@ def test_a_changed_flag_is_seen_by_the_compiled_kernels(file, old, new, tmp_path
 
 
 KERNELS = """
-from bus.compiled.cache import watch
+from bus.compiled.watch import watch
 
 compiled = []
 with watch(compiled.append):
