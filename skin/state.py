@@ -16,7 +16,7 @@ from topology import Topology
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
 
-__all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "if_wanted", "trouble"]
+__all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "if_wanted"]
 
 UNIT_WANTS = (
     "temperature",
@@ -322,21 +322,3 @@ def _flagged(status: np.ndarray, topology: Topology | None = None) -> str:
         elif units.size:
             found.append(f"{flag.name} {units.size} units")
     return f"; {'; '.join(found)}" if found else ""
-
-
-def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:
-    """Units that are not valid, with their flags.
-
-    Parameters
-    ----------
-    topology : Topology
-    status : ndarray, shape (n,), uint16
-        `Status` flags.
-
-    Returns
-    -------
-    dict of str to Status
-        The flags of `INVALID` of each unit that has any, by unit name.
-    """
-    flagged = np.flatnonzero(status & int(INVALID))
-    return {topology.unit_names[i]: Status(int(status[i])) & INVALID for i in flagged}

@@ -123,8 +123,8 @@ def replay(
             setup = dataclasses.replace(setup, topology=given)
     if options:
         setup = dataclasses.replace(setup, options=dataclasses.replace(setup.options, **options))
-    announcer()
-    return Replay(recorded, setup, speed, compares=setup is ran)
+    with announcer().holding():
+        return Replay(recorded, setup, speed, compares=setup is ran)
 
 
 def _is_recalibrated(path: Path, recorded: Topology, given: Topology) -> bool:
@@ -268,7 +268,8 @@ class Replay(Paced):
         return found
 
     def _states(self) -> Iterator[State]:
-        self.pipeline.warmup()
+        with announcer().holding():
+            self.pipeline.warmup()
         try:
             coming: Iterator[State] = iter(())
             for topic, data in self._recorded.messages((FRAMES, POSES, STATE)):
