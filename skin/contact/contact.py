@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
 if TYPE_CHECKING:
-    from skin.contact.rows import Rows
     from skin.contact.shock import Shocks
 
 __all__ = ["Contact"]
@@ -24,35 +23,24 @@ class Contact(Fields):
 
     Its numbers are those of `skin.contact.record.Fields`: metre, newton, newton metre, pascal; skin
     frame.
+
+    Attributes
+    ----------
+    units : ndarray, shape (m,), int32
+        Its units.
     """
 
-    __slots__ = ("_at", "_names", "_rows", "_shocks", "_slot", "record")
+    __slots__ = ("_names", "_shocks", "_slips", "_slot", "record", "units")
 
     def __init__(
-        self,
-        rows: Rows,
-        shocks: Shocks | None,
-        at: int,
-        slot: int,
-        names: Sequence[str] | None = None,
-    ) -> None:
-        self._rows = rows
-        self._shocks = shocks
-        self._at = at
-        self._slot = slot
-        self._names = names
-
-    def __getattr__(self, name: str) -> Any:
-        """Make the record when it is first read."""
-        if name != "record":
-            raise AttributeError(f"'Contact' object has no attribute {name!r}")
-        self.record = record = self._rows.records[self._at]
-        return record
-
-    @property
-    def units(self) -> np.ndarray:
-        """Its units, shape (m,), int32."""
-        return self._rows.members[self.record["begin"] : self.record["end"]]
+        self, record: np.void, slot: np.void, units: np.ndarray, slips: np.ndarray | None,
+        shocks: Shocks | None, names: Sequence[str] | None,
+    ) -> None:  # fmt: skip
+        self.record = record
+        self.units = units
+        self._slot = slot  # SLOT
+        self._slips = slips  # (m,), SLIP_UNIT of its units; None where slip is not wanted
+        self._shocks, self._names = shocks, names
 
     @property
     def whole(self) -> bool:
@@ -69,25 +57,23 @@ class Contact(Fields):
     @property
     def slip_began(self) -> np.ndarray:
         """Units where the present slip began, shape (m,), int32; empty without slip."""
-        began = self._kept(self._rows.began)
-        slips = self.slip >= SlipState.INCIPIENT
-        return self.units[(began == self.record["id"]) & slips]
+        if self._slips is None or self.slip < SlipState.INCIPIENT:
+            return self.units[:0]
+        return self.units[self._slips["began"] == self.record["id"]]
 
     @property
     def noise_ratio(self) -> np.ndarray:
         """Measured noise of its units while they stuck, over sigma, shape (m,): 1 or more; 1 where
         none was measured."""
-        return np.sqrt(np.maximum(self._kept(self._rows.noise_ratio), 1.0))
+        if self._slips is None:
+            return np.ones(self.units.size)
+        return np.sqrt(np.maximum(self._slips["noise_ratio"], 1.0))
 
     @property
     def noisy_units(self) -> np.ndarray:
         """Units with more noise than their sigma, shape (m,), int32; see `Flag.NOISY`. Slip alarms
         include it; other sigmas do not."""
-        return self.units[self._kept(self._rows.noisy) > 0.0]
-
-    def _kept(self, row: np.ndarray | None) -> np.ndarray:
-        """Row of slip's memory for its units; 0 where slip is not wanted."""
-        return np.zeros(self.units.size) if row is None else row[self.units]
+        return self.units[:0] if self._slips is None else self.units[self._slips["noisy"] > 0.0]
 
     @property
     def unit_names(self) -> list[str]:
@@ -111,8 +97,7 @@ class Contact(Fields):
     @property
     def path(self) -> np.ndarray:
         """Waypoints of its centroid, oldest first, shape (p, 3); a copy."""
-        count = int(self.record["waypoints"])
-        ring = self._rows.paths[self._at]
+        count, ring = int(self.record["waypoints"]), self._slot["path"]
         if count <= WAYPOINTS:
             return ring[:count].copy()
         return np.roll(ring, -(count % WAYPOINTS), axis=0)
@@ -120,21 +105,18 @@ class Contact(Fields):
     @property
     def impact(self) -> bool:
         """Whether it was hit in this cycle; needs the want "shocks"."""
-        shocks = self._wanted_shocks()
-        impact: Any = self._rows.impact
-        return bool(impact[self._slot] > shocks.impact_limit)
+        return bool(self._slot["impact"] > self._wanted_shocks().impact_limit)
 
     @property
     def vibration(self) -> bool:
         """Whether it vibrates; needs the want "shocks"."""
-        shocks, rows = self._wanted_shocks(), self._rows
-        vibration: Any = rows.vibration
-        weight: Any = rows.weight
-        return shocks.vibrates(vibration[self._slot], weight[self._slot])
+        return self._wanted_shocks().vibrates(self._slot["vibration"], self._slot["weight"])
 
     def copy(self) -> Contact:
         """The same contact with writable data of its own."""
-        return Contact(self._rows.only(self._at, self._slot), self._shocks, 0, 0, self._names)
+        slips = None if self._slips is None else self._slips.copy()
+        return Contact(self.record.copy(), self._slot.copy(), self.units.copy(), slips,
+                       self._shocks, self._names)  # fmt: skip
 
     def _wanted_shocks(self) -> Shocks:
         if self._shocks is None:
