@@ -106,7 +106,7 @@ class Options:
         check_flag("auto_tare", self.auto_tare)
         check_flag("creep", self.creep)
         check_flag("skip", self.skip)
-        if self.slip is not None and not hasattr(self.slip, "model"):
+        if self.slip is not None and not hasattr(self.slip, "incipient_ratio"):
             raise OptionError(f"slip: must be SlipSettings or None; got {shown(self.slip)}")
         if self.stencil is not None and not hasattr(self.stencil, "coefficients"):
             raise OptionError(f"stencil: must be a Stencil or None; got {shown(self.stencil)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,16 @@ from skin.errors import SkinError
 if TYPE_CHECKING:
     from skin.contact.shock import Shocks
 
-__all__ = ["Contact"]
+__all__ = ["Contact", "Kept"]
+
+
+class Kept(NamedTuple):
+    """Copies of what a cycle tells of its contacts."""
+
+    records: np.ndarray  # CONTACT
+    slots: np.ndarray  # SLOT
+    members: np.ndarray  # (m,), int32
+    told: np.ndarray | None  # (m,), TOLD; None where slip is not wanted
 
 
 class Contact(Fields):
@@ -23,24 +32,26 @@ class Contact(Fields):
 
     Its numbers are those of `skin.contact.record.Fields`: metre, newton, newton metre, pascal; skin
     frame.
-
-    Attributes
-    ----------
-    units : ndarray, shape (m,), int32
-        Its units.
     """
 
-    __slots__ = ("_names", "_shocks", "_slips", "_slot", "record", "units")
+    __slots__ = ("_kept", "_names", "_shocks", "_slot", "record")
 
     def __init__(
-        self, record: np.void, slot: np.void, units: np.ndarray, slips: np.ndarray | None,
-        shocks: Shocks | None, names: Sequence[str] | None,
-    ) -> None:  # fmt: skip
-        self.record = record
-        self.units = units
-        self._slot = slot  # SLOT
-        self._slips = slips  # (m,), SLIP_UNIT of its units; None where slip is not wanted
+        self, kept: Kept, slot: int, shocks: Shocks | None, names: Sequence[str] | None
+    ) -> None:
+        self._kept, self._slot = kept, slot
+        self.record = kept.records[slot]
         self._shocks, self._names = shocks, names
+
+    @property
+    def units(self) -> np.ndarray:
+        """Its units, shape (m,), int32."""
+        return self._kept.members[self.record["begin"] : self.record["end"]]
+
+    @property
+    def _told(self) -> np.ndarray | None:
+        told = self._kept.told
+        return None if told is None else told[self.record["begin"] : self.record["end"]]
 
     @property
     def whole(self) -> bool:
@@ -57,23 +68,24 @@ class Contact(Fields):
     @property
     def slip_began(self) -> np.ndarray:
         """Units where the present slip began, shape (m,), int32; empty without slip."""
-        if self._slips is None or self.slip < SlipState.INCIPIENT:
+        if (told := self._told) is None or self.slip < SlipState.INCIPIENT:
             return self.units[:0]
-        return self.units[self._slips["began"] == self.record["id"]]
+        return self.units[told["began"] == self.record["id"]]
 
     @property
     def noise_ratio(self) -> np.ndarray:
         """Measured noise of its units while they stuck, over sigma, shape (m,): 1 or more; 1 where
         none was measured."""
-        if self._slips is None:
+        if (told := self._told) is None:
             return np.ones(self.units.size)
-        return np.sqrt(np.maximum(self._slips["noise_ratio"], 1.0))
+        return np.sqrt(np.maximum(told["noise_ratio"], 1.0))
 
     @property
     def noisy_units(self) -> np.ndarray:
         """Units with more noise than their sigma, shape (m,), int32; see `Flag.NOISY`. Slip alarms
         include it; other sigmas do not."""
-        return self.units[:0] if self._slips is None else self.units[self._slips["noisy"] > 0.0]
+        told = self._told
+        return self.units[:0] if told is None else self.units[told["noisy"] > 0.0]
 
     @property
     def unit_names(self) -> list[str]:
@@ -97,7 +109,7 @@ class Contact(Fields):
     @property
     def path(self) -> np.ndarray:
         """Waypoints of its centroid, oldest first, shape (p, 3); a copy."""
-        count, ring = int(self.record["waypoints"]), self._slot["path"]
+        count, ring = int(self.record["waypoints"]), self._kept.slots[self._slot]["path"]
         if count <= WAYPOINTS:
             return ring[:count].copy()
         return np.roll(ring, -(count % WAYPOINTS), axis=0)
@@ -105,18 +117,19 @@ class Contact(Fields):
     @property
     def impact(self) -> bool:
         """Whether it was hit in this cycle; needs the want "shocks"."""
-        return bool(self._slot["impact"] > self._wanted_shocks().impact_limit)
+        shocks = self._wanted_shocks()
+        return bool(self._kept.slots[self._slot]["impact"] > shocks.impact_limit)
 
     @property
     def vibration(self) -> bool:
         """Whether it vibrates; needs the want "shocks"."""
-        return self._wanted_shocks().vibrates(self._slot["vibration"], self._slot["weight"])
+        shocks, slot = self._wanted_shocks(), self._kept.slots[self._slot]
+        return shocks.vibrates(slot["vibration"], slot["weight"])
 
     def copy(self) -> Contact:
         """The same contact with writable data of its own."""
-        slips = None if self._slips is None else self._slips.copy()
-        return Contact(self.record.copy(), self._slot.copy(), self.units.copy(), slips,
-                       self._shocks, self._names)  # fmt: skip
+        kept = Kept(*(None if one is None else one.copy() for one in self._kept))
+        return Contact(kept, self._slot, self._shocks, self._names)
 
     def _wanted_shocks(self) -> Shocks:
         if self._shocks is None:

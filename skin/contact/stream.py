@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from skin.contact.cluster import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
-from skin.contact.contact import Contact
+from skin.contact.contact import Contact, Kept
 from skin.contact.model import (
     Readings,
     check_poses,
@@ -168,8 +168,13 @@ class ContactStream:
         )  # fmt: skip
         self._names = unit_names
         self._clock, self._now_ns = self.data.cycle, self.data.cycle["now_ns"]
-        self.total = Contact(self.records[-1], self.data.slots[0], self.data.members[:0], None,
-                             self.shocks, unit_names)  # fmt: skip
+        self._present = self.data.slots["present"]
+        names = "present", "in_use", "touching_units"
+        self._counts = [self._clock[name].data for name in names]
+        told = None if self.slip_data is None else _Memory(self.slip_data.told)
+        self._memory = _Memory(self.records), _Memory(self.data.slots), told
+        none = Kept(self.records, self.data.slots, self.data.members[:0], None)
+        self.total = Contact(none, -1, self.shocks, unit_names)
         self._own = no_readings(n, self._dtype)
         self.bound: Steps | None = None
 
@@ -371,25 +376,27 @@ class ContactStream:
     @property
     def contacts(self) -> list[Contact]:
         """Copies of those of the last cycle, oldest first."""
-        count = self._clock["present"][0]
+        count, in_use, touching = (number[0] for number in self._counts)
         if count == 0:
             return []
-        data, found = self.data, []
-        places = data.slots["present"][:count]
-        records, slots = _copies(data.contacts, places), _copies(data.slots, places)
-        members = data.members[: self._clock["touching_units"][0]].copy()
-        slips = None if self.slip_data is None else _copies(self.slip_data.slips, members)
-        for record, slot in zip(records, slots, strict=True):
-            own = slice(record["begin"], record["end"])
-            kept = None if slips is None else slips[own]
-            found.append(Contact(record, slot, members[own], kept, self.shocks, self._names))
-        return found
+        records, slots, told = self._memory
+        kept = Kept(records.first(in_use), slots.first(in_use), self.data.members[:touching].copy(),
+                    None if told is None else told.first(touching))  # fmt: skip
+        present = self._present[:count].tolist()
+        return [Contact(kept, slot, self.shocks, self._names) for slot in present]
 
 
-def _copies(records: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Copies of records, byte by byte: numpy's own way goes field by field."""
-    whole = np.dtype((np.void, records.dtype.itemsize))
-    return records.view(whole)[places].view(records.dtype)
+class _Memory:
+    """Records, to be copied byte by byte: numpy's own way goes field by field, which takes ten
+    times as long."""
+
+    def __init__(self, records: np.ndarray) -> None:
+        self._dtype, self._bytes = records.dtype, records.view(np.uint8).data
+
+    def first(self, count: int) -> np.ndarray:
+        """A copy of so many."""
+        size = count * self._dtype.itemsize
+        return np.frombuffer(bytearray(self._bytes[:size]), self._dtype)
 
 
 def _check_array(name: str, array: np.ndarray, like: np.ndarray) -> None:

@@ -192,3 +192,7 @@ def detect_slip(model, data):
         if not record["flags"] & WEAK:
             members = data.members[record["begin"] : record["end"]]
             _detect_contact(record, members, silent, model, data)
+    for at in range(data.cycle[0]["touching_units"]):
+        s, told = data.slips[data.members[at]], data.told[at]
+        told["began"], told["noisy"] = s["began"], s["noisy"]
+        told["noise_ratio"] = s["noise_ratio"]
