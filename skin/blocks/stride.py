@@ -12,7 +12,7 @@ from bus.compiled.chained import addresses, words
 from bus.frame import FrameViews
 from skin.blocks.gather import Gather
 from skin.blocks.stride_kernel import PROGRESS, Assembly, Copies, stride
-from skin.contact.model import CLOCK
+from skin.contact.model import CYCLE
 from skin.contact.record import CONTACT
 
 if TYPE_CHECKING:
@@ -73,8 +73,6 @@ class Stride:
         while stride(cycle.stage, Assembly(place, words(bound), arrays[1].state), copies, progress):
             cycle.renew()
         gather.count, gather.contact_count = int(now["count"]), int(now["contacts"])
-        if pipeline.contacts is not None:
-            pipeline.contacts.resume()
         if pipeline.zeros is not None:
             pipeline.zeros.idle -= gather.count - first
         return int(now["row"])
@@ -83,9 +81,9 @@ class Stride:
         """Sources and destinations of the copies."""
         sources, stream = gather.sources, self._pipeline.contacts
         rows = [gather.rows[name].ctypes.data for name in sources]
-        clock, present, records = np.zeros(1, CLOCK), np.zeros(1, np.int32), 0
+        clock, present, records = np.zeros(1, CYCLE), np.zeros(1, np.int32), 0
         if stream is not None:
-            clock, present = stream.data.clock, stream.data.slots.present
+            clock, present = stream.data.cycle, stream.data.slots["present"]
             records = stream.records.ctypes.data
         return Copies(
             np.array([array.ctypes.data for array in sources.values()]), np.array(rows),

@@ -9,14 +9,13 @@ import numpy as np
 
 from bus.compiled.bound import Bound
 from bus.compiled.jit import compiled
-from skin.contact.common import Common
-from skin.contact.describe import describe_python
-from skin.contact.model import ContactData, ContactModel, SlipCycle, SlipSide
+from skin.contact.describe import describe
+from skin.contact.identity import find_contacts
+from skin.contact.model import ContactData, ContactModel, Readings
 from skin.contact.record import OPEN
 from skin.contact.shock import follow_shocks
-from skin.contact.slip.detector import detect_slip
-from skin.contact.track import find_contacts
-from skin.contact.unseen import nothing_touches, remember
+from skin.contact.silent_units import nothing_touches, remember
+from skin.contact.slip.detector import SlipData, detect_slip
 
 __all__ = [
     "EARLY", "SAME", "Steps", "follow_slip", "follow_slip_python", "step", "step_python",
@@ -26,13 +25,14 @@ SAME, EARLY = -1, -2
 """Return values for an unchanged set of contacts, and for a stamp that is not later."""
 
 
-def step_python(model, data):
-    """Find and describe the contacts of the next cycle, at ``data.clock["now_ns"]``.
+def step_python(readings, model, data):
+    """Find and describe the contacts of the next cycle, at ``data.cycle["now_ns"]``.
 
-    Writes ``data.clock["slips"]``: the contacts whose slip is to be detected next.
+    Writes ``data.cycle["slips"]``: the contacts whose slip is to be detected next.
 
     Parameters
     ----------
+    readings : Readings
     model : ContactModel
     data : ContactData
 
@@ -42,33 +42,34 @@ def step_python(model, data):
         Number of contacts; SAME where they are those of the last call; EARLY where the stamp is not
         later than that, and nothing was done.
     """
-    clock, slots, wants = data.clock[0], data.slots, model.wants
-    dt_s, now_ns = clock["period_s"], clock["now_ns"]
-    clock["slips"] = 0
-    if clock["begun"]:
-        if now_ns <= clock["last_ns"]:
+    cycle, wants, slots = data.cycle[0], model.settings[0], data.slots
+    dt_s, before = cycle["period_s"], cycle["present"]
+    cycle["slips"] = 0
+    if cycle["begun"]:
+        if cycle["now_ns"] <= cycle["last_ns"]:
             return EARLY
-        dt_s = 1e-9 * (now_ns - clock["last_ns"])
-    clock["begun"], clock["last_ns"], clock["elapsed_s"] = True, now_ns, dt_s
-    count = find_contacts(model, data)
+        dt_s = 1e-9 * (cycle["now_ns"] - cycle["last_ns"])
+    cycle["begun"], cycle["last_ns"] = 1, cycle["now_ns"]
+    cycle["elapsed_before_s"], cycle["elapsed_s"] = cycle["elapsed_s"], dt_s
+    count = find_contacts(readings, model, data)
     silent = remember(model, data)
-    if count == 0 and wants.total:
+    if count == 0 and wants["total"]:
         nothing_touches(silent, model, data)
-    if count > 0 and wants.total:
-        describe_python(count, wants.each, silent, model, data)
-        if wants.slip:
-            clock["slips"] = count
-        if wants.shocks:
-            follow_shocks(count, dt_s, slots.present, data.contacts, data.shocks)
-    same = count == clock["present"]
+    if count > 0 and wants["total"]:
+        describe(count, silent, model, data)
+        if wants["slip"]:
+            cycle["slips"] = count
+        if wants["shocks"]:
+            follow_shocks(count, data)
+    same = count == before
     for k in range(count):
-        same &= slots.before[k] == slots.present[k]
-        slots.before[k] = slots.present[k]
-    clock["present"] = count
+        same &= slots[k]["before"] == slots[k]["present"]
+        slots[k]["before"] = slots[k]["present"]
     if count == 0:
-        for i in range(data.units.kind.size):
+        for i in range(data.units.size):
             # Silent units may be in contact still.
-            data.units.slip[i] = 0 if data.units.kind[i] <= OPEN else data.units.slip[i]
+            if data.units[i]["kind"] <= OPEN:
+                data.slip[i] = 0
     return SAME if same else count
 
 
@@ -77,11 +78,10 @@ def follow_slip_python(model, data):
 
     Parameters
     ----------
-    model : SlipSide
-    data : SlipCycle
+    model : ContactModel
+    data : SlipData
     """
-    clock = data.clock[0]
-    detect_slip(clock["slips"], clock["elapsed_s"], clock["now_ns"], model, data)
+    detect_slip(model, data)
 
 
 step = compiled(step_python, fastmath={"contract"}, allocates=False)
@@ -106,26 +106,15 @@ class Steps(NamedTuple):
     slips: np.ndarray
 
     @classmethod
-    def of(cls, model: ContactModel, data: ContactData, common: Common | None = None) -> Steps:
-        """Those of a stream, with the common errors of units if they are given."""
-        slip = None
-        if model.wants.slip:
-            side = SlipSide(model.geometry, model.slip)
-            inputs = SlipCycle(*(getattr(data, name) for name in SlipCycle._fields))
-            slip = Bound(follow_slip, side, inputs)
-        if common is not None:
-            shape = data.sums.rows.size, 2 * len(common.covariance_ut2), 6, 3
-            data = data._replace(common=common._replace(gain=np.zeros(shape)))
-        return cls(Bound(step, model, data), slip, data.clock["slips"])
+    def of(
+        cls, readings: Readings, model: ContactModel, data: ContactData, slip: SlipData | None
+    ) -> Steps:
+        """Those of a stream."""
+        detects = None if slip is None else Bound(follow_slip, model, slip)
+        return cls(Bound(step, readings, model, data), detects, data.cycle["slips"])
 
     def __call__(self) -> int:
         found = self.contacts()
         if self.slips[0] > 0 and self.slip is not None:
             self.slip()
         return found
-
-    def put(self, field: str, array: np.ndarray) -> None:
-        """Let them read another array of the same type and shape; a field of `Readings`."""
-        for bound in (self.contacts, self.slip):
-            if bound is not None:
-                bound.put((1, "reading", field), array)

@@ -23,7 +23,7 @@ from bus.errors import BusError
 from bus.faults import load_script
 from bus.logs import Recording
 from bus.logs.candump import CandumpReader
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
 from skin.physics.stencil import Stencil

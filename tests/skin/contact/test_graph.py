@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.graph import checked_graph, neighbour_graph
+from skin.contact.model import checked_graph, neighbour_graph
 from skin.errors import SkinError
 
 
@@ -22,8 +22,7 @@ def test_neighbours_are_who_lies_within_reach(seed, n):
     told = [index[start[i] : start[i + 1]].tolist() for i in range(n)]
     assert told == [np.flatnonzero(row).tolist() for row in beside]
     checked = checked_graph(n, start, index)
-    assert checked.start.tolist() == start.tolist()
-    assert checked.neighbour.tolist() == index.tolist()
+    assert [one.tolist() for one in checked] == [start.tolist(), index.tolist()]
 
 
 def test_reach_is_up_to_rounding_and_no_further():

@@ -121,7 +121,7 @@ def give(node, state):
     """Let a publisher see any state, with its contacts where those of the last one are."""
     stream = node.pipeline.contacts
     for k, contact in enumerate(if_wanted(state, "contacts") or ()):
-        stream.data.slots.present[k], stream.records[k] = k, contact.record
+        stream.data.slots["present"][k], stream.records[k] = k, contact.record
     node.state(state)
 
 
