@@ -19,12 +19,12 @@ __all__ = ["Contact", "Kept"]
 
 
 class Kept(NamedTuple):
-    """Copies of what a cycle tells of its contacts."""
+    """Copies of the records of the contacts of a cycle."""
 
     records: np.ndarray  # CONTACT
     slots: np.ndarray  # SLOT
     members: np.ndarray  # (m,), int32
-    told: np.ndarray | None  # (m,), TOLD; None where slip is not wanted
+    told: np.ndarray | None  # (m,), MEMBER; None where slip is not wanted
 
 
 class Contact(Fields):
