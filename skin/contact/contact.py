@@ -128,7 +128,9 @@ class Contact(Fields):
 
     def copy(self) -> Contact:
         """The same contact with writable data of its own."""
-        kept = Kept(*(None if one is None else one.copy() for one in self._kept))
+        records, slots, members, told = self._kept
+        told = None if told is None else told.copy()
+        kept = Kept(records.copy(), slots.copy(), members.copy(), told)
         return Contact(kept, self._slot, self._shocks, self._names)
 
     def _wanted_shocks(self) -> Shocks:

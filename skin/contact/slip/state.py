@@ -15,8 +15,20 @@ from skin.contact.record import BORN, SlipState, UnitSlip
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, PATTERNS
 
 __all__ = [
-    "MOTIONS", "NUISANCES", "PLANE", "SLIP", "SLIP_UNIT", "MEMBER", "SlipData", "begin_contact",
-    "count_slipping", "decide_contact", "decide_units", "is_kept", "misses_units", "slip_data",
+    "MEMBER",
+    "MOTIONS",
+    "NUISANCES",
+    "PLANE",
+    "SLIP",
+    "SLIP_UNIT",
+    "SlipData",
+    "begin_contact",
+    "count_slipping",
+    "decide_contact",
+    "decide_units",
+    "is_kept",
+    "misses_units",
+    "slip_data",
     "still_slides",
 ]  # fmt: skip
 
@@ -146,9 +158,11 @@ class SlipData(NamedTuple):
 
 def slip_data(data: ContactData) -> SlipData:
     """Records for the units of a stream."""
-    shared = (getattr(data, name) for name in SlipData._fields[:8])
     n = data.units.size
-    return SlipData(*shared, np.zeros(n, SLIP_UNIT), np.zeros(1, SLIP), np.zeros(n, MEMBER))
+    return SlipData(
+        data.units, data.label, data.slip, data.members, data.lists, data.slots, data.contacts,
+        data.cycle, np.zeros(n, SLIP_UNIT), np.zeros(1, SLIP), np.zeros(n, MEMBER),
+    )  # fmt: skip
 
 
 @jitable
