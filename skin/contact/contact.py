@@ -19,12 +19,12 @@ __all__ = ["Contact", "Kept"]
 
 
 class Kept(NamedTuple):
-    """Copies of what a cycle tells of its contacts."""
+    """Copies of the records of the contacts of a cycle."""
 
     records: np.ndarray  # CONTACT
     slots: np.ndarray  # SLOT
     members: np.ndarray  # (m,), int32
-    told: np.ndarray | None  # (m,), TOLD; None where slip is not wanted
+    told: np.ndarray | None  # (m,), MEMBER; None where slip is not wanted
 
 
 class Contact(Fields):
@@ -128,7 +128,9 @@ class Contact(Fields):
 
     def copy(self) -> Contact:
         """The same contact with writable data of its own."""
-        kept = Kept(*(None if one is None else one.copy() for one in self._kept))
+        records, slots, members, told = self._kept
+        told = None if told is None else told.copy()
+        kept = Kept(records.copy(), slots.copy(), members.copy(), told)
         return Contact(kept, self._slot, self._shocks, self._names)
 
     def _wanted_shocks(self) -> Shocks:

@@ -129,7 +129,7 @@ SLOT = _record(
     ("weight", _F),  # sum of the squares of the weights that samples have in this mean
     ("path", _F, (WAYPOINTS, 3)),  # m, last waypoints, a ring buffer
 )
-"""What a stream keeps of each slot beside its `CONTACT`, and lists of contacts."""
+"""What a stream keeps of each slot in addition to its `CONTACT`, and lists of contacts."""
 
 CYCLE = _record(
     ("now_ns", _L),  # of this cycle, set by the caller

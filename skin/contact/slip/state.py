@@ -15,8 +15,20 @@ from skin.contact.record import BORN, SlipState, UnitSlip
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, PATTERNS
 
 __all__ = [
-    "MOTIONS", "NUISANCES", "PLANE", "SLIP", "SLIP_UNIT", "TOLD", "SlipData", "begin_contact",
-    "count_slipping", "decide_contact", "decide_units", "is_kept", "misses_units", "slip_data",
+    "MEMBER",
+    "MOTIONS",
+    "NUISANCES",
+    "PLANE",
+    "SLIP",
+    "SLIP_UNIT",
+    "SlipData",
+    "begin_contact",
+    "count_slipping",
+    "decide_contact",
+    "decide_units",
+    "is_kept",
+    "misses_units",
+    "slip_data",
     "still_slides",
 ]  # fmt: skip
 
@@ -124,8 +136,8 @@ SLIP = np.dtype(
 """What it knows of all units together, and of the contact at hand; one record."""
 
 
-TOLD = np.dtype([("began", _L), ("noise_ratio", _F), ("noisy", _F)])
-"""What contacts tell of slip of their units; see `SLIP_UNIT`."""
+MEMBER = np.dtype([("began", _L), ("noise_ratio", _F), ("noisy", _F)])
+"""Slip of a unit of a contact; see `SLIP_UNIT`."""
 
 
 class SlipData(NamedTuple):
@@ -141,14 +153,16 @@ class SlipData(NamedTuple):
     cycle: np.ndarray
     slips: np.ndarray  # (n,), SLIP_UNIT
     all: np.ndarray  # (1,), SLIP
-    told: np.ndarray  # (n,), TOLD: of the units of the contacts, along `members`
+    told: np.ndarray  # (n,), MEMBER: of the units of the contacts, along `members`
 
 
 def slip_data(data: ContactData) -> SlipData:
     """Records for the units of a stream."""
-    shared = (getattr(data, name) for name in SlipData._fields[:8])
     n = data.units.size
-    return SlipData(*shared, np.zeros(n, SLIP_UNIT), np.zeros(1, SLIP), np.zeros(n, TOLD))
+    return SlipData(
+        data.units, data.label, data.slip, data.members, data.lists, data.slots, data.contacts,
+        data.cycle, np.zeros(n, SLIP_UNIT), np.zeros(1, SLIP), np.zeros(n, MEMBER),
+    )  # fmt: skip
 
 
 @jitable

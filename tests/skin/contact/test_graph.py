@@ -46,7 +46,7 @@ def test_reach_is_up_to_rounding_and_no_further():
     ],
 )
 def test_what_is_no_graph_is_refused(start, index, words):
-    assert checked_graph(2, [0, 1, 2], [1, 0]).neighbour.tolist() == [1, 0]
-    assert checked_graph(2, [0, 0, 0], []).neighbour.size == 0
+    assert checked_graph(2, [0, 1, 2], [1, 0])[1].tolist() == [1, 0]
+    assert checked_graph(2, [0, 0, 0], [])[1].size == 0
     with pytest.raises(SkinError, match=words):
         checked_graph(2, start, index)

@@ -212,6 +212,6 @@ def test_machine_code_and_python_find_alike(monkeypatch):
 
 def test_options_that_make_no_sense_are_refused():
     with pytest.raises(SkinError, match="false_contacts_per_day: must leave a start of contact at"):
-        tracking(false_contacts_per_day=1e6)
+        tracking(false_contacts_per_day=1e9)
     with pytest.raises(SkinError, match="capacity: must be an integer from 1 to 4096; got 0"):
         tracking(capacity=0)
