@@ -214,7 +214,7 @@ def many(n: int, count: int, quick: bool) -> dict:
             take(round(1e9 / skin.cycle_rate_hz) * next(stamps))
             taken.append(time.perf_counter_ns() - started)
         found[f"{name}_us_p50"] = float(np.median(taken)) * 1e-3
-        assert stream.tracker.untracked + len(stream.contacts) == tiles.size
+        assert stream.untracked + len(stream.contacts) == tiles.size
     return {"contacts": int(tiles.size), "identities": len(stream.contacts), **found}
 
 

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from benchmarks.peers_decode import numpy_decode
-from skin.contact.gate import KEEP_SIGMA, START_SIGMA
+from skin.contact.cluster import KEEP_SIGMA, START_SIGMA
 from topology import CHANNELS, Topology
 
 

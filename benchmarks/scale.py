@@ -246,7 +246,7 @@ def measure(
         Of the host and of the units.
     """
     with _over_sockets(skin, units, processors) as (ends, told):
-        with product.open(skin, transports=ends) as live:
+        with product.Skin(product.Pipeline(skin), ends) as live:
             if not told.poll(60.0):
                 raise RuntimeError("the units' process must be ready within 60 s; it was not")
             told.recv()

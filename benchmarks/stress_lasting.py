@@ -12,7 +12,6 @@ import topology
 from benchmarks.peers_decode import array_of, counts_of
 from benchmarks.stress_oracle import walk
 from bus.cycle import ClosedBy, RawCycle
-from skin.contact.slip.data import unit_filter
 from skin.contact.stream import ContactStream
 from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
@@ -151,7 +150,7 @@ def _apart(one: Reading, other: Reading) -> tuple[float, int]:
 def _touched(pipeline: Pipeline) -> np.ndarray:
     """Units that are in a contact, shape (n,)."""
     assert pipeline.contacts is not None
-    return pipeline.contacts.tracker.label >= 0
+    return pipeline.contacts.label >= 0
 
 
 def _played(skin: Topology) -> np.ndarray:
@@ -180,9 +179,9 @@ def _broken(pipeline: Pipeline, touched: np.ndarray) -> int:
     for covariance in np.moveaxis(ambient.covariance_ut2, -1, 0):
         symmetric = np.allclose(covariance, covariance.T, rtol=1e-9, atol=1e-9)
         count += not (symmetric and np.linalg.eigvalsh(covariance).min() > 0.0)
-    kept = unit_filter(stream.data.slip.kept)
+    assert stream.slip_data is not None
     for name in POSITIVE:
-        values = getattr(kept, name)[: touched.size]
+        values = stream.slip_data.slips[name]
         count += int((~(np.isfinite(values) & ((values > 0.0) | ~touched & (values == 0.0)))).sum())
     return count
 
@@ -203,7 +202,7 @@ def far(quick: bool) -> dict:
         )  # fmt: skip
         for cycle in range(3):
             stream.update(reading.force, reading.force_sigma, stamp_ns=4_000_000 * (cycle + 1))
-        touched = stream.tracker.label >= 0
+        touched = stream.label >= 0
         exact = _wrench(reading.force[:, touched], position[:, touched],
                         palm.rotation[:, :, touched])  # fmt: skip
         off = np.abs(stream.total.wrench - exact) / ([1.0] * 3 + [FAR_M] * 3)

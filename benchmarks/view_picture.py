@@ -102,7 +102,7 @@ def _shoot(
     ]
     now_ns = [0]
     snapshot.time = SimpleNamespace(monotonic_ns=lambda: now_ns[0])
-    opened = product.open(skin.exact(), transports=ends, pace=False, deadline_s=0.002)
+    opened = product.Skin(product.Pipeline(skin.exact(), deadline_s=0.002), ends, pace=False)
 
     def step() -> None:
         now_ns[0] += 4_000_000

@@ -1,10 +1,10 @@
-"""Skin: the open buses of a topology, and the schedule of SYNC."""
+"""Skin: the open buses of a topology, the schedule of SYNC, and poses that move."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from inspect import GEN_CLOSED, getgeneratorstate
@@ -17,28 +17,34 @@ import numpy as np
 from bus.configure import Command, pack
 from bus.cycle import FrameCounters
 from bus.errors import BusClosedError
-from bus.frame import FrameBatch
+from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs import Recording
 from bus.memory import MemoryTransport
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Lull, Waiter
-from skin.errors import SkinError
-from skin.moving import Moving
-from skin.pacing import sync_frames, sync_ns, wait_until
+from skin.errors import OptionError, SkinError, check_kind
 from skin.pipeline import Pipeline
 from skin.sinks import Attachable
-from skin.state import State, Status, trouble
+from skin.state import INVALID, State, Status
+from topology import Topology
+from topology.pose import pose_fault
 
 if TYPE_CHECKING:
+    from skin.contact.contact import Contact
     from skin.io.record.recorder import Recorder
+    from skin.robot.joints import Joints
     from skin.sim.node import SimulatedUnits
 
-__all__ = ["Skin", "Sync", "Timing"]
+__all__ = ["SYNC_BITS", "Skin", "Sync", "Timing", "wait_until"]
 
 _log = logging.getLogger("skin")
 
 Sync = Literal["host", "bus"]
+SYNC_BITS = 57
+"""Bits of a SYNC frame until its end, at which units sample: 52 without stuff bits, at most 62
+[derived: ISO 11898-1, 11 bits of identifier and a byte]. A frame that is on the wire already
+delays it by its own time."""
 QUIET_S = 5.0
 """Time without any answer after which that is said, or an error if nobody can answer [assumed]."""
 JUMP_NS = 1_000_000_000
@@ -57,22 +63,34 @@ class Timing:
     """SYNCs that a bus did not accept: no unit could answer in that cycle."""
 
 
-class Skin(Moving, Attachable):
+class Skin(Attachable):
     """An open skin; iterate over it for one `State` a cycle, to the end of a simulated scene, or
-    for ever. Made by `skin.open`.
+    for ever. Made by `skin.open`, or of transports that are open already.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        Turns frames into states.
+    transports : list of Transport
+        This host's end of each bus, in order; closed with the skin.
+    recorder : Recorder, optional
+        Records the run, with ``record=FILE``: see `report`.
+    sync, pace
+        As of `skin.open`.
+    nodes : SimulatedUnits, optional
+        Simulated units at the other ends.
+    log : Recording, optional
+        Records the frames; closed with the skin.
 
     Attributes
     ----------
     topology : Topology
-    pipeline : Pipeline
-        Turns frames into states.
-    transports : list of Transport
-        This host's end of each bus.
     timing : Timing
-    nodes : SimulatedUnits or None
-        The simulated units, where there are any.
-    recorder : Recorder or None
-        Records the run, with ``record=FILE``: see `report`.
+
+    Raises
+    ------
+    SkinError
+        Not one transport for each bus.
     """
 
     def __init__(
@@ -87,6 +105,12 @@ class Skin(Moving, Attachable):
         log: Recording | None = None,
     ) -> None:
         self.topology = topology = pipeline.topology
+        for end in transports:
+            check_kind("transports", end, Transport)
+        if len(transports) != (buses := len(topology.buses)):
+            raise SkinError(
+                f"transports: must be one for each of {buses} buses; got {len(transports)}"
+            )
         self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
@@ -101,8 +125,9 @@ class Skin(Moving, Attachable):
         self._keeps_stamps = all(bus.sync_id is not None for bus in topology.buses) and all(
             end.keeps_stamps for end in transports
         )
-        self._sync_frames = sync_frames(topology)
-        self._wire_ns = sync_ns(topology) if nodes is None else 0 * sync_ns(topology)
+        self._sync_frames, self._wire_ns = sync_frames(topology)
+        if nodes is not None:
+            self._wire_ns[:] = 0
         # frames that this host has not asked for have the system's clock
         self._has_system_time = not self._sends_sync and not any(e.keeps_stamps for e in transports)
         self._ahead_ns: dict[int, int] = {}
@@ -197,9 +222,126 @@ class Skin(Moving, Attachable):
         if deaf:
             raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
 
+    # -- patches that move -------------------------------------------------------------------------
+
+    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        """Set the poses of all units, for patches that move against each other.
+
+        They hold from the next cycle on; the skin frame stays. Once a cycle is cheap. Units that
+        come close do not become neighbours.
+
+        Parameters
+        ----------
+        position : ndarray, shape (3, n)
+            Metre, skin frame.
+        rotation : ndarray, shape (3, 3, n)
+            Columns are the unit's axes in the skin frame.
+
+        Raises
+        ------
+        SkinError
+            An array of another shape, a position that is not finite, or no rotation.
+        """
+        self.pipeline.move(position, rotation)
+
+    def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
+        """Set the joints of the robot that carries the skin, and with them the poses of all units.
+
+        As `move`, by forward kinematics; mimic joints follow. Poses set by `move` or `move_patch`
+        before are lost.
+
+        Parameters
+        ----------
+        q : mapping of str to float, or ndarray, shape (J,)
+            Radian or metre, by name, where other joints stay; or all of them, in
+            the order of ``topology.robot.joint_names``.
+
+        Raises
+        ------
+        SkinError
+            The topology file has no [robot].
+        OptionError
+            No such joint, the wrong number of coordinates, one that is not finite, or one outside
+            its limits. No joint has moved then.
+        """
+        self.pipeline.move_joints(q)
+
+    def turn(self, attitude: np.ndarray) -> None:
+        """Report the attitude of the skin in the world, from an IMU or the robot's kinematics.
+
+        Where too few units are untouched to estimate the ambient field, the estimate is turned by
+        these attitudes; turns of the untouched skin before that make the field at its tare known.
+        Call it after `move` or `move_joints`, so that patches on links turn with these. From the
+        first call on only reported turns count: call it as often as the skin turns, about 60 µs for
+        each frame that carries patches. Recordings do not contain it.
+
+        Parameters
+        ----------
+        attitude : ndarray, shape (3, 3)
+            A rotation: columns are the axes of the skin frame in any fixed frame.
+
+        Raises
+        ------
+        OptionError
+            It is not a rotation.
+        """
+        self.pipeline.turn(attitude)
+
+    @property
+    def joints(self) -> Joints:
+        """The robot's joints: their coordinates, and poses of links; see `skin.robot.joints`."""
+        return self.pipeline.joints
+
+    def link_pose(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """T_skin_link of the robot now; see `skin.robot.joints.Joints.link_pose`."""
+        return self.joints.link_pose(name)
+
+    def wrench_in(self, link: str, wrench: Contact | np.ndarray) -> Any:
+        """A wrench in a link's frame; see `skin.robot.joints.Joints.wrench_in`."""
+        return self.joints.wrench_in(link, wrench)
+
+    def move_patch(self, name: str, rotation: np.ndarray, translation: np.ndarray) -> None:
+        """Set the pose of one patch, by a rigid motion from its pose in the file; see `move`.
+
+        Parameters
+        ----------
+        name : str
+            Of `Topology.patch_names`.
+        rotation : ndarray, shape (3, 3)
+        translation : ndarray, shape (3,)
+            Metre. A point p of the skin frame is now at ``rotation @ p + translation``.
+
+        Raises
+        ------
+        OptionError
+            There is no such patch.
+        SkinError
+            An array of another shape, a translation that is not finite, or no rotation.
+        """
+        topology = self.topology
+        if name not in topology.patch_names:
+            raise OptionError.unknown("patch", name, topology.patch_names)
+        turn, shift = np.asarray(rotation, float), np.asarray(translation, float)
+        if turn.shape != (3, 3) or shift.shape != (3,):
+            raise SkinError(
+                "rotation, translation: must have shapes (3, 3) and (3,); "
+                f"got {turn.shape} and {shift.shape}"
+            )
+        fault = pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis], "translation")
+        if fault is not None:
+            raise SkinError(fault[1])
+        units = topology.patch == topology.patch_names.index(name)
+        position, turned = (pose.copy() for pose in self.pipeline.poses)
+        position[:, units] = turn @ topology.position[:, units] + shift[:, np.newaxis]
+        turned[:, :, units] = np.einsum("ij,jkn->ikn", turn, topology.rotation[:, :, units])
+        self.move(position, turned)
+
+    # -- states ------------------------------------------------------------------------------------
+
     def trouble(self, state: State) -> dict[str, Status]:
-        """Units that are not valid in this state, with their flags, by unit name."""
-        return trouble(self.topology, state.units.status)
+        """Units that are not valid in this state: their flags of `skin.state.INVALID`, by name."""
+        flags, names = state.units.status & int(INVALID), self.topology.unit_names
+        return {names[i]: Status(int(flags[i])) for i in np.flatnonzero(flags)}
 
     def latest(self) -> State | None:
         """A copy of the newest state, for other threads than the one that iterates; never waits.
@@ -407,3 +549,23 @@ class Skin(Moving, Attachable):
                 self.timing.work_ns = time.perf_counter_ns() - started
                 yield state
                 return
+
+
+def sync_frames(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """A SYNC for each bus without stamp and counter, shape (b,), FRAME_DTYPE, and its duration on
+    the wire, nanoseconds, shape (b,), int64."""
+    frames = np.zeros(len(topology.buses), FRAME_DTYPE)
+    frames["id"] = [bus.sync_id or 0 for bus in topology.buses]
+    frames["length"], frames["bus"] = 1, np.arange(frames.size)
+    bits_per_s = np.array([bus.bitrate for bus in topology.buses], float)
+    return frames, np.round(SYNC_BITS * 1e9 / bits_per_s).astype(np.int64)
+
+
+def wait_until(due: int, period: int) -> tuple[int, int]:
+    """Sleep until `due`; if that is more than a period ago, count the missed periods."""
+    now = time.monotonic_ns()
+    if now < due:
+        time.sleep((due - now) * 1e-9)
+        return due, 0
+    skipped = (now - due) // period
+    return due + skipped * period, int(skipped)

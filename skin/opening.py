@@ -18,7 +18,6 @@ from skin.compiling import announce
 from skin.errors import (
     MOST_SEED,
     OptionError,
-    SkinError,
     check_choice,
     check_flag,
     check_kind,
@@ -52,11 +51,8 @@ def open(
     options: Options | None = None,
     sync: Sync = "host",
     pace: bool = True,
-    deadline_s: float | None = None,
-    transports: Iterable[Transport] | None = None,
     simulate: bool | str | Path | SceneFile | Scene | None = False,
     seed: int | None = None,
-    repeat: bool = False,
     faults: FaultScript | str | os.PathLike[str] | None = None,
     record: str | os.PathLike[str] | Recording | None = None,
 ) -> Skin:
@@ -72,16 +68,13 @@ def open(
         How it is computed; see `skin.Options`.
     sync : "host" or "bus"
         SYNC is sent by this host, or by another node.
-    pace, deadline_s : bool, and float, optional
-        Keep the cycle rate, or start each cycle at once; longest wait after a SYNC (0.9 periods).
-    transports : iterable of Transport, optional
-        Transports to use instead of opening the file's buses, one for each bus, in order.
+    pace : bool
+        Keep the cycle rate, or start each cycle at once.
     simulate : bool, str, Path, SceneFile or Scene
         Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
         file, a loaded one or your own; false: none.
-    seed, repeat : int, optional, and bool
-        Seed of the simulated noise, and of a scene's own faults (the scene's, or 0, if not given);
-        a scene that is over repeats, or ends the loop.
+    seed : int, optional
+        Of the simulated noise, and of a scene's own faults; the scene's, or 0, if not given.
     faults : FaultScript, str or Path, optional
         Faults put into received frames (docs/guides/faults.md); a scene's own faults if not given.
     record : path, or Recording, optional
@@ -94,39 +87,78 @@ def open(
         A file, a bus or an option that cannot be used; every problem of a file is listed.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
+    options = Options() if options is None else options
+    check_kind("options", options, Options)
+    given = {"want": want, "slip": slip}
+    options = replace(options, **{name: one for name, one in given.items() if one is not None})
+    check_choice("sync", sync, get_args(Sync))
+    check_flag("pace", pace)
+    if seed is not None:
+        check_number("seed", seed, 0, MOST_SEED, whole=True)
+    announce()
     with ExitStack() as undo:
-        ends = [undo.enter_context(end) for end in _given(transports)]
-        options = _options(options, want, slip)
-        check_choice("sync", sync, get_args(Sync))
-        check_flag("pace", pace)
-        if seed is not None:
-            check_number("seed", seed, 0, MOST_SEED, whole=True)
-        announce()
-        played = _scene(simulate), seed, repeat
-        loaded, nodes = _nodes(undo, loaded, *played, transports is not None, sync)
-        ends = _checked([*ends, *_ends(undo, loaded, nodes, transports)], loaded, nodes, faults)
-        pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
-        recorder, frames = _recording(undo, record, pipeline, ends)
+        nodes = _nodes(loaded, simulate, seed, sync)
+        if nodes is not None:
+            undo.callback(nodes.close)
+            loaded = loaded.exact() if nodes.exact else loaded
+        ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
+        ends = _faulty(ends, loaded, nodes, faults)
+        pipeline = Pipeline(loaded, options)
+        undo.callback(pipeline.sinks.stop)
+        recorder, frames = _recording(record, pipeline, ends)
         undo.pop_all()  # no error: the skin closes them
     return Skin(pipeline, ends, recorder, sync=sync, pace=pace, nodes=nodes, log=frames)
 
 
-def _options(
-    options: Options | None, want: Collection[str] | None, slip: SlipSettings | None
-) -> Options:
-    """The options, with what was given besides."""
-    if options is None:
-        return Options(want=want, slip=slip)
-    check_kind("options", options, Options)
-    given = {"want": want, "slip": slip}
-    return replace(options, **{name: one for name, one in given.items() if one is not None})
+def _nodes(topology: Topology, scene: Any, seed: int | None, sync: Sync) -> SimulatedUnits | None:
+    """Simulated units, if a scene is given; any false value means hardware."""
+    try:
+        if not scene:
+            return None
+    except ValueError:  # an array
+        raise OptionError(f"simulate: must be a scene; got {shown(scene)}") from None
+    if sync != "host" and topology.buses[0].sync_id is not None:
+        raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
+    from skin.sim.node import simulated_units
+
+    return simulated_units(topology, scene, seed)
+
+
+def _ends(topology: Topology, nodes: SimulatedUnits | None) -> Iterable[Transport]:
+    """This host's ends of the buses: of the file's, opened one by one, or of simulated units."""
+    if nodes is not None:
+        return nodes.in_process()
+    return (open_transport(bus, i) for i, bus in enumerate(topology.buses))
+
+
+def _faulty(
+    ends: list[Transport], topology: Topology, nodes: SimulatedUnits | None, faults: Any
+) -> list[Transport]:
+    """Ends that put the faults of a script, or else of the scene, into received frames; on
+    simulated units by the time of the scene."""
+    script = getattr(nodes.scene, "faults", None) if nodes is not None else None
+    if faults is not None:
+        from bus.faults import FaultScript, load_script
+
+        is_file = isinstance(faults, str | os.PathLike)
+        script = load_script(Path(faults), topology) if is_file else faults
+        check_kind("faults", script, FaultScript)
+    if script is None or not script.faults:
+        return ends
+    from bus.faults import FaultyTransport
+
+    return [
+        FaultyTransport(
+            end, script, topology=topology,
+            clock=None if nodes is None else partial(nodes.time_ns, end.index),
+        ) for end in ends
+    ]  # fmt: skip
 
 
 def _recording(
-    undo: ExitStack, record: Any, pipeline: Pipeline, ends: list[Transport]
+    record: Any, pipeline: Pipeline, ends: list[Transport]
 ) -> tuple[Recorder | None, Recording | None]:
     """What records frames and states, or what records frames; None for none."""
-    undo.callback(pipeline.sinks.stop)
     if record is None or isinstance(record, Recording):
         return None, record
     if not isinstance(record, str | os.PathLike):
@@ -141,95 +173,3 @@ def _recording(
 
     pipeline.attach(recorder := Recorder(record, pipeline, ends))
     return recorder, None
-
-
-def _given(transports: Any) -> list[Transport]:
-    """The caller's own transports."""
-    ends: list[Any]
-    try:
-        ends = [] if transports is None else list(transports)
-    except TypeError:  # a single one
-        ends = [transports]
-    for end in ends:
-        check_kind("transports", end, Transport)
-    return ends
-
-
-def _scene(simulate: Any) -> Any:
-    """The scene of simulated units; False for hardware, which any false value means."""
-    try:
-        return simulate if simulate else False
-    except ValueError:  # an array
-        raise OptionError(f"simulate: must be a scene; got {shown(simulate)}") from None
-
-
-def _nodes(
-    undo: ExitStack, topology: Topology, scene: Any, seed: int | None, repeat: bool,
-    has_transports: bool, sync: Sync,
-) -> tuple[Topology, SimulatedUnits | None]:  # fmt: skip
-    """Simulated units, if a scene is given, and the topology with their calibration."""
-    check_flag("repeat", repeat)
-    if not scene:
-        return topology, None
-    _check_simulated(has_transports, sync, topology)
-    from skin.sim.node import simulated_units
-
-    nodes = simulated_units(topology, scene, seed, repeat)
-    undo.callback(nodes.close)
-    return topology.exact() if nodes.exact else topology, nodes
-
-
-def _ends(
-    undo: ExitStack, topology: Topology, nodes: SimulatedUnits | None, transports: object
-) -> list[Transport]:
-    """This host's ends of the buses: of the file's, opened one by one, or of simulated units; none
-    where transports are given."""
-    if transports is not None:
-        return []
-    if nodes is None:
-        opened = (open_transport(bus, i) for i, bus in enumerate(topology.buses))
-        return [undo.enter_context(end) for end in opened]
-    return [undo.enter_context(end) for end in nodes.in_process()]
-
-
-def _script(faults: Any, topology: Topology) -> FaultScript | None:
-    """The given faults, read if a file is given."""
-    if faults is None:
-        return None
-    from bus.faults import FaultScript, load_script
-
-    if isinstance(faults, str | os.PathLike):
-        return load_script(Path(faults), topology)
-    check_kind("faults", faults, FaultScript)
-    script: FaultScript = faults
-    return script
-
-
-def _checked(
-    ends: list[Transport], topology: Topology, nodes: SimulatedUnits | None, faults: Any
-) -> list[Transport]:
-    """One end for each bus, which puts the faults of a script, or else of the scene, into received
-    frames; on simulated units by the time of the scene."""
-    if len(ends) != (buses := len(topology.buses)):
-        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")
-    script = _script(faults, topology)
-    if script is None and nodes is not None:
-        script = getattr(nodes.scene, "faults", None)
-    if script is None or not script.faults:
-        return ends
-    from bus.faults import FaultyTransport
-
-    return [
-        FaultyTransport(
-            end, script, topology=topology,
-            clock=None if nodes is None else partial(nodes.time_ns, end.index),
-        ) for end in ends
-    ]  # fmt: skip
-
-
-def _check_simulated(has_transports: bool, sync: Sync, topology: Topology) -> None:
-    """Refuse options that exclude simulated units."""
-    if has_transports:
-        raise OptionError("transports: must not be given with simulate; got both")
-    if sync != "host" and topology.buses[0].sync_id is not None:
-        raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")

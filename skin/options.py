@@ -65,7 +65,7 @@ class Options:
     slip : SlipSettings or None
         Priors of friction, the safety of grip forces, and thresholds of slip.
     false_contacts_per_day : float
-        Contacts that noise alone may start on the whole skin; see `skin.contact.gate`.
+        Contacts that noise alone may start on the whole skin; see `skin.contact.cluster`.
     capacity : int, optional
         Contacts of a cycle that have an identity, at most: the heaviest; others are counted in
         `State.untracked`. If None it follows the number of units; see
@@ -106,7 +106,7 @@ class Options:
         check_flag("auto_tare", self.auto_tare)
         check_flag("creep", self.creep)
         check_flag("skip", self.skip)
-        if self.slip is not None and not hasattr(self.slip, "model"):
+        if self.slip is not None and not hasattr(self.slip, "incipient_ratio"):
             raise OptionError(f"slip: must be SlipSettings or None; got {shown(self.slip)}")
         if self.stencil is not None and not hasattr(self.stencil, "coefficients"):
             raise OptionError(f"stencil: must be a Stencil or None; got {shown(self.stencil)}")

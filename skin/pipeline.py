@@ -30,7 +30,7 @@ from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
     from skin.calibrate.zeros import Zeros
-    from skin.contact.common import Common
+    from skin.contact.shared_field import Common
     from skin.contact.stream import ContactStream
     from skin.robot.joints import Joints
 
@@ -130,8 +130,10 @@ class Pipeline:
             self._show(self.contacts)
         self.clock = Clock(round(1e9 / topology.cycle_rate_hz))
         self._inputs = self.decoder.inputs(self.counts, self.status)
-        nothing = dict.fromkeys([*self.shown, "contacts", "whole", "untracked"])
-        self._array = Layout(nothing) if self.contacts is None else None
+        absent: tuple[str, ...] = () if self.lists_contacts else ("contacts",)
+        absent += ("whole", "untracked") if self.contacts is None else ()
+        whole = [] if self.contacts is None else [self.contacts.records[-1:]]
+        self._array = Layout(self.shown | dict.fromkeys(absent), whole)
         self._units = self.decoder.layout
         shown: dict[str, Any] = dict(self.shown)
         self.now = State(
@@ -152,7 +154,7 @@ class Pipeline:
     @property
     def _doubt_n2(self) -> np.ndarray | None:
         """What the zeros leave open, where the wrench takes it."""
-        return None if self.contacts is None else self.contacts.model.geometry.pose["doubt"]
+        return None if self.contacts is None else self.contacts.model.poses["doubt"]
 
     def retake_zeros(self) -> None:
         """Take the zeros of all units again, in the next second in which nothing touches them.
@@ -218,7 +220,7 @@ class Pipeline:
 
     def _shared(self) -> Common | None:
         """Errors that units have in common: the ambient field, where it is estimated."""
-        from skin.contact.common import common_field
+        from skin.contact.shared_field import common_field
         from skin.decode.ambient_model import PRIOR_UT2
 
         decoder, ambient = self.decoder, self.decoder.ambient
@@ -243,9 +245,8 @@ class Pipeline:
         self._total = (*wrench, *centroid)
         if "slip" in want:
             self._slip = stream.unit_slip
-        self._label = stream.tracker.label
-        self._untracked = stream.data.counters["untracked"].data
-        stream.show(**self.shown, **({} if self.lists_contacts else {"contacts": None}))
+        self._label = stream.label
+        self._untracked = stream.data.cycle["untracked"].data
 
     @property
     def contact_capacity(self) -> int:
@@ -268,11 +269,11 @@ class Pipeline:
         """Load or compile the kernels, so that the first cycle is not late."""
         from skin.compiling import compile_calls
 
-        contacts = [] if self.contacts is None else self.contacts.calls()
-        compile_calls([*contacts, *self.decoder.calls()])
+        steps = None if self.contacts is None else self.contacts.bound
+        compile_calls([*([] if steps is None else steps.calls), *self.decoder.calls()])
         self.decoder.warmup()
-        if self.contacts is not None:
-            self.contacts.ready()
+        if steps is not None:
+            steps.ready()
 
     def close(self) -> None:
         """Stop all sinks."""
@@ -415,8 +416,10 @@ class Pipeline:
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags are in `counts` and `status` already."""
         now = self.step(cycle)
-        array: Any = self._array if self.contacts is None else self.contacts.layout
-        return now.owned(self._units, array)
+        own = now.owned(self._units, self._array)
+        if self.lists_contacts:
+            own.contacts = now.contacts
+        return own
 
     def catch_up(self) -> None:
         """Do what the last cycle has left to do for the zeros of units. A live loop calls it while
@@ -432,9 +435,9 @@ class Pipeline:
         self.decoder.set_elapsed(1e-9 * clock.elapsed_ns)
         self.decoder.step(self._inputs)
         if contacts is not None:
-            found = contacts.step(clock.now_ns)
+            contacts.step(clock.now_ns)
             if self.lists_contacts:
-                now.contacts = found
+                now.contacts = contacts.contacts
             now.whole = not contacts.records["flags"][-1] & UNSEEN
             now.untracked = int(self._untracked[0])
         if self.zeros is not None:

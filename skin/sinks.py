@@ -23,9 +23,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
 from enum import IntEnum
-from functools import partial
 from queue import SimpleQueue
 from threading import Lock, Thread, current_thread
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -160,148 +158,153 @@ class Sinks:
 
     Attributes
     ----------
-    live : tuple of Sink
+    live : tuple
         Those that are attached and have not failed.
     """
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz, self._lock = rate_hz, Lock()
-        self._every: list[tuple[Sink, Sink]] = []  # as given, and as called
-        self.live: tuple[Sink, ...] = ()
-        self._failures: dict[int, str] = {}
-        self._calls: dict[str, list[tuple[Sink, Callable[..., None]]]] = {}
-        self._set(())
+        self._every: list[_Attached] = []
+        self.live: tuple[_Attached, ...] = ()
 
     def tell(self, method: str, *given: Any) -> None:
         """Call a method of all sinks that have it; one that raises is detached."""
-        for sink, call in self._calls[method]:
-            try:
-                call(*given)
-            except Exception as error:
-                self._fail(sink, method, error)
-
-    # -- attaching ---------------------------------------------------------------------------------
+        for attached in self.live:
+            if method in attached.methods:
+                attached.tell(method, given)
 
     def attach(self, sink: Sink) -> None:
         """See `Attachable.attach`."""
         check_kind("sink", sink, Sink)
-        if not any(_has(sink, method) for method in METHODS):
+        name = type(sink).__name__
+        if not _methods(sink):
             raise OptionError(
-                f"sink: must have at least one of the methods {', '.join(METHODS)}; got "
-                f"{_name(sink)} without any"
+                f"sink: must have at least one of the methods {', '.join(METHODS)}; got {name} "
+                "without any"
             )
         with self._lock:
-            if any(given is sink for given, called in self._every if called in self.live):
-                raise OptionError(f"sink: must be attached once; got {_name(sink)} again")
-            called = sink if sink.inline else _Queued(sink, self._rate_hz, self._fail)
-            self._every = [one for one in self._every if one[0] is not sink]
-            self._every.append((sink, called))
-            self._failures.pop(id(sink), None)
-            self._set((*self.live, called))
+            if any(attached.sink is sink for attached in self.live):
+                raise OptionError(f"sink: must be attached once; got {name} again")
+            made = _Attached(sink, self) if sink.inline else _Queued(sink, self, self._rate_hz)
+            self._every = [*(one for one in self._every if one.sink is not sink), made]
+            self.live = (*self.live, made)
 
     def detach(self, sink: Sink) -> None:
         """See `Attachable.detach`."""
-        called = next((other for given, other in self._every if given is sink), None)
-        if called is None:
-            return
-        if self._remove(called):
-            self._stop(called)
-        elif isinstance(called, _Queued):
-            called.join()  # it has failed, and its thread may still stop it
+        for attached in self._every:
+            if attached.sink is sink:
+                if self.remove(attached):
+                    attached.stop()
+                attached.join()  # one that has failed: its thread may still stop it
 
     def stop(self) -> None:
         """Detach all, the last one first; each is stopped even if another fails. Those that have
         failed before have stopped, too, when this returns."""
         try:
-            for sink, _ in reversed(self._every):
-                self.detach(sink)
+            for attached in reversed(self._every):
+                self.detach(attached.sink)
         finally:  # also after an interrupt
             if self.live:
                 self.stop()
 
     def reports(self) -> list[SinkReport]:
         """See `Attachable.sinks`."""
-        return [
-            SinkReport(
-                sink, int(getattr(called, "lost", 0)),
-                self._failures.get(id(sink), getattr(called, "failure", None)),
-            ) for sink, called in self._every
-        ]  # fmt: skip
+        return [SinkReport(one.sink, one.lost, one.failure) for one in self._every]
 
-    def _set(self, live: tuple[Sink, ...]) -> None:
-        """Replace the list of sinks; a call in progress finishes with the old one."""
-        self.live = live
-        self._calls = {
-            method: [(sink, _call_of(sink, method)) for sink in live if _has(sink, method)]
-            for method in METHODS
-        }
-
-    def _remove(self, called: Sink) -> bool:
-        """Remove a sink from the list; False if it is not there."""
+    def remove(self, attached: _Attached) -> bool:
+        """Remove a sink from the list, while a call in progress finishes with the old one; False
+        if it is not there."""
         with self._lock:
-            if called not in self.live:
-                return False
-            self._set(tuple(sink for sink in self.live if sink is not called))
-            return True
+            found = attached in self.live
+            self.live = tuple(one for one in self.live if one is not attached)
+            return found
 
-    def _stop(self, called: Sink) -> None:
+
+class _Attached:
+    """A sink whose methods are called within the cycle."""
+
+    def __init__(self, sink: Sink, sinks: Sinks) -> None:
+        self.sink, self._sinks = sink, sinks
+        self.methods = _methods(sink)
+        self._failure: str | None = None
+
+    @property
+    def lost(self) -> int:
+        """As of `SinkReport`."""
+        return int(getattr(self.sink, "lost", 0))
+
+    @property
+    def failure(self) -> str | None:
+        """As of `SinkReport`."""
+        own: str | None = getattr(self.sink, "failure", None)
+        return self._failure or own
+
+    def tell(self, method: str, given: tuple[Any, ...]) -> None:
+        """Call a method."""
+        self._call(method, given)
+
+    def stop(self) -> None:
+        """Stop the sink, once it is removed."""
+        self._call("stop", ())
+
+    def join(self) -> None:
+        """Wait until the sink has stopped."""
+
+    def _call(self, method: str, given: tuple[Any, ...]) -> bool:
+        """Call a method; one that raises is the last but `stop`."""
         try:
-            called.stop()
+            getattr(self.sink, method)(*given)
         except Exception as error:
-            self._warn(called, "stop", error)
+            is_first = self._sinks.remove(self)
+            if is_first or method == "stop":
+                failure = (
+                    f"sink {self._name}: {method}: must not raise; got {type(error).__name__}: "
+                    f"{error} (it is detached, the run goes on)"
+                )
+                self._failure = self._failure or failure
+                _log.warning("%s", failure, exc_info=error)
+            if is_first:
+                self.stop()
+            return False
+        return True
 
-    def _fail(self, called: Sink, method: str, error: Exception) -> None:
-        """A method has raised: detach its sink and continue the cycle."""
-        is_first = self._remove(called)
-        if is_first or method == "stop":
-            self._warn(called, method, error)
-        if is_first:
-            self._stop(called)
-
-    def _warn(self, called: Sink, method: str, error: Exception) -> None:
-        sink = next(given for given, other in self._every if other is called)
-        failure = (
-            f"sink {_name(sink)}: {method}: must not raise; got {type(error).__name__}: {error} "
-            "(it is detached, the run goes on)"
-        )
-        self._failures.setdefault(id(sink), failure)
-        _log.warning("%s", failure, exc_info=error)
+    @property
+    def _name(self) -> str:
+        return type(self.sink).__name__
 
 
-class _Queued(Sink):
-    """A sink that its own thread calls.
+class _Queued(_Attached):
+    """A sink that its own thread calls."""
 
-    Parameters
-    ----------
-    sink : Sink
-    rate_hz : float
-        Cycles a second.
-    fail : callable
-        Called with this object, the name of the method that has raised, and the exception.
-    """
-
-    inline = True
-
-    def __init__(self, sink: Sink, rate_hz: float, fail: Callable[..., None]) -> None:
-        self.sink, self._rate_hz, self._fail = sink, rate_hz, fail
+    def __init__(self, sink: Sink, sinks: Sinks, rate_hz: float) -> None:
+        super().__init__(sink, sinks)
+        self._rate_hz = rate_hz
         self._most = max(LEAST_WAITING, round(WAITING_S * rate_hz))
-        self._waiting: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
-        self._ended = self._left_behind = False
-        self.lost = 0
-        self._thread = Thread(target=self._run, name=f"sink {_name(sink)}", daemon=True)
+        self._waiting: SimpleQueue[tuple[str, tuple[Any, ...]] | None] = SimpleQueue()
+        self._left_out, self._left_behind = 0, False
+        self._thread = Thread(target=self._run, name=f"sink {self._name}", daemon=True)
         self._thread.start()
 
-    def put(self, method: str, *given: Any) -> None:
+    @property
+    def lost(self) -> int:
+        """Calls that were left out."""
+        return self._left_out
+
+    def tell(self, method: str, given: tuple[Any, ...]) -> None:
         """Let a method wait for its call, with copies of what it is given."""
-        if self._has_room():
-            own = [one.copy() if hasattr(one, "copy") else one for one in given]
-            self._waiting.put(partial(self._call, method, *own))
+        if self._waiting.qsize() < self._most:
+            own = tuple(one.copy() if hasattr(one, "copy") else one for one in given)
+            self._waiting.put((method, own))
+            return
+        self._left_out += 1
+        if self._left_out == 1:
+            self._say_lost("so far")
 
     def stop(self) -> None:
         """Let the sink process its backlog, and stop it."""
         self._waiting.put(None)
         self.join()
-        if self.lost:
+        if self._left_out:
             self._say_lost("in all")
 
     def join(self) -> None:
@@ -311,36 +314,18 @@ class _Queued(Sink):
             self._thread.join(STOPS_S)
             self._left_behind = self._thread.is_alive()
             if self._left_behind:
-                _log.warning("sink %s: must stop within %g s; still runs with a "
-                             "backlog of %d calls", _name(self.sink), STOPS_S,
-                             self._waiting.qsize())  # fmt: skip
-
-    def _has_room(self) -> bool:
-        """Whether one more call may wait; otherwise it is dropped."""
-        if self._waiting.qsize() < self._most:
-            return True
-        self.lost += 1
-        if self.lost == 1:
-            self._say_lost("so far")
-        return False
+                _log.warning("sink %s: must stop within %g s; still runs with a backlog of %d "
+                             "calls", self._name, STOPS_S, self._waiting.qsize())  # fmt: skip
 
     def _say_lost(self, when: str) -> None:
         _log.warning("sink %s: must keep up with %g cycles a second; left out %d calls %s",
-                     _name(self.sink), self._rate_hz, self.lost, when)  # fmt: skip
-
-    def _call(self, method: str, *given: Any) -> None:
-        try:
-            getattr(self.sink, method)(*given)
-        except Exception as error:
-            self._ended = True
-            self._fail(self, method, error)
+                     self._name, self._rate_hz, self._left_out, when)  # fmt: skip
 
     def _run(self) -> None:
+        is_fine = True
         while (call := self._waiting.get()) is not None:
-            if not self._ended:
-                call()
-        if _has(self.sink, "stop"):
-            self._call("stop")
+            is_fine = is_fine and self._call(*call)
+        self._call("stop", ())
 
 
 class WorkerSink(Sink):
@@ -355,7 +340,7 @@ class WorkerSink(Sink):
 
     Attributes
     ----------
-    missed : int
+    lost : int
         Records dropped because the ring was full.
     look_at : float
         Time of the next check of the process, `time.monotonic`.
@@ -367,7 +352,7 @@ class WorkerSink(Sink):
 
     def __init__(self, name: str, pipeline: Pipeline) -> None:
         self.name, self.pipeline = name, pipeline
-        self.missed, self._reported = 0, 0
+        self.lost, self._reported = 0, 0
         self.failure: str | None = None
         self.look_at = 0.0
 
@@ -391,7 +376,7 @@ class WorkerSink(Sink):
     @property
     def alive(self) -> bool:
         """Whether the process runs."""
-        return self._worker.alive
+        return self._worker.status is None
 
     def look(self) -> None:
         """Check every `LOOK_S` whether the process runs and keeps up; otherwise log it to the
@@ -400,12 +385,11 @@ class WorkerSink(Sink):
         if now < self.look_at or self.failure is not None:
             return
         self.look_at = now + LOOK_S
-        if not self._worker.alive:
+        if not self.alive:
             self.fail()
             return
-        lost = self.left_out()
-        if lost >= max(1, 2 * self._reported):  # not at every check
-            self._reported = lost
+        if self.lost >= max(1, 2 * self._reported):  # not at every check
+            self._reported = self.lost
             _log.warning("%s: must keep up with %g cycles a second; left out %s so far",
                          self.name, self.pipeline.topology.cycle_rate_hz,
                          self.described_loss())  # fmt: skip
@@ -420,37 +404,15 @@ class WorkerSink(Sink):
         self.pipeline.detach(self)
         self._worker.close()
 
-    @property
-    def lost(self) -> int:
-        """What `SinkReport.lost` counts."""
-        return self.missed
-
-    def left_out(self) -> int:
-        """Records dropped so far."""
-        return self.missed
-
     def described_loss(self) -> str:
-        """The same as text."""
-        return f"{self.missed} states"
+        """Records dropped so far, as text."""
+        return f"{self.lost} states"
 
     def described_end(self, status: int) -> str:
         """Why the process ended, by its exit status."""
         return f"{self.name}: worker exited early (status {status})"
 
 
-def _has(sink: Sink, method: str) -> bool:
-    """Whether a sink defines a method."""
-    own = sink.sink if isinstance(sink, _Queued) else sink
-    return getattr(type(own), method) is not getattr(Sink, method)
-
-
-def _call_of(sink: Sink, method: str) -> Callable[..., None]:
-    """How a method of a sink is called within the cycle."""
-    if isinstance(sink, _Queued):
-        return partial(sink.put, method)
-    call: Callable[..., None] = getattr(sink, method)
-    return call
-
-
-def _name(sink: Sink) -> str:
-    return type(sink).__name__
+def _methods(sink: Sink) -> set[str]:
+    """Methods that a sink defines."""
+    return {name for name in METHODS if getattr(type(sink), name) is not getattr(Sink, name)}

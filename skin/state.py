@@ -16,7 +16,7 @@ from topology import Topology
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
 
-__all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "if_wanted", "trouble"]
+__all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "if_wanted"]
 
 UNIT_WANTS = (
     "temperature",
@@ -163,7 +163,8 @@ class State(_Wanted):
         One-sigma of each component of `wrench`. It contains the noise and calibration of the units,
         their common ambient field, the unknown place of the pressure on each face, the possible
         load of units that are not valid, and the loads below the gate, which `wrench` leaves out:
-        next to a contact, and elsewhere, as far as the readings show them (`skin.contact.unseen`),
+        next to a contact, and elsewhere, as far as the readings show them
+        (`skin.contact.silent_units`),
         and the even load that zeros of the first second may hide (`skin.calibrate.zeros`).
         Where nothing touches it is the noise of the sum of all units, or that sum; never 0.
     centroid : ndarray, shape (3,), float64
@@ -172,7 +173,7 @@ class State(_Wanted):
         touches, or where the load is below 5 sigmas of its noise.
     centroid_covariance : ndarray, shape (3, 3), float64
         Square metres, of the true centre of pressure about `centroid`: from the unknown place of
-        the pressure on each face (`skin.contact.face`), the noise of the loads, and units that are
+        the pressure on each face (`skin.contact.shape`), the noise of the loads, and units that are
         not valid.
     contacts : list of Contact
         Contacts with their identities, oldest first; see `skin.contact.contact.Contact`.
@@ -322,21 +323,3 @@ def _flagged(status: np.ndarray, topology: Topology | None = None) -> str:
         elif units.size:
             found.append(f"{flag.name} {units.size} units")
     return f"; {'; '.join(found)}" if found else ""
-
-
-def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:
-    """Units that are not valid, with their flags.
-
-    Parameters
-    ----------
-    topology : Topology
-    status : ndarray, shape (n,), uint16
-        `Status` flags.
-
-    Returns
-    -------
-    dict of str to Status
-        The flags of `INVALID` of each unit that has any, by unit name.
-    """
-    flagged = np.flatnonzero(status & int(INVALID))
-    return {topology.unit_names[i]: Status(int(status[i])) & INVALID for i in flagged}

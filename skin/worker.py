@@ -1,6 +1,6 @@
 """A worker process next to the live loop, and the ring buffer in shared memory that feeds it.
 
-Work that must not delay a cycle (learning, recording, the live view) has a process of its own,
+Work that must not delay a cycle (recording, publishing, the live view) has a process of its own,
 since a thread would share the interpreter's lock. The loop copies a record into the ring and
 continues; it never waits. Requests and answers go over a socket, one line of JSON each. When the
 loop's process ends, for any reason, the socket closes and the worker ends. The ring buffer is
@@ -30,8 +30,10 @@ import numpy as np
 
 from skin.errors import SkinError
 
-__all__ = ["RingBuffer", "Service", "Worker", "WorkerEnd", "read", "run", "serve"]
+__all__ = ["RingBuffer", "Service", "Worker", "WorkerEnd", "run"]
 
+AT_ONCE = 64
+"""Most records that a worker takes, and frees, together [assumed]."""
 LINE = 64
 """Bytes of a cache line: the counters of writer and reader have one each."""
 LONGEST_S = 60.0
@@ -102,24 +104,13 @@ class RingBuffer:
         self._calls[0] += 1
 
     @property
-    def counters(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of written and of read records, each of shape (1,), int64: for a kernel that
-        writes; see `bus.compiled.intrinsics.publish`."""
-        return self._written, self._read
-
-    @property
     def records(self) -> np.ndarray:
-        """All records, shape (slots,): for a writer that fills single fields; see `claim_slot`."""
+        """All records, shape (slots,): for a writer that fills in fields; see `claim`."""
         return self._records
 
-    def claim(self) -> np.ndarray | None:
-        """The next free record, shape (1,), to be filled; None where the ring is full. The reader
+    def claim(self) -> int | None:
+        """Index of the next free record, to be filled in; None where the ring is full. The reader
         sees it after `publish`."""
-        at = self.claim_slot()
-        return None if at is None else self._records[at : at + 1]
-
-    def claim_slot(self) -> int | None:
-        """The index of that record."""
         written = int(self._written[0])
         if written - int(self._read[0]) >= self.slots:
             return None
@@ -178,7 +169,7 @@ class Worker:
             )
         ring.close()
         self._send(
-            {"dtype": described(ring.dtype), "slots": ring.slots, "nice": niceness,
+            {"dtype": ring.dtype.descr, "slots": ring.slots, "nice": niceness,
              "request": request}
         )  # fmt: skip
 
@@ -186,11 +177,6 @@ class Worker:
     def process_id(self) -> int:
         """Of the worker's process."""
         return self._process.pid
-
-    @property
-    def alive(self) -> bool:
-        """Whether the worker runs."""
-        return self._process.poll() is None
 
     @property
     def status(self) -> int | None:
@@ -265,8 +251,8 @@ class WorkerEnd:
         The loop has closed its side or has ended: process the backlog, and end.
     """
 
-    def __init__(self, arguments: list[str] | None = None) -> None:
-        at, memory = (int(text) for text in (sys.argv[1:] if arguments is None else arguments))
+    def __init__(self) -> None:
+        at, memory = (int(text) for text in sys.argv[1:])
         self._socket = socket.socket(fileno=at)
         self._rest = b""
         self.ended = False
@@ -274,7 +260,9 @@ class WorkerEnd:
         if first is None:
             raise SystemExit(0)  # the loop ended before its first command
         os.nice(first["nice"])
-        dtype = np.dtype([(name, kind, tuple(shape)) for name, kind, shape in first["dtype"]])
+        dtype = np.dtype(
+            [(name, kind, *map(tuple, shape)) for name, kind, *shape in first["dtype"]]
+        )
         self.ring = RingBuffer(dtype, first["slots"], memory)
         self.request: dict[str, Any] = first["request"]
 
@@ -308,26 +296,17 @@ class Service:
     commands : mapping of str to callable
         Commands of the loop, by name: each gets the values of the command and returns the answer,
         or None for a command without one.
-    at_once : collection of str
-        Commands that are executed before the records that were published earlier.
-    batch : int
-        Maximum number of records that `take` gets.
     rest_s : float
         Interval at which an empty ring is polled.
     reads_to_end : bool
         Whether the backlog is processed after the loop has ended.
-    frees_first : bool
-        Whether records are copied, and freed in the ring, before `take`.
     is_done : bool
         To be set to end the worker before the loop.
     """
 
     commands: Mapping[str, Callable[..., dict[str, Any] | None]]
-    at_once: frozenset[str] = frozenset()
-    batch = 1
     rest_s = 0.02
     reads_to_end = True
-    frees_first = False
     is_done = False
 
     def take(self, records: np.ndarray) -> None:
@@ -350,14 +329,12 @@ def serve(end: WorkerEnd, service: Service) -> None:
     ring = end.ring
     while not service.is_done:
         ended = end.ended  # before its last records are read
-        read(ring, service, service.batch)
+        _read(ring, service, AT_ONCE)
         service.look()
         command = end.command(0.0 if ended else service.rests_s(ring.waiting))
         if command is not None:
-            name = command.pop("command")
-            if name not in service.at_once:
-                read(ring, service, ring.waiting)
-            answer = _obey(service, name, command)
+            _read(ring, service, ring.waiting)
+            answer = _obey(service, **command)
             if answer is not None:
                 end.answer(**answer)
         elif ended and not (service.reads_to_end and ring.waiting):
@@ -365,24 +342,19 @@ def serve(end: WorkerEnd, service: Service) -> None:
             return
 
 
-def read(ring: RingBuffer, service: Service, most: int) -> None:
+def _read(ring: RingBuffer, service: Service, most: int) -> None:
     """Pass unread records to a service, so many at most."""
-    while most > 0 and (records := ring.unread()[: min(most, service.batch)]).size:
+    while most > 0 and (records := ring.unread()[: min(most, AT_ONCE)]).size:
         most -= records.size
-        if service.frees_first:
-            records = records.copy()
-            ring.release(records.size)
-            service.take(records)
-        else:
-            service.take(records)
-            ring.release(records.size)
+        service.take(records)
+        ring.release(records.size)
 
 
-def _obey(service: Service, name: str, values: dict[str, Any]) -> dict[str, Any] | None:
+def _obey(service: Service, command: str, **values: Any) -> dict[str, Any] | None:
     known = service.commands
-    if name not in known:
-        return {"error": f"command: must be one of {', '.join(known)}; got {name!r}"}
-    return known[name](**values)
+    if command not in known:
+        return {"error": f"command: must be one of {', '.join(known)}; got {command!r}"}
+    return known[command](**values)
 
 
 def run(make: Callable[[WorkerEnd], Service]) -> None:
@@ -405,22 +377,3 @@ def run(make: Callable[[WorkerEnd], Service]) -> None:
 
 def _line(message: dict[str, Any]) -> bytes:
     return json.dumps(message, allow_nan=False).encode() + b"\n"
-
-
-def described(dtype: np.dtype[Any]) -> list[tuple[str, str, tuple[int, ...]]]:
-    """Names, kinds and shapes of the fields of a record, as `numpy.dtype` takes them.
-
-    Examples
-    --------
-    >>> described(np.dtype([("stamp_ns", np.int64), ("force", np.float32, (3, 2))]))
-    [('stamp_ns', '<i8', ()), ('force', '<f4', (3, 2))]
-    """
-    fields = []
-    for name in dtype.names or ():
-        field = dtype[name]
-        if field.names or field.hasobject:
-            raise SkinError(f"record: {name}: must be an array of numbers; got {field}")
-        fields.append((name, field.base.str, field.shape))
-    if np.dtype(fields) != dtype:
-        raise SkinError("record: must have its fields side by side; got gaps between them")
-    return fields

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfilt
 
 from benchmarks.recorded.recording import Recording
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import SlipState
 from skin.contact.stream import ContactStream
 

@@ -82,8 +82,8 @@ class Kalman:
 class Temperature:
     """Follows what two pads hold; `inside_c`, `sigma_c`, `rate_c_per_s`, `rate_sigma`, `gel_c`.
 
-    `phase` is "unknown", "steady", "heating" or "cooling", and `began_s` when the rate crossed
-    zero; `changes` counts jumps of the rate.
+    `phase` is "unknown", "steady", "heating" or "cooling", and `began_s` when the rate
+    was last within its sigma of zero; `changes` counts jumps of the rate.
     """
 
     def __init__(self, topology: Any) -> None:
@@ -145,9 +145,9 @@ class Temperature:
         if self._filter.sigma(INSIDE) > 3.0:
             return
         rate, rises = self.rate_c_per_s, self.rate_c_per_s > 0.0
-        if rises != self._was_rising:
-            self._was_rising, self._crossed_s = rises, time_s
         sigmas = abs(rate) / self.rate_sigma
+        if rises != self._was_rising or sigmas < 1.0:
+            self._was_rising, self._crossed_s = rises, time_s
         jumped = time_s - self._jumped_s < JUMPED_S
         if sigmas > TURN_SIGMAS * (0.5 if jumped else 1.0):
             now, began_s = "heating" if rises else "cooling", self._crossed_s

@@ -51,7 +51,7 @@ class Gather:
         self._lists = pipeline.lists_contacts
         self._present = np.zeros(0, np.int32)
         if pipeline.contacts is not None:
-            self._present = pipeline.contacts.data.slots.present
+            self._present = pipeline.contacts.data.slots["present"]
         row_bytes = sum(array.nbytes for array in self.sources.values()) + 64
         capacity = int(np.clip(BLOCK_BYTES // row_bytes, LEAST_CYCLES, MOST_CYCLES))
         self.capacity = capacity if most is None else max(1, min(most, capacity))
@@ -135,9 +135,9 @@ def _sources(pipeline: Pipeline) -> dict[str, np.ndarray]:
     reading = pipeline.decoder.reading
     found = {f"{READING}{name}": getattr(reading, name) for name in Reading.__slots__}
     found |= pipeline.shown
-    if pipeline.contacts is not None and pipeline.contacts.model.wants.total:
+    if pipeline.contacts is not None and pipeline.contacts.model.settings["total"][0]:
         found[FLAGS] = pipeline.contacts.records["flags"][-1:]
-        found[UNTRACKED] = pipeline.contacts.data.counters["untracked"]
+        found[UNTRACKED] = pipeline.contacts.data.cycle["untracked"]
     found |= {
         "totals": pipeline.assembler.totals,
         "sampled_ns": pipeline.assembler.sampled_ns,

@@ -1,137 +1,207 @@
-"""Clusters: units that are in contact, joined along the neighbour graph.
+"""Clusters: units above the gate, joined along the neighbour graph.
 
-Units above the gate are joined to connected sets of units.
+The gate is a normal load in sigmas: one that starts a contact, and a smaller one that keeps a unit
+in it. The threshold of a start follows from the allowed rate of false contacts. A unit may start a
+contact alone, by the mean of two successive cycles, or together with a neighbour; under noise alone
+all three are normal deviates, and share the false contacts equally [derived]. Shear alone makes no
+contact: stray fields read as shear on untouched units.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.jit import compiled, jitable
-from skin.contact.gate import KEEP_SIGMA, START_SIGMA
-from skin.contact.graph import checked_graph
-from skin.contact.model import (
-    POSE,
-    ContactModel,
-    Gate,
-    Geometry,
-    Wants,
-    contact_data,
-    no_readings,
-)
+from bus.compiled.jit import jitable
 from skin.contact.record import BRIDGE, OPEN, OUT, SILENT
+from skin.errors import SkinError
+from skin.options import Options
 
-__all__ = ["contact_clusters", "join", "join_python"]
+__all__ = ["FALSE_CONTACTS_PER_DAY", "KEEP_SIGMA", "START_SIGMA", "join", "start_sigma_for",
+           "start_sigmas", "take_readings"]  # fmt: skip
 
+START_SIGMA = 5.0
+"""Normal load of a contact in a single reading of an array, in sigmas [assumed]."""
+KEEP_SIGMA = 3.0
+"""Normal load that a unit must exceed to belong to a contact, in sigmas [assumed]."""
+FALSE_CONTACTS_PER_DAY = Options.false_contacts_per_day
+"""Allowed contacts due to noise on the whole skin, per day [assumed]."""
 TINY = 1e-200
 """Lower bound of sigma, newton, for numbers without noise."""
 
 
-@jitable
-def _gate(load, sigma, valid, keep_sigma, touching, kind):
-    """Classify units by their normal load; returns how many are open."""
-    above = 0
-    for i in range(load.size):
-        reported = valid[i] & np.isfinite(load[i]) & (sigma[i] >= 0.0)
-        unheard = BRIDGE if touching[i] else SILENT
-        loaded = OPEN if load[i] > keep_sigma * sigma[i] else OUT
-        kind[i] = loaded if reported else unheard
-        above += reported & (loaded == OPEN)
-    return above
+def start_sigmas(
+    n: int, pairs: int, rate_hz: float, false_contacts_per_day: float
+) -> tuple[float, float, float]:
+    """Thresholds of a unit, of two cycles of it, and of two neighbours; see `SETTINGS`.
 
-
-@jitable(inline=True)
-def _all_finite(values, i):
-    x, y, z = values[0, i], values[1, i], values[2, i]
-    return np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
-
-
-@jitable
-def _list_loaded(reading, needs_displacement, units):
-    """List the open units; returns how many. A unit with a non-finite number becomes silent.
-
-    The shear of unloaded units is not checked.
+    Parameters
+    ----------
+    n, pairs : int
+        Units, and pairs of neighbours.
+    rate_hz : float
+        Cycles a second.
+    false_contacts_per_day : float
+        On the whole skin, on white Gaussian noise.
     """
-    kind, loaded = units.kind, units.loaded
-    count = 0
-    for i in range(kind.size):
-        loaded[count] = i
-        count += kind[i] == OPEN
-    listed, count = count, 0
-    for at in range(listed):
-        i = loaded[at]
-        reported = _all_finite(reading.force, i) & _all_finite(reading.force_sigma, i)
-        if needs_displacement:
-            reported &= _all_finite(reading.displacement, i)
-            reported &= _all_finite(reading.displacement_sigma, i)
-        if reported:
-            loaded[count] = i
-            count += 1
-        else:
-            kind[i] = BRIDGE if units.touching[i] else SILENT
+    per_hour = false_contacts_per_day / 24.0 / 3.0
+    alone = start_sigma_for(per_hour, n, rate_hz)
+    return alone, alone, start_sigma_for(per_hour, pairs, rate_hz) if pairs else np.inf
+
+
+def start_sigma_for(false_alarms_per_hour: float, n: int, rate_hz: float) -> float:
+    """Threshold at which noise alone starts at most this rate of contacts.
+
+    For white Gaussian noise. At `START_SIGMA`, noise of 64 units at 250 Hz starts a contact every
+    3.6 minutes.
+
+    Parameters
+    ----------
+    false_alarms_per_hour : float
+    n : int
+        Number of units, or of other tests per cycle.
+    rate_hz : float
+        Cycles a second.
+
+    Returns
+    -------
+    float
+        Sigmas of normal load.
+
+    Examples
+    --------
+    >>> round(start_sigma_for(1.0, 64, 250.0), 2)
+    5.52
+    """
+    from scipy.special import ndtri
+
+    chance = false_alarms_per_hour / (3600.0 * n * rate_hz)
+    if not 0.0 < chance < 0.5:
+        raise SkinError(
+            "false_alarms_per_hour, n, rate_hz: must leave each unit and cycle a chance between "
+            f"0 and 0.5; got {chance:g}"
+        )
+    return float(-ndtri(chance))
+
+
+@jitable
+def take_readings(readings, model, data):
+    """Copy the readings of a cycle into the records of the units, and list the units above the
+    gate; returns how many. A unit that is not valid or has a non-finite number is silent; the shear
+    of unloaded units is not read.
+    """
+    keep_sigma, cycle, count = model.settings[0]["keep_sigma"], data.cycle[0], 0
+    cycle["cycles"] += 1
+    for i in range(data.units.size):
+        u = data.units[i]
+        load, sigma = np.float64(readings.force[2, i]), np.float64(readings.force_sigma[2, i])
+        u["force"][2], u["force_sigma"][2] = load, sigma
+        data.label[i] = -1
+        heard = readings.valid[i] and np.isfinite(load) and sigma >= 0.0
+        kind = OUT
+        if heard and load > keep_sigma * sigma:
+            _take_loaded(i, u, readings, cycle)
+            heard = _all_finite(u["force"]) and _all_finite(u["force_sigma"])
+            if model.settings[0]["needs_displacement"]:
+                heard = heard and _all_finite(u["displacement"])
+                heard = heard and _all_finite(u["displacement_sigma"])
+            if heard:
+                kind = OPEN
+                _weigh(u, cycle["cycles"])
+                data.lists[count]["loaded"] = i
+                count += 1
+        if not heard:
+            kind = BRIDGE if u["touching"] else SILENT
+        u["kind"] = kind
     return count
 
 
 @jitable
-def _spread(first, part, stored, graph, units):
+def _take_loaded(i, u, readings, cycle):
+    """Copy all that is given of one unit."""
+    for a in range(3):
+        u["force"][a] = readings.force[a, i]
+        u["force_sigma"][a] = readings.force_sigma[a, i]
+        if cycle["has_depth"]:
+            u["displacement"][a] = readings.displacement[a, i]
+            u["displacement_sigma"][a] = readings.displacement_sigma[a, i]
+        if cycle["has_field"]:
+            u["field"][a] = readings.field[a, i]
+            u["field_displacement"][a] = readings.field_displacement[a, i]
+    u["temperature"] = np.nan
+    if cycle["has_temperature"]:
+        u["temperature"] = readings.temperature[i]
+    if cycle["has_field"]:
+        u["residue"] = readings.residue[i]
+
+
+@jitable
+def _all_finite(v):
+    return np.isfinite(v[0]) and np.isfinite(v[1]) and np.isfinite(v[2])
+
+
+@jitable
+def _weigh(u, cycle):
+    """Load of a unit above the gate in sigmas, in this cycle and the one before."""
+    u["level_before"] = u["level"] if u["level_cycle"] == cycle - 1 else -np.inf
+    u["level"] = u["force"][2] / max(u["force_sigma"][2], TINY)
+    u["level_cycle"] = cycle
+
+
+@jitable
+def _spread(first, part, stored, model, data):
     """Flood-fill a cluster from a unit: its open units go into `members` from `stored` on; returns
     the end of `queue`, which lists all of its units, and of `members`."""
-    kind, label, queue = units.kind, units.label, units.queue
+    units, label, lists = data.units, data.label, data.lists
     label[first] = part
-    queue[0] = first
+    lists[0]["queue"] = first
     head, tail = 0, 1
     while head < tail:
-        i = queue[head]
+        i = lists[head]["queue"]
         head += 1
-        if kind[i] == OPEN:
-            units.members[stored] = i
+        if units[i]["kind"] == OPEN:
+            data.members[stored] = i
             stored += 1
-        for at in range(graph.start[i], graph.start[i + 1]):
-            j = graph.neighbour[at]
-            if label[j] < 0 and (kind[j] == OPEN or kind[j] == BRIDGE):
+        for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+            if label[j] < 0 and (units[j]["kind"] == OPEN or units[j]["kind"] == BRIDGE):
                 label[j] = part
-                queue[tail] = j
+                lists[tail]["queue"] = j
                 tail += 1
     return tail, stored
 
 
 @jitable
-def _weigh(load, sigma, loaded, cycle, evidence):
-    """Loads of the units above the gate in sigmas, in this cycle and the one before."""
-    for i in loaded:
-        again = evidence.cycle[i] == cycle - 1
-        evidence.before[i] = evidence.level[i] if again else -np.inf
-        evidence.level[i] = np.float64(load[i]) / max(np.float64(sigma[i]), TINY)
-        evidence.cycle[i] = cycle
-
-
-@jitable
-def _starts(members, graph, gate, touching, evidence):
+def _starts(members, model, units):
     """Whether a unit of a cluster starts a contact, alone, with the cycle before or with a
     neighbour; or was in one."""
-    twice, both = np.sqrt(2.0) * gate.repeat_sigma, np.sqrt(2.0) * gate.pair_sigma
+    settings = model.settings[0]
+    alone = settings["start_sigma"]
+    twice = np.sqrt(2.0) * settings["repeat_sigma"]
+    both = np.sqrt(2.0) * settings["pair_sigma"]
     for i in members:
-        level = evidence.level[i]
-        if touching[i] or level > gate.start_sigma or level + evidence.before[i] > twice:
+        u = units[i]
+        level = u["level"]
+        if u["touching"] or level > alone or level + u["level_before"] > twice:
             return True
-        for at in range(graph.start[i], graph.start[i + 1]):
-            j = graph.neighbour[at]
-            if evidence.cycle[j] == evidence.cycle[i] and level + evidence.level[j] > both:
+        for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+            other = units[j]
+            if other["level_cycle"] == u["level_cycle"] and level + other["level"] > both:
                 return True
     return False
 
 
-@jitable(inline=True)
-def join_python(model, data):
+@jitable
+def join(loaded, model, data):
     """Join the units above the gate to clusters.
 
-    Silent units connect their neighbours and belong to no cluster.
+    Silent units that were in contact connect their neighbours, so that one lost frame does not cut
+    a contact in two, but belong to no cluster.
 
     Parameters
     ----------
+    loaded : int
+        Listed units.
     model : ContactModel
     data : ContactData
-        `units` is written except `owner` and `slip`; `touching` is read.
 
     Returns
     -------
@@ -139,99 +209,20 @@ def join_python(model, data):
         Number of clusters with a unit that starts a contact or was in one. Units of cluster k are
         ``members[begin[k]:begin[k + 1]]``; `label` is the cluster of each unit, -1.
     """
-    reading, units = data.reading, data.units
-    kind, label, begin, touching = units.kind, units.label, units.begin, units.touching
-    load, sigma = reading.force[2], reading.force_sigma[2]
-    above = _gate(load, sigma, reading.valid, model.gate.keep_sigma, touching, kind)
-    label[:] = -1
-    begin[0] = 0
-    if above > 0:
-        above = _list_loaded(reading, model.gate.needs_displacement, units)
-    data.counters[0]["cycles"] += 1
-    loaded = units.loaded[:above]
-    _weigh(load, sigma, loaded, data.counters[0]["cycles"], data.evidence)
-    parts = 0
-    for first in loaded:
-        if kind[first] != OPEN or label[first] >= 0:
+    units, lists, parts, stored = data.units, data.lists, 0, 0
+    lists[0]["begin"] = 0
+    for at in range(loaded):
+        first = lists[at]["loaded"]
+        if units[first]["kind"] != OPEN or data.label[first] >= 0:
             continue
-        stored = begin[parts]
-        tail, end = _spread(first, parts, stored, model.graph, units)
-        members = units.members[stored:end]
-        if _starts(members, model.graph, model.gate, touching, data.evidence):
+        tail, end = _spread(first, parts, stored, model, data)
+        if _starts(data.members[stored:end], model, units):
             parts += 1
-            begin[parts] = end
+            lists[parts]["begin"] = end
+            stored = end
             continue
-        for at in range(tail):
-            i = units.queue[at]
-            kind[i] = OUT if kind[i] == OPEN else SILENT
-            label[i] = -1
+        for k in range(tail):
+            i = lists[k]["queue"]
+            units[i]["kind"] = OUT if units[i]["kind"] == OPEN else SILENT
+            data.label[i] = -1
     return parts
-
-
-join = compiled(join_python, fastmath={"contract"})
-
-
-def contact_clusters(
-    load: np.ndarray,
-    sigma: np.ndarray | float,
-    neighbour_start: np.ndarray,
-    neighbour_index: np.ndarray,
-    *,
-    valid: np.ndarray | None = None,
-    touching: np.ndarray | None = None,
-    start_sigma: float = START_SIGMA,
-    keep_sigma: float = KEEP_SIGMA,
-) -> np.ndarray:
-    """Join the units in contact to clusters, on any neighbour graph.
-
-    A cluster is a connected set of units with more than `keep_sigma` of normal load, at least one
-    of which has more than `start_sigma` or was touching before. Shear alone makes no contact: stray
-    fields read as shear on untouched units. A silent unit belongs to no cluster, but connects its
-    neighbours if it was touching when last heard, so that one lost frame does not cut a contact in
-    two.
-
-    Parameters
-    ----------
-    load : ndarray, shape (n,)
-        Newton, normal to the skin, positive when pressed. NaN is a silent unit.
-    sigma : ndarray, shape (n,), or float
-        Newton, one-sigma of `load`.
-    neighbour_start, neighbour_index : ndarray, shape (n + 1,) and (m,)
-        Neighbour graph in compressed rows, symmetric, as in `Topology`.
-    valid : ndarray, shape (n,), bool, optional
-        Valid units; all if not given.
-    touching : ndarray, shape (n,), bool, optional
-        Units that were in contact in the cycle before.
-    start_sigma, keep_sigma : float
-        Gate, with its hysteresis; a start is detected from one reading of each unit alone.
-
-    Returns
-    -------
-    ndarray, shape (n,), int32
-        Number of the cluster of each unit, counted from 0 by the first unit; -1 for no contact.
-
-    Examples
-    --------
-    Five units in a row; the fourth is silent:
-
-    >>> from skin.contact.graph import neighbour_graph
-    >>> start, index = neighbour_graph(np.arange(5.0) * [[1], [0], [0]], 1.0)
-    >>> contact_clusters(np.array([9, 4, 0, np.nan, 6]), 1.0, start, index).tolist()
-    [0, 0, -1, -1, 1]
-    """
-    load = np.ascontiguousarray(load, np.float64)
-    n = load.size
-    used = np.isfinite(load) if valid is None else np.isfinite(load) & valid
-    reading = no_readings(n, np.float64)
-    reading.force[2], reading.force_sigma[2], reading.valid[:] = load, sigma, used
-    geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
-    model = ContactModel(
-        checked_graph(n, neighbour_start, neighbour_index),
-        Gate(float(start_sigma), np.inf, np.inf, float(keep_sigma), 0.0, 0.0, False),
-        geometry, Wants(False, False, False),
-    )  # fmt: skip
-    data = contact_data(reading, 1, model.graph.neighbour.size)
-    if touching is not None:
-        data.units.touching[:] = touching
-    join(model, data)
-    return np.where(used, data.units.label, -1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,10 +13,18 @@ from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
 if TYPE_CHECKING:
-    from skin.contact.rows import Rows
     from skin.contact.shock import Shocks
 
-__all__ = ["Contact"]
+__all__ = ["Contact", "Kept"]
+
+
+class Kept(NamedTuple):
+    """Copies of the records of the contacts of a cycle."""
+
+    records: np.ndarray  # CONTACT
+    slots: np.ndarray  # SLOT
+    members: np.ndarray  # (m,), int32
+    told: np.ndarray | None  # (m,), MEMBER; None where slip is not wanted
 
 
 class Contact(Fields):
@@ -26,33 +34,24 @@ class Contact(Fields):
     frame.
     """
 
-    __slots__ = ("_at", "_names", "_rows", "_shocks", "_slot", "record")
+    __slots__ = ("_kept", "_names", "_shocks", "_slot", "record")
 
     def __init__(
-        self,
-        rows: Rows,
-        shocks: Shocks | None,
-        at: int,
-        slot: int,
-        names: Sequence[str] | None = None,
+        self, kept: Kept, slot: int, shocks: Shocks | None, names: Sequence[str] | None
     ) -> None:
-        self._rows = rows
-        self._shocks = shocks
-        self._at = at
-        self._slot = slot
-        self._names = names
-
-    def __getattr__(self, name: str) -> Any:
-        """Make the record when it is first read."""
-        if name != "record":
-            raise AttributeError(f"'Contact' object has no attribute {name!r}")
-        self.record = record = self._rows.records[self._at]
-        return record
+        self._kept, self._slot = kept, slot
+        self.record = kept.records[slot]
+        self._shocks, self._names = shocks, names
 
     @property
     def units(self) -> np.ndarray:
         """Its units, shape (m,), int32."""
-        return self._rows.members[self.record["begin"] : self.record["end"]]
+        return self._kept.members[self.record["begin"] : self.record["end"]]
+
+    @property
+    def _told(self) -> np.ndarray | None:
+        told = self._kept.told
+        return None if told is None else told[self.record["begin"] : self.record["end"]]
 
     @property
     def whole(self) -> bool:
@@ -69,25 +68,24 @@ class Contact(Fields):
     @property
     def slip_began(self) -> np.ndarray:
         """Units where the present slip began, shape (m,), int32; empty without slip."""
-        began = self._kept(self._rows.began)
-        slips = self.slip >= SlipState.INCIPIENT
-        return self.units[(began == self.record["id"]) & slips]
+        if (told := self._told) is None or self.slip < SlipState.INCIPIENT:
+            return self.units[:0]
+        return self.units[told["began"] == self.record["id"]]
 
     @property
     def noise_ratio(self) -> np.ndarray:
         """Measured noise of its units while they stuck, over sigma, shape (m,): 1 or more; 1 where
         none was measured."""
-        return np.sqrt(np.maximum(self._kept(self._rows.noise_ratio), 1.0))
+        if (told := self._told) is None:
+            return np.ones(self.units.size)
+        return np.sqrt(np.maximum(told["noise_ratio"], 1.0))
 
     @property
     def noisy_units(self) -> np.ndarray:
         """Units with more noise than their sigma, shape (m,), int32; see `Flag.NOISY`. Slip alarms
         include it; other sigmas do not."""
-        return self.units[self._kept(self._rows.noisy) > 0.0]
-
-    def _kept(self, row: np.ndarray | None) -> np.ndarray:
-        """Row of slip's memory for its units; 0 where slip is not wanted."""
-        return np.zeros(self.units.size) if row is None else row[self.units]
+        told = self._told
+        return self.units[:0] if told is None else self.units[told["noisy"] > 0.0]
 
     @property
     def unit_names(self) -> list[str]:
@@ -111,8 +109,7 @@ class Contact(Fields):
     @property
     def path(self) -> np.ndarray:
         """Waypoints of its centroid, oldest first, shape (p, 3); a copy."""
-        count = int(self.record["waypoints"])
-        ring = self._rows.paths[self._at]
+        count, ring = int(self.record["waypoints"]), self._kept.slots[self._slot]["path"]
         if count <= WAYPOINTS:
             return ring[:count].copy()
         return np.roll(ring, -(count % WAYPOINTS), axis=0)
@@ -121,20 +118,20 @@ class Contact(Fields):
     def impact(self) -> bool:
         """Whether it was hit in this cycle; needs the want "shocks"."""
         shocks = self._wanted_shocks()
-        impact: Any = self._rows.impact
-        return bool(impact[self._slot] > shocks.impact_limit)
+        return bool(self._kept.slots[self._slot]["impact"] > shocks.impact_limit)
 
     @property
     def vibration(self) -> bool:
         """Whether it vibrates; needs the want "shocks"."""
-        shocks, rows = self._wanted_shocks(), self._rows
-        vibration: Any = rows.vibration
-        weight: Any = rows.weight
-        return shocks.vibrates(vibration[self._slot], weight[self._slot])
+        shocks, slot = self._wanted_shocks(), self._kept.slots[self._slot]
+        return shocks.vibrates(slot["vibration"], slot["weight"])
 
     def copy(self) -> Contact:
         """The same contact with writable data of its own."""
-        return Contact(self._rows.only(self._at, self._slot), self._shocks, 0, 0, self._names)
+        records, slots, members, told = self._kept
+        told = None if told is None else told.copy()
+        kept = Kept(records.copy(), slots.copy(), members.copy(), told)
+        return Contact(kept, self._slot, self._shocks, self._names)
 
     def _wanted_shocks(self) -> Shocks:
         if self._shocks is None:

@@ -8,77 +8,199 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.jit import compiled, jitable
-from skin.contact.common import add_common, spread_common
-from skin.contact.face import add_faces
-from skin.contact.path import walk
+from bus.compiled.jit import jitable
+from skin.contact.model import ADDED, WAYPOINTS
 from skin.contact.record import BORN, UNSEEN
-from skin.contact.shape import ROUND, arm, orient
-from skin.contact.sums import add_total, add_units, clear
-from skin.contact.touched import gather, touched_rows
-from skin.contact.unseen import (
-    add_apart,
-    add_light,
-    add_missed,
-    add_silence,
-    add_unseen,
-    prepare_light,
-)
+from skin.contact.shape import ROUND, add_faces, add_first, add_second, arm, between, orient
+from skin.contact.shared_field import add_shared, spread_shared
+from skin.contact.silent_units import add_apart, add_light, add_missed, add_silent, clear
 from skin.contact.wrench import centre, total_wrench
 
-__all__ = ["describe", "describe_python"]
+__all__ = ["describe", "walk"]
 
-REORDERED = {"contract", "reassoc", "arcp"}
-"""Sums over the units of a contact are re-ordered by fast-math."""
+STEP_SIGMAS = 3.0
+STEP_M = 2e-4
+"""Smallest movement of the centre between waypoints, in its sigmas, and in metres [assumed]."""
 
 
 @jitable
-def _temperatures(s, record, m):
+def _add_load(i, u, pose, has_depth, s):
+    """Add the load of a unit, and its first and second moments."""
+    load, variance, position = u["force"][2], u["force_sigma"][2] ** 2, pose["position"]
+    z = pose["rotation"][:, 2]
+    depth = 1e-3 * u["displacement"][2] if has_depth else 0.0
+    depth = depth if np.isfinite(depth) else 0.0
+    # touched point: the position, and from there along z as deep as pressed
+    point = position[0] + depth * z[0], position[1] + depth * z[1], position[2] + depth * z[2]
+    s["units"] += 1.0
+    s["area"] += pose["area"]
+    if load > s["peak"] * pose["area"]:
+        s["peak"], s["peak_unit"] = load / pose["area"], i
+    s["load"] += load
+    s["load_variance"] += variance
+    add_first(s["load_touched"], load, point)
+    add_second(s["load_touched_square"], load, point)
+    add_first(s["load_position"], load, position)
+    add_first(s["load_z"], load, z)
+    add_first(s["load_x"], load, pose["rotation"][:, 0])
+    add_first(s["variance_position"], variance, position)
+    add_second(s["variance_position_square"], variance, position)
+
+
+@jitable
+def _add_wrench(u, pose, u_variance, v_variance, s):
+    """Add the wrench (F, p × F) of a unit and its covariance, by the variances of its tangential
+    forces and of its load.
+
+    Its force has the covariance V = R diag(v) R', which is that with its torque times P, V P', and
+    of the torque P V P', where P is the matrix of p ×.
+    """
+    p, r, f = pose["position"], pose["rotation"], u["force"]
+    px, py, pz = p[0], p[1], p[2]
+    x = f[0] * r[0, 0] + f[1] * r[0, 1] + f[2] * r[0, 2]
+    y = f[0] * r[1, 0] + f[1] * r[1, 1] + f[2] * r[1, 2]
+    z = f[0] * r[2, 0] + f[1] * r[2, 1] + f[2] * r[2, 2]
+    wrench, t = s["wrench"], s["wrench_covariance"]
+    wrench[0] += x
+    wrench[1] += y
+    wrench[2] += z
+    wrench[3] += py * z - pz * y
+    wrench[4] += pz * x - px * z
+    wrench[5] += px * y - py * x
+    w = u["force_sigma"][2] ** 2
+    a, b, c = u_variance * r[0, 0], v_variance * r[0, 1], w * r[0, 2]
+    xx = a * r[0, 0] + b * r[0, 1] + c * r[0, 2]
+    xy = a * r[1, 0] + b * r[1, 1] + c * r[1, 2]
+    xz = a * r[2, 0] + b * r[2, 1] + c * r[2, 2]
+    a, b, c = u_variance * r[1, 0], v_variance * r[1, 1], w * r[1, 2]
+    yy = a * r[1, 0] + b * r[1, 1] + c * r[1, 2]
+    yz = a * r[2, 0] + b * r[2, 1] + c * r[2, 2]
+    zz = u_variance * r[2, 0] ** 2 + v_variance * r[2, 1] ** 2 + w * r[2, 2] ** 2
+    x3, x4, x5 = py * xz - pz * xy, pz * xx - px * xz, px * xy - py * xx
+    y3, y4, y5 = py * yz - pz * yy, pz * xy - px * yz, px * yy - py * xy
+    z3, z4, z5 = py * zz - pz * yz, pz * xz - px * zz, px * yz - py * xz
+    entries = (
+        xx, xy, xz, x3, x4, x5, yy, yz, y3, y4, y5, zz, z3, z4, z5,
+        py * z3 - pz * y3, py * z4 - pz * y4, py * z5 - pz * y5,
+        pz * x4 - px * z4, pz * x5 - px * z5, px * y5 - py * x5,
+    )  # fmt: skip
+    for row in range(21):
+        t[row] += entries[row]
+
+
+@jitable
+def _add_warmth(i, u, pose, s):
+    area, warmth, position = pose["area"], u["temperature"], pose["position"]
+    if not np.isfinite(warmth):
+        return
+    if s["hot_unit"] < 0.0 or warmth > s["hot"]:
+        s["hot"], s["hot_unit"] = warmth, i
+    s["warm_area"] += area
+    s["warm_temperature"] += area * warmth
+    add_first(s["warm_position"], area, position)
+    add_second(s["warm_position_square"], area, position)
+    add_first(s["warm_temperature_position"], area * warmth, position)
+
+
+@jitable
+def _add(k, total, members, model, data):
+    """Add units to the sums of row k, and the loads below the gate of their neighbours."""
+    s, has_depth = data.sums[k], data.cycle[0]["has_depth"]
+    for i in members:
+        u, pose = data.units[i], model.poses[i]
+        x_variance, y_variance = u["force_sigma"][0] ** 2, u["force_sigma"][1] ** 2
+        if data.cycle[0]["has_field"]:
+            x_shared, y_shared = add_shared(k, u, pose, data.gain)
+            x_variance = max(x_variance - x_shared, 0.0)
+            y_variance = max(y_variance - y_shared, 0.0)
+        _add_load(i, u, pose, has_depth, s)
+        _add_wrench(u, pose, x_variance, y_variance, s)
+        _add_warmth(i, u, pose, s)
+    add_light(k, total, members, model, data)
+    add_missed(s, model.settings[0]["keep_sigma"])
+
+
+@jitable
+def _add_total(count, data):
+    """Add the first `count` rows to the row after them."""
+    total = data.sums[count]
+    for k in range(count):
+        s = data.sums[k]
+        for column in range(ADDED):
+            data.columns[count, column] += data.columns[k, column]
+        if s["peak"] > total["peak"]:
+            total["peak"], total["peak_unit"] = s["peak"], s["peak_unit"]
+        if s["hot_unit"] >= 0.0 and (total["hot_unit"] < 0.0 or s["hot"] > total["hot"]):
+            total["hot"], total["hot_unit"] = s["hot"], s["hot_unit"]
+
+
+@jitable
+def _temperatures(s, record):
     """Mean, hottest unit, and slope of the temperature along the two axes of the contact."""
-    gradient = record["temperature_gradient"]
-    gradient[:] = np.nan
+    record["temperature_gradient"][:] = np.nan
+    record["temperature"] = record["hot_temperature"] = np.nan
     record["hot_unit"] = int(s["hot_unit"])
     area = s["warm_area"]
     if area <= 0.0:
-        record["temperature"] = np.nan
-        record["hot_temperature"] = np.nan
         return
-    record["temperature"] = s["warm_temperature"] / area
+    record["temperature"] = mean = s["warm_temperature"] / area
     record["hot_temperature"] = s["hot"]
     if s["units"] < 3.0:
         return
-    axes, position, square = record["axes"], s["warm_position"], s["warm_position_square"]
-    m[:] = 0.0
-    rhs = m[2]
-    row = 0
-    for a in range(3):
-        slope = s["warm_temperature_position"][a] - s["warm_temperature"] * position[a] / area
-        for k in range(2):
-            rhs[k] += axes[a, k] * slope
-        for b in range(a, 3):
-            spread = square[row] - position[a] * position[b] / area
-            row += 1
-            for k in range(2):
-                for j in range(2):
-                    both = axes[a, k] * axes[b, j]
-                    if a != b:
-                        both += axes[b, k] * axes[a, j]
-                    m[k, j] += both * spread
-    det = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-    if det <= ROUND**2 * (m[0, 0] + m[1, 1]) ** 2:
+    p, q = s["warm_position"], s["warm_position_square"]
+    x, y, z = p[0] / area, p[1] / area, p[2] / area
+    spread = (
+        q[0] - p[0] * x, q[1] - p[0] * y, q[2] - p[0] * z, q[3] - p[1] * y, q[4] - p[1] * z,
+        q[5] - p[2] * z,
+    )  # fmt: skip
+    u, v = record["axes"][:, 0], record["axes"][:, 1]
+    uu, uv, vv = between(spread, u, u), between(spread, u, v), between(spread, v, v)
+    det = uu * vv - uv * uv
+    if det <= ROUND**2 * (uu + vv) ** 2:
         return
-    first = (rhs[0] * m[1, 1] - rhs[1] * m[0, 1]) / det
-    second = (rhs[1] * m[0, 0] - rhs[0] * m[1, 0]) / det
+    along = across = 0.0
     for a in range(3):
-        gradient[a] = first * axes[a, 0] + second * axes[a, 1]
+        slope = s["warm_temperature_position"][a] - mean * p[a]
+        along, across = along + u[a] * slope, across + v[a] * slope
+    first, second = (along * vv - across * uv) / det, (across * uu - along * uv) / det
+    for a in range(3):
+        record["temperature_gradient"][a] = first * u[a] + second * v[a]
 
 
 @jitable
-def _conclude(s, faces, record, members, load_n, geometry, scratch):
+def walk(record, step_variance, path):
+    """Store the centre as a waypoint if it has moved.
+
+    `step_variance` is that of noise alone, m², over all axes: the unknown place of load on the
+    faces is the same before and after a step.
+    """
+    centre, waypoint = record["centroid"], record["waypoint"]
+    if record["event"] & BORN:
+        record["waypoints"] = 0
+        record["travel"] = 0.0
+    if not np.isfinite(centre[0]):
+        return
+    if record["waypoints"] == 0:
+        for a in range(3):
+            record["origin"][a] = centre[a]
+    else:
+        square = 0.0
+        for a in range(3):
+            square += (centre[a] - waypoint[a]) ** 2
+        if square <= max(STEP_M**2, STEP_SIGMAS**2 * step_variance):
+            return
+        record["travel"] += np.sqrt(square)
+    for a in range(3):
+        waypoint[a] = centre[a]
+        path[record["waypoints"] % WAYPOINTS, a] = centre[a]
+    record["waypoints"] += 1
+
+
+@jitable
+def _conclude(s, faces, record, members, model, data):
     """Compute everything that follows from the sums of one contact; `faces` are those of
     `members`."""
-    poses, origin = geometry
-    load, area = s["load"], s["area"]
+    origin, load, area = model.settings[0]["origin"], s["load"], s["area"]
     record["flags"] = UNSEEN if s["hidden"] > 0.0 else 0
     record["load"] = load
     record["load_sigma"] = np.sqrt(s["load_variance"] + s["unseen"] + s["missed"])
@@ -87,106 +209,77 @@ def _conclude(s, faces, record, members, load_n, geometry, scratch):
     record["peak_pressure"] = s["peak"]
     record["peak_unit"] = int(s["peak_unit"])
     record["coverage"] = area / (area + s["silent_area"])
-    orient(s, record, scratch)
-    _temperatures(s, record, scratch.first)
-    add_faces(faces, record, members, load_n, poses, s)
+    orient(s, record)
+    _temperatures(s, record)
+    add_faces(faces, record, members, model.poses, data.units, s)
     total_wrench(s, record, origin)
-    centre(s, record, origin, scratch)
+    centre(s, record, origin)
 
 
 @jitable
 def _forget(record):
     """Reset a record that may have been another contact's: slip of a new one is unknown."""
-    record["slip"] = 0
-    record["slip_units"] = 0
-    record["body_units"] = 0
+    record["slip"] = record["slip_units"] = record["body_units"] = 0
     record["onset_ns"] = 0
-    record["stick_ratio"] = np.nan
-    record["pattern"] = np.nan
-    record["slip_probability"] = np.nan
     record["slip_direction"][:] = np.nan
     record["motion"][:] = np.nan
     record["rotation"][:] = np.nan
-    record["friction"] = np.nan
-    record["friction_sigma"] = np.nan
-    record["friction_spread"] = np.nan
-    record["friction_lower"] = 0.0
-    record["friction_information"] = 0.0
-    record["margin"] = np.nan
-    record["grip_force"] = np.nan
-    record["grip_force_sigma"] = np.nan
+    record["stick_ratio"] = record["pattern"] = record["slip_probability"] = np.nan
+    record["friction"] = record["friction_sigma"] = record["friction_spread"] = np.nan
+    record["friction_lower"] = record["friction_information"] = 0.0
+    record["margin"] = record["grip_force"] = record["grip_force_sigma"] = np.nan
 
 
-@jitable(inline=True)
-def _add(k, total, members, model, data):
-    """Add units to the sums of row k, and the loads below the gate of their neighbours."""
-    reading, common, touched = data.reading, data.common, touched_rows(data.touched)
-    length = gather(members, reading, model.geometry.pose, data.touched)
-    if common.law.size > 0:
-        add_common(k, members, length, common, touched)
-    add_units(members, length, touched, reading.given[0]["temperature"], data.sums.rows[k])
-    add_light(k, total, members, model, data)
-    add_missed(data.sums.rows[k], model.gate.keep_sigma, data.scratch.six)
-
-
-@jitable(fastmath=REORDERED)
-def describe_python(count, each, silent, model, data):
+@jitable
+def describe(count, silent, model, data):
     """Describe the contacts that `find_contacts` has found, and their total.
 
     Parameters
     ----------
     count : int
         Contacts.
-    each : bool
-        Whether they are described; otherwise they only count in the total.
     silent : int
-        Units that are silent, and should be heard.
+        Units that are not heard; see `remember`.
     model : ContactModel
     data : ContactData
-        `contacts` and `paths` are written.
+        `contacts` and `slots` are written.
     """
-    poses, units, sums = model.geometry.pose, data.units, data.sums
-    load = data.reading.force[2]
-    end = 0
+    sums, slots, end = data.sums, data.slots, 0
+    untracked_end = data.cycle[0]["touching_units"]
     for k in range(count + 2):
-        clear(k, sums)
-    unheard = prepare_light(units)
-    data.common.gain[: count + 2] = 0.0
-    untracked_end = data.counters[0]["touching_units"]
+        clear(k, data)
+    data.gain[: count + 2] = 0.0
     for k in range(count + 1):
         first, last = end, untracked_end
         if k < count:
-            record = data.contacts[data.slots.present[k]]
+            record = data.contacts[slots[k]["present"]]
             first, last = record["begin"], record["end"]
             end = max(end, last)
         if first < last:
-            _add(k, count + 1, units.members[first:last], model, data)
-    if unheard > 0:
-        add_silence(count, units, model.graph, poses, sums)
-    add_total(count + 1, sums)
-    spread_common(count, data)
-    whole = sums.rows[count + 1]
+            _add(k, count + 1, data.members[first:last], model, data)
+    _add_total(count + 1, data)
+    if data.cycle[0]["has_field"]:
+        spread_shared(count, model, data)
+    whole = sums[count + 1]
     if silent > 0:
-        add_unseen(count, model, data)
+        add_silent(count, model, data)
     add_apart(whole, True, model, data)
     for k in range(count):
-        slot = data.slots.present[k]
-        record = data.contacts[slot]
-        s, members = sums.rows[k], units.members[record["begin"] : record["end"]]
-        if each:
+        slot = slots[k]["present"]
+        record, s = data.contacts[slot], sums[k]
+        members = data.members[record["begin"] : record["end"]]
+        if model.settings[0]["each"]:
             if record["event"] & BORN:
                 _forget(record)
-            _conclude(s, s, record, members, load, model.geometry, data.scratch)
-            arm(record, units.members, load, model.geometry)
-            walk(record, s["step_variance"], data.paths[slot])
+            _conclude(s, s, record, members, model, data)
+            arm(record, members, model.settings[0]["origin"], model.poses, data.units)
+            walk(record, s["step_variance"], slots[slot]["path"])
         else:
-            orient(s, record, data.scratch)
-            add_faces(s, record, members, load, poses, s)
+            orient(s, record)
+            add_faces(s, record, members, model.poses, data.units, s)
         for row in range(6):
             whole["face"][row] += s["face"][row]
             whole["face_torque"][row] += s["face_torque"][row]
-    record, members = data.contacts[data.contacts.size - 1], units.members[end:untracked_end]
-    _conclude(whole, sums.rows[count], record, members, load, model.geometry, data.scratch)
-
-
-describe = compiled(describe_python, fastmath=REORDERED)
+    members = data.members[end:untracked_end]
+    total = data.contacts[data.contacts.size - 1]
+    _conclude(whole, sums[count], total, members, model, data)

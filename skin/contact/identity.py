@@ -1,8 +1,10 @@
-"""Identities of contacts: clusters are matched with the records of the cycle before.
+"""Contacts with identities that persist through motion, merging and splitting.
 
-Matching is by the load on common units. Each unit stores the record that last owned it. When two
-contacts merge, the heavier one represents both and the units keep their owners, so that the parts
-get their identities back when they separate.
+A contact keeps its identity while it has units in common with itself a cycle before: clusters are
+matched with the slots of the cycle before by the load on common units. Each unit stores the slot
+that last owned it. When two contacts merge, the heavier one represents both and the units keep
+their owners, so that the parts get their identities back when they separate. When one splits, the
+heavier part keeps the identity, as does a contact that is lost and soon returns to its place.
 """
 
 from __future__ import annotations
@@ -10,18 +12,21 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
+from skin.contact.cluster import join, take_readings
 from skin.contact.record import (
     ABSORBED,
     BORN,
+    BRIDGE,
     FREE,
     LOST,
     MERGED,
+    OPEN,
     PRESENT,
     RESUMED,
     SPLIT,
 )
 
-__all__ = ["identify", "keep_heaviest"]
+__all__ = ["find_contacts"]
 
 QUIET = 0.25
 """An absorbed contact represents itself again when its load exceeds the other's fourfold, or when
@@ -31,10 +36,94 @@ NEARBY = 1e-3
 
 
 @jitable
-def _comes_first(pairs, a, b):
-    """Whether pair a is worth more than b; of equal ones the first record, then the first cluster
-    comes first."""
-    one, other = pairs[a], pairs[b]
+def _keep_heaviest(parts, room, data):
+    """Keep the `room` heaviest clusters, of equal ones the first; the units of the others get label
+    -1 and come last."""
+    units, lists, pairs, members = data.units, data.lists, data.pairs, data.members
+    for part in range(parts):
+        total = 0.0
+        for at in range(lists[part]["begin"], lists[part + 1]["begin"]):
+            total += units[members[at]]["force"][2]
+            lists[at]["queue"] = members[at]
+        pairs[part]["worth"] = total
+    for _ in range(parts - room):
+        lightest = -1
+        for part in range(parts):
+            worth = pairs[part]["worth"]
+            if worth >= 0.0 and (lightest < 0 or worth <= pairs[lightest]["worth"]):
+                lightest = part
+        pairs[lightest]["worth"] = -1.0
+    for part in range(parts + 1):
+        lists[part]["loaded"] = lists[part]["begin"]
+    stored, kept = 0, 0
+    for wanted in range(2):
+        for part in range(parts):
+            dropped = pairs[part]["worth"] < 0.0
+            if dropped != (wanted == 1):
+                continue
+            for at in range(lists[part]["loaded"], lists[part + 1]["loaded"]):
+                members[stored] = lists[at]["queue"]
+                data.label[members[stored]] = -1 if dropped else kept
+                stored += 1
+            if not dropped:
+                kept += 1
+                lists[kept]["begin"] = stored
+
+
+@jitable
+def _add(load, part, slot, first, end, data):
+    """Add a common load of a cluster, whose pairs begin at `first`, and a slot; returns the end of
+    the pairs."""
+    at = data.slots[slot]["mark"]
+    if at < first:  # of a cluster before, or none
+        at = end
+        data.slots[slot]["mark"] = at
+        pair = data.pairs[at]
+        pair["part"], pair["slot"], pair["load"] = part, slot, 0.0
+        end += 1
+    data.pairs[at]["load"] += load
+    return end
+
+
+@jitable
+def _share(parts, data):
+    """Pairs of a cluster and a slot that owned units of it in the cycle before; returns how
+    many."""
+    end = 0
+    data.slots["mark"][:] = -1
+    for part in range(parts):
+        first = end
+        for i in data.members[data.lists[part]["begin"] : data.lists[part + 1]["begin"]]:
+            u = data.units[i]
+            if u["touching"] and u["owner"] >= 0:
+                end = _add(u["force"][2], part, u["owner"], first, end, data)
+    return end
+
+
+@jitable
+def _share_nearby(parts, begin, model, data):
+    """The same of clusters that are new and have not split: common load including units that a slot
+    owned once, and neighbours of such units. The pairs come after `begin`; returns their end."""
+    units, slots, end = data.units, data.slots, begin
+    slots["mark"][:] = -1
+    for part in range(parts):
+        if slots[part]["slot_of"] >= 0 or slots[part]["parent"] >= 0:
+            continue
+        first = end
+        for i in data.members[data.lists[part]["begin"] : data.lists[part + 1]["begin"]]:
+            load = units[i]["force"][2]
+            if units[i]["owner"] >= 0:
+                end = _add(load, part, units[i]["owner"], first, end, data)
+            for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+                if units[j]["owner"] >= 0:
+                    end = _add(NEARBY * load, part, units[j]["owner"], first, end, data)
+    return end
+
+
+@jitable
+def _comes_first(one, other):
+    """Whether a pair is worth more than another; of equal ones the first slot, then the first
+    cluster comes first."""
     if one["worth"] != other["worth"]:
         return one["worth"] > other["worth"]
     if one["slot"] != other["slot"]:
@@ -43,187 +132,88 @@ def _comes_first(pairs, a, b):
 
 
 @jitable
-def _sift(order, at, size, pairs):
-    """Restore a heap of `size` pairs below the place `at`: none comes before the one above it."""
-    moved = order[at]
-    while 2 * at + 1 < size:
-        below = 2 * at + 1
-        if below + 1 < size and _comes_first(pairs, order[below + 1], order[below]):
-            below += 1
-        if not _comes_first(pairs, order[below], moved):
-            break
-        order[at] = order[below]
-        at = below
-    order[at] = moved
+def _assign(pairs, track, other, other_worth, contacts, slots):
+    """Assign slots in two states to clusters, one to one, greedily by the largest common load.
 
-
-@jitable
-def _heap(order, size, pairs):
-    for at in range(size // 2 - 1, -1, -1):
-        _sift(order, at, size, pairs)
-
-
-@jitable
-def _take_first(order, size, pairs):
-    """The first pair of a heap of `size`, which has one less from then on."""
-    first = order[0]
-    order[0] = order[size - 1]
-    _sift(order, 0, size - 1, pairs)
-    return first
-
-
-@jitable
-def keep_heaviest(load, parts, room, data):
-    """Keep the `room` heaviest clusters; the units of the others get label -1 and come last."""
-    units, pairs, order = data.units, data.shared, data.order
-    label, members, begin = units.label, units.members, units.begin
-    old_members, old_end = units.queue, units.loaded  # free by now, used as scratch
-    for part in range(parts):
-        total = 0.0
-        for at in range(begin[part], begin[part + 1]):
-            total += load[members[at]]
-            old_members[at] = members[at]
-        pairs[part]["worth"], pairs[part]["slot"], pairs[part]["part"] = total, 0, part
-        old_end[part] = begin[part + 1]
-        order[part] = part
-    _heap(order, parts, pairs)
-    for taken in range(room):
-        pairs[_take_first(order, parts - taken, pairs)]["worth"] = -1.0  # kept
-    stored, kept = 0, 0
-    for wanted in (True, False):
-        for part in range(parts):
-            if (pairs[part]["worth"] < 0.0) != wanted:
-                continue
-            for at in range(old_end[part - 1] if part else 0, old_end[part]):
-                members[stored] = old_members[at]
-                label[members[stored]] = kept if wanted else -1
-                stored += 1
-            if wanted:
-                kept += 1
-                begin[kept] = stored
-    return kept
-
-
-@jitable
-def _add(load, part, slot, first, count, pairs, mark):
-    """Add a common load of a cluster, whose pairs begin at `first`, and a record; returns the
-    number of pairs."""
-    at = mark[slot]
-    if at < first:  # of a cluster before, or none
-        at = count
-        mark[slot] = at
-        pairs[at]["part"], pairs[at]["slot"], pairs[at]["load"] = part, slot, 0.0
-        count += 1
-    pairs[at]["load"] += load
-    return count
-
-
-@jitable
-def _share(load, units, parts, mark, pairs):
-    """Pairs of a cluster and a record that owned units of it in the cycle before; returns how
-    many."""
-    mark[:] = -1
-    count = 0
-    for part in range(parts):
-        first = count
-        for at in range(units.begin[part], units.begin[part + 1]):
-            i = units.members[at]
-            if units.touching[i] and units.owner[i] >= 0:
-                count = _add(load[i], part, units.owner[i], first, count, pairs, mark)
-    return count
-
-
-@jitable
-def _share_nearby(load, graph, units, parts, slots, pairs):
-    """The same of clusters that are new and have not split: common load including units that a
-    record owned once, and neighbours of such units."""
-    owner, mark = units.owner, slots.mark
-    mark[:] = -1
-    count = 0
-    for part in range(parts):
-        if slots.slot_of[part] >= 0 or slots.parent[part] >= 0:
-            continue
-        first = count
-        for at in range(units.begin[part], units.begin[part + 1]):
-            i = units.members[at]
-            if owner[i] >= 0:
-                count = _add(load[i], part, owner[i], first, count, pairs, mark)
-            for near in range(graph.start[i], graph.start[i + 1]):
-                slot = owner[graph.neighbour[near]]
-                if slot >= 0:
-                    count = _add(NEARBY * load[i], part, slot, first, count, pairs, mark)
-    return count
-
-
-@jitable
-def _assign(pairs, contacts, track, other, other_worth, slots, order):
-    """Assign records in two states to clusters, one to one, by the largest common load.
-
-    The load on units of a record in the second state is weighted by `other_worth`. Costs
-    p log p for p pairs, of which a unit adds at most one, and one for each neighbour.
+    The load on units of a slot in the second state is weighted by `other_worth`. A pair that is the
+    best of its cluster and of its slot is one that the greedy choice takes: all such are taken at
+    once, and the others looked at again.
     """
-    slot_of, part_of = slots.slot_of, slots.part_of
-    size = 0
-    for at in range(pairs.size):
-        pair = pairs[at]
+    for pair in pairs:
         now = contacts[pair["slot"]]["track"]
-        if now not in (track, other) or part_of[pair["slot"]] >= 0 or slot_of[pair["part"]] >= 0:
-            continue
-        pair["worth"] = pair["load"] if now == track else other_worth * pair["load"]
-        order[size] = at
-        size += pair["worth"] > 0.0
-    _heap(order, size, pairs)
-    while size > 0:
-        pair = pairs[_take_first(order, size, pairs)]
-        size -= 1
-        if slot_of[pair["part"]] < 0 and part_of[pair["slot"]] < 0:
-            slot_of[pair["part"]] = pair["slot"]
-            part_of[pair["slot"]] = pair["part"]
+        pair["worth"] = pair["load"] if now == track else 0.0
+        if now == other:
+            pair["worth"] = other_worth * pair["load"]
+    found = True
+    while found:
+        found = False
+        for pair in pairs:
+            slots[pair["part"]]["best_of_part"] = -1
+            slots[pair["slot"]]["best_of_slot"] = -1
+        for at in range(pairs.size):
+            pair = pairs[at]
+            part, slot = slots[pair["part"]], slots[pair["slot"]]
+            if part["slot_of"] >= 0 or slot["part_of"] >= 0 or not pair["worth"] > 0.0:
+                continue
+            best = part["best_of_part"]
+            if best < 0 or _comes_first(pair, pairs[best]):
+                part["best_of_part"] = at
+            best = slot["best_of_slot"]
+            if best < 0 or _comes_first(pair, pairs[best]):
+                slot["best_of_slot"] = at
+        for at in range(pairs.size):
+            pair = pairs[at]
+            part, slot = slots[pair["part"]], slots[pair["slot"]]
+            if part["best_of_part"] == at and slot["best_of_slot"] == at:
+                part["slot_of"], slot["part_of"] = pair["slot"], pair["part"]
+                found = True
 
 
 @jitable
-def _disown(contacts, owner):
-    """Units of records that are free, or are another contact from now on, have no owner."""
-    for i in range(owner.size):
-        slot = owner[i]
+def _disown(contacts, units):
+    """Units of slots that are free, or are another contact from now on, have no owner."""
+    for i in range(units.size):
+        slot = units[i]["owner"]
         if slot >= 0 and (contacts[slot]["track"] == FREE or contacts[slot]["event"] & BORN):
-            owner[i] = -1
+            units[i]["owner"] = -1
 
 
 @jitable
-def _longest_away(contacts, part_of):
-    """The record without a cluster that was lost, or absorbed, first."""
+def _longest_away(contacts, slots):
+    """The slot without a cluster that was lost, or absorbed, first."""
     oldest = -1
-    for slot in range(contacts.size):
-        away = part_of[slot] < 0 and contacts[slot]["track"] != PRESENT
+    for slot in range(slots.size):
+        away = slots[slot]["part_of"] < 0 and contacts[slot]["track"] != PRESENT
         if away and (oldest < 0 or contacts[slot]["seen_ns"] < contacts[oldest]["seen_ns"]):
             oldest = slot
     return oldest
 
 
 @jitable
-def _end(settle_ns, now_ns, pairs, contacts, data):
-    """End records that were present or absorbed and have no cluster; returns how many ended."""
-    slots, most = data.slots, data.most
-    for slot in range(contacts.size):
-        ends = slots.part_of[slot] < 0 and contacts[slot]["track"] in (PRESENT, ABSORBED)
-        most[slot] = 0.0 if ends else np.inf
+def _end(count, in_use, settle_ns, data):
+    """End slots that were present or absorbed and have no cluster; returns how many ended."""
+    slots, contacts, now_ns = data.slots, data.contacts, data.cycle[0]["now_ns"]
+    for slot in range(in_use):
+        record = contacts[slot]
+        ends = slots[slot]["part_of"] < 0 and record["track"] in (PRESENT, ABSORBED)
+        slots[slot]["most"] = 0.0 if ends else np.inf
         if ends:
-            contacts[slot]["into"] = -1
-    for at in range(pairs.size):
-        slot = pairs[at]["slot"]
-        if slot < contacts.size and pairs[at]["load"] > most[slot]:
-            most[slot] = pairs[at]["load"]
-            contacts[slot]["into"] = slots.slot_of[pairs[at]["part"]]
-    count, freed = 0, False
-    for slot in range(contacts.size):
+            record["into"] = -1
+    for at in range(count):
+        pair = data.pairs[at]
+        slot = pair["slot"]
+        if slot < in_use and pair["load"] > slots[slot]["most"]:
+            slots[slot]["most"] = pair["load"]
+            contacts[slot]["into"] = slots[pair["part"]]["slot_of"]
+    ended, freed = 0, False
+    for slot in range(in_use):
+        if slots[slot]["most"] == np.inf:
+            continue
         record = contacts[slot]
         track, into = record["track"], record["into"]
-        if most[slot] == np.inf:
-            continue
         if into < 0:
-            slots.ended[count] = record["id"]
-            count += 1
+            slots[ended]["ended"] = record["id"]
+            ended += 1
             record["track"] = LOST
         elif track == PRESENT:
             if contacts[into]["track"] == PRESENT:
@@ -235,8 +225,8 @@ def _end(settle_ns, now_ns, pairs, contacts, data):
         if record["track"] == ABSORBED:
             record["seen_ns"] = now_ns
     if freed:
-        _disown(contacts, data.units.owner)
-    return count
+        _disown(contacts, data.units)
+    return ended
 
 
 @jitable
@@ -245,130 +235,178 @@ def _absorbed_into(contacts, other, slot):
 
 
 @jitable
-def _own(load, graph, units, slot, represents, contacts):
-    """Set the owner of a contact's units: those of absorbed records keep it, new ones take a
+def _own(slot, represents, model, data):
+    """Set the owner of a contact's units: those of absorbed slots keep it, new ones take a
     neighbour's. `represents` is whether there are absorbed ones."""
-    label, owner, members = units.label, units.owner, units.members
-    first, last = contacts[slot]["begin"], contacts[slot]["end"]
-    if not represents:
-        for at in range(first, last):
-            owner[members[at]] = slot
-        return
-    for at in range(first, last):
-        i = members[at]
-        mine = owner[i]
-        if mine == slot or (mine >= 0 and _absorbed_into(contacts, mine, slot)):
+    units, label, contacts = data.units, data.label, data.contacts
+    for i in data.members[contacts[slot]["begin"] : contacts[slot]["end"]]:
+        mine = units[i]["owner"]
+        kept = represents and mine >= 0 and _absorbed_into(contacts, mine, slot)
+        if kept or mine == slot:
             continue
         best, heaviest = slot, 0.0
-        for near in range(graph.start[i], graph.start[i + 1]):
-            j = graph.neighbour[near]
-            there = owner[j]
-            if label[j] != label[i] or there < 0 or not load[j] > heaviest:
-                continue
-            if there == slot or _absorbed_into(contacts, there, slot):
-                best, heaviest = there, load[j]
-        owner[i] = best
+        if represents:
+            for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+                there, load = units[j]["owner"], units[j]["force"][2]
+                if label[j] != label[i] or there < 0 or not load > heaviest:
+                    continue
+                if there == slot or _absorbed_into(contacts, there, slot):
+                    best, heaviest = there, load
+        units[i]["owner"] = best
 
 
 @jitable
-def _claim(load, graph, now_ns, parts, pairs, contacts, data):
-    """Assign clusters without a record: split from a contact, back from the lost, moved, or new."""
-    slots, most = data.slots, data.most
-    slot_of, part_of, parent = slots.slot_of, slots.part_of, slots.parent
-    parent[:parts] = -1
-    most[:parts] = 0.0
-    for at in range(pairs.size):
-        part, slot, shared = pairs[at]["part"], pairs[at]["slot"], pairs[at]["load"]
-        if slot_of[part] >= 0 or part_of[slot] < 0:
-            continue
-        if shared > most[part] or (shared == most[part] and slot < parent[part]):
-            most[part], parent[part] = shared, slot
+def _claim(parts, count, model, data):
+    """Assign clusters without a slot: split from a contact, back from the lost, moved, or new."""
+    slots, pairs, contacts, cycle = data.slots, data.pairs, data.contacts, data.cycle[0]
     for part in range(parts):
-        if parent[part] >= 0:
-            contacts[parent[part]]["event"] |= SPLIT
-    count = _share_nearby(load, graph, data.units, parts, slots, data.nearby)
-    _assign(data.nearby[:count], contacts, LOST, PRESENT, 1.0, slots, data.order)
+        slots[part]["parent"], slots[part]["most"] = -1, 0.0
+    for at in range(count):
+        slot, shared = pairs[at]["slot"], pairs[at]["load"]
+        part = slots[pairs[at]["part"]]
+        if part["slot_of"] >= 0 or slots[slot]["part_of"] < 0:
+            continue
+        if shared > part["most"] or (shared == part["most"] and slot < part["parent"]):
+            part["most"], part["parent"] = shared, slot
+    for part in range(parts):
+        if slots[part]["parent"] >= 0:
+            contacts[slots[part]["parent"]]["event"] |= SPLIT
+    end = _share_nearby(parts, count, model, data)
+    _assign(pairs[count:end], LOST, PRESENT, 1.0, contacts, slots)
     vacant = 0
     for part in range(parts):
-        if slot_of[part] >= 0:
+        if slots[part]["slot_of"] >= 0:
             continue
-        while vacant < contacts.size and contacts[vacant]["track"] != FREE:
+        while vacant < slots.size and contacts[vacant]["track"] != FREE:
             vacant += 1
-        slot = vacant if vacant < contacts.size else _longest_away(contacts, part_of)
-        slot_of[part] = slot
-        part_of[slot] = part
-        record = contacts[slot]
-        record["track"] = PRESENT
-        data.counters[0]["last_id"] += 1
-        record["id"] = data.counters[0]["last_id"]
-        record["parent"] = contacts[parent[part]]["id"] if parent[part] >= 0 else 0
-        record["born_ns"] = now_ns
-        record["cycles"] = 0
-        record["event"] = BORN
-    _disown(contacts, data.units.owner)
+        slot = vacant if vacant < slots.size else _longest_away(contacts, slots)
+        slots[part]["slot_of"] = slot
+        slots[slot]["part_of"] = part
+        record, parent = contacts[slot], slots[part]["parent"]
+        cycle["last_id"] += 1
+        record["track"], record["event"], record["id"] = PRESENT, BORN, cycle["last_id"]
+        record["parent"] = contacts[parent]["id"] if parent >= 0 else 0
+        record["born_ns"], record["cycles"] = cycle["now_ns"], 0
+    _disown(contacts, data.units)
 
 
-@jitable(inline=True)
-def _match(load, model, now_ns, parts, pairs, contacts, data):
-    """Assign a record to each cluster; returns how many records are in use."""
-    units, slots = data.units, data.slots
-    slots.part_of[:] = -1
-    slots.slot_of[:parts] = -1
-    in_use, freed = data.counters[0]["in_use"], False
+@jitable
+def _match(parts, count, model, data):
+    """Assign a slot to each cluster; returns how many slots are in use."""
+    slots, contacts, now_ns = data.slots, data.contacts, data.cycle[0]["now_ns"]
+    slots["part_of"][:] = -1
+    for part in range(parts):
+        slots[part]["slot_of"] = -1
+    in_use, freed = data.cycle[0]["in_use"], False
     for slot in range(in_use):
         record = contacts[slot]
         record["event"] = 0
-        if record["track"] == LOST and now_ns - record["seen_ns"] > model.gate.memory_ns:
+        if record["track"] == LOST and now_ns - record["seen_ns"] > model.settings[0]["memory_ns"]:
             record["track"] = FREE
             freed = True
     if freed:
-        _disown(contacts, units.owner)
+        _disown(contacts, data.units)
     while in_use > 0 and contacts[in_use - 1]["track"] == FREE:
         in_use -= 1
-    _assign(pairs, contacts, PRESENT, ABSORBED, QUIET, slots, data.order)
+    _assign(data.pairs[:count], PRESENT, ABSORBED, QUIET, contacts, slots)
     unclaimed = 0
     for part in range(parts):
-        unclaimed += slots.slot_of[part] < 0
+        unclaimed += slots[part]["slot_of"] < 0
     if unclaimed:
-        _claim(load, model.graph, now_ns, parts, pairs, contacts, data)
+        _claim(parts, count, model, data)
     for part in range(parts):
-        in_use = max(in_use, slots.slot_of[part] + 1)
+        in_use = max(in_use, slots[part]["slot_of"] + 1)
     return in_use
 
 
-@jitable(inline=True)
-def identify(load, model, parts, data):
-    """Match clusters with records; begin, continue and end contacts.
+@jitable
+def _identify(parts, model, data):
+    """Match clusters with slots; begin, continue and end contacts."""
+    slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
+    count = _share(parts, data)
+    in_use = _match(parts, count, model, data)
+    cycle["in_use"] = in_use
+    cycle["ended"] = _end(count, in_use, model.settings[0]["settle_ns"], data)
+    for part in range(parts):
+        record = contacts[slots[part]["slot_of"]]
+        if record["track"] == LOST or record["track"] == ABSORBED:
+            record["event"] |= RESUMED
+        record["track"], record["into"] = PRESENT, -1
+        record["seen_ns"] = cycle["now_ns"]
+        record["cycles"] += 1
+        record["begin"], record["end"] = data.lists[part]["begin"], data.lists[part + 1]["begin"]
+    slots["mark"][:] = 0
+    for slot in range(in_use):
+        if contacts[slot]["track"] == ABSORBED:
+            slots[contacts[slot]["into"]]["mark"] = 1  # represents absorbed ones
+    for part in range(parts):
+        slot = slots[part]["slot_of"]
+        _own(slot, slots[slot]["mark"] > 0, model, data)
+
+
+@jitable
+def _order(parts, before, data):
+    """Contacts by age: `present` holds their slots, `label` of a unit counts along it.
+
+    Of the `before` contacts of the last cycle it has the order already, and new ones come in that
+    of their identities: only those that are back are sorted in.
+    """
+    slots, contacts, stored = data.slots, data.contacts, 0
+    for k in range(before):
+        slots[stored]["present"] = slots[k]["present"]
+        stored += slots[slots[k]["present"]]["part_of"] >= 0
+    for part in range(parts):
+        slot = slots[part]["slot_of"]
+        if not contacts[slot]["event"] & (BORN | RESUMED):
+            continue
+        at = stored
+        while at > 0 and contacts[slots[at - 1]["present"]]["id"] > contacts[slot]["id"]:
+            slots[at]["present"] = slots[at - 1]["present"]
+            at -= 1
+        slots[at]["present"] = slot
+        stored += 1
+    for k in range(parts):
+        record = contacts[slots[k]["present"]]
+        for i in data.members[record["begin"] : record["end"]]:
+            data.label[i] = k
+
+
+@jitable
+def find_contacts(readings, model, data):
+    """Find the contacts of one cycle, at ``data.cycle["now_ns"]``.
 
     Parameters
     ----------
-    load : ndarray, shape (n,)
-        Newton.
-    model, parts, data
-        See `join`, and its results.
+    readings : Readings
+    model : ContactModel
+    data : ContactData
+        `units`, `label`, `members` and the identities of `contacts` are written.
+
+    Returns
+    -------
+    int
+        Number of contacts.
     """
-    units, slots = data.units, data.slots
-    now_ns, everyone = data.clock[0]["now_ns"], data.contacts[:-1]
-    pairs = data.shared[: _share(load, units, parts, slots.mark, data.shared)]
-    in_use = _match(load, model, now_ns, parts, pairs, everyone, data)
-    data.counters[0]["in_use"] = in_use
-    contacts = everyone[:in_use]
-    data.counters[0]["ended"] = _end(model.gate.settle_ns, now_ns, pairs, contacts, data)
-    for part in range(parts):
-        record = contacts[slots.slot_of[part]]
-        if record["track"] == LOST or record["track"] == ABSORBED:
-            record["event"] |= RESUMED
-        record["track"] = PRESENT
-        record["into"] = -1
-        record["seen_ns"] = now_ns
-        record["cycles"] += 1
-        record["begin"] = units.begin[part]
-        record["end"] = units.begin[part + 1]
-    represents = slots.mark
-    represents[:in_use] = 0
-    for slot in range(in_use):
-        if contacts[slot]["track"] == ABSORBED:
-            represents[contacts[slot]["into"]] = 1
-    for part in range(parts):
-        slot = slots.slot_of[part]
-        _own(load, model.graph, units, slot, represents[slot] > 0, contacts)
+    cycle, room = data.cycle[0], data.slots.size // 2
+    before = cycle["present"]
+    parts = join(take_readings(readings, model, data), model, data)
+    cycle["touching_units"] = data.lists[parts]["begin"]
+    cycle["untracked"] = max(0, parts - room)
+    if parts == 0 and before == 0:
+        cycle["ended"] = 0
+        for i in range(data.units.size):
+            data.units[i]["touching"] = 0
+        return 0
+    if parts > room:
+        _keep_heaviest(parts, room, data)
+        parts = room
+    _identify(parts, model, data)
+    _order(parts, before, data)
+    for i in range(data.units.size):
+        u = data.units[i]
+        bridge = u["kind"] == BRIDGE
+        u["touching"] = u["kind"] == OPEN or (bridge and data.label[i] >= 0)
+        if bridge:
+            data.label[i] = -1
+    cycle["present"] = parts
+    return parts

@@ -1,30 +1,28 @@
-"""Model and data of the contact stages: constants, and data of a cycle.
+"""The records of the contact stage: what a stream is made of, and what a cycle works on.
 
-Units are accessed in random order, so the constants of one are stored together in `POSE`. Letters:
-n units, m edges of the graph, s records, two for each contact of the capacity.
+`ContactModel` does not change between cycles but for poses; `ContactData` does. Both are few record
+arrays, so that a call of a kernel looks at few arguments. All numbers are float64: readings of
+any type are converted as they enter. Lengths are about the middle of the array, so that a skin far
+from the origin of its frame loses no digits.
 """
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 
-from bus.compiled import aligned
-from skin.contact.common import Common, no_common
 from skin.contact.record import CONTACT, UNTOUCHED
-from skin.contact.shock import ShockData, shock_data
-from skin.contact.slip.data import SlipData, row_length
-from skin.contact.slip.parameters import SlipModel, SlipSettings
-from skin.contact.touched import TOUCHED_ROWS
+from skin.contact.slip.parameters import SlipSettings
 from skin.errors import SkinError
+from skin.physics.force_law import TERMS
 from topology.pose import pose_fault
 
 __all__ = [
-    "ADDED", "CLOCK", "COUNTERS", "GIVEN", "PAIR", "POSE", "SUMS", "WAYPOINTS", "ContactData",
-    "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
-    "SlipCycle", "SlipSide", "SlotData", "Sums", "UnitData", "Wants", "check_poses",
-    "contact_capacity", "contact_data", "no_readings", "posed_units", "set_poses",
+    "ADDED", "CYCLE", "LIST", "PAIR", "POSE", "SETTINGS", "SLOT", "SUMS", "UNIT", "WAYPOINTS",
+    "ContactData", "ContactModel", "Readings", "check_poses", "checked_graph", "contact_capacity",
+    "contact_data", "contact_model", "neighbour_graph", "no_readings", "set_poses",
 ]  # fmt: skip
 
 LEAST_CAPACITY, UNITS_EACH = 16, 16
@@ -33,152 +31,197 @@ load shows shape and slip in all directions, and a row that parts it from the ne
 four by four of a grid [derived]."""
 WAYPOINTS = 128
 """Waypoints stored per contact [assumed]."""
+MEMORY_NS, SETTLE_NS = 1e8, 2e8
+"""How long a lost contact can return, and how old a contact must be to outlive being absorbed, ns
+[assumed]."""
 
-POSE = np.dtype(
-    [
-        ("position", np.float64, (3,)),  # m, about the middle of the array
-        ("rotation", np.float64, (3, 3)),  # columns: axes of the unit in the skin frame
-        ("area", np.float64),  # m²
-        ("feels", np.float64),  # 0 for a unit that is never heard
-        ("most", np.float64),  # N that it can bear
-        ("doubt", np.float64),  # N², of a load that it stands for; see `skin.contact.unseen`
-    ]
+_F, _I, _L, _B = np.float64, np.int32, np.int64, np.uint8
+
+
+def _record(*fields: tuple) -> np.dtype:
+    return np.dtype(list(fields), align=True)
+
+
+SETTINGS = _record(
+    ("start_sigma", _F),  # normal load of one unit in one cycle that starts a contact, in sigmas
+    ("repeat_sigma", _F),  # mean of two successive cycles that does, in sigmas of the mean
+    ("pair_sigma", _F),  # mean of two neighbours that does, in sigmas of the mean
+    ("keep_sigma", _F),  # normal load of every unit of a contact, in sigmas
+    ("memory_ns", _F),  # how long a lost contact can return
+    ("settle_ns", _F),  # how old a contact must be to outlive being absorbed
+    ("needs_displacement", _B),  # whether a loaded unit without displacement counts as silent
+    ("total", _B),  # wanted: all contacts together; of the first three each needs the one before
+    ("each", _B),
+    ("slip", _B),
+    ("shocks", _B),
+    ("origin", _F, (3,)),  # m, middle of the array in the skin frame
+    ("rest_ut2", _F),  # µT², of an axis of the field that Bz at rest was learnt in
+    *((name, _F) for name in SlipSettings.__dataclass_fields__),
+)
+"""Constants of a stream, one record; see `SlipSettings` for those of slip."""
+
+POSE = _record(
+    ("position", _F, (3,)),  # m, about the middle of the array
+    ("rotation", _F, (3, 3)),  # columns: axes of the unit in the skin frame
+    ("area", _F),  # m²
+    ("feels", _F),  # 0 for a unit that is never heard
+    ("most", _F),  # N that it can bear
+    ("doubt", _F),  # N², of a load that it stands for; see `skin.contact.silent_units`
+    # how its tangential force follows its field; see `skin.contact.shared_field`
+    ("body", _I),  # whose ambient field it is
+    ("axes", _F, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
+    ("film", _F, (2,)),  # mm, middle of the film off the chip's axis
+    ("shear", _F, (len(TERMS), 1)),  # law of the tangential force
+    ("gain", _F),  # 1/mm, by depth
+    ("gain_offset", _F),
+    ("wavenumber", _F),  # rad/mm if R is found by the field's strength; or 0 for all
 )
 """Pose and constants of a unit."""
 
-GIVEN = np.dtype([("depth", np.bool_), ("temperature", np.bool_)])
-"""Inputs of a cycle other than the readings."""
-
-COUNTERS = np.dtype(
-    [
-        ("present", np.int64),  # contacts now
-        ("untracked", np.int64),  # clusters beyond the capacity
-        ("ended", np.int64),  # identities that ended in this cycle
-        ("last_id", np.int64),
-        ("touching_units", np.int64),  # in any cluster
-        ("in_use", np.int64),  # records from here on are free
-        ("cycles", np.int64),  # so far
-    ]
+UNIT = _record(
+    # What every unit has in each cycle stands first, in a line of the processor's cache.
+    ("kind", _I),  # `UnitKind`
+    ("owner", _I),  # slot that last owned the unit, -1
+    ("counted", _I),  # last contact that counted it as a neighbour; scratch
+    ("touching", _B),  # in contact in the last cycle, as far as is known
+    ("pressed", _B),  # in contact when last heard
+    ("force", _F, (3,)),  # N, unit frame, z into the skin; of a unit below the gate only the load
+    ("force_sigma", _F, (3,)),
+    ("borne", _F),  # upper bound of the load when last heard, N; NaN: never
+    ("around", _F),  # largest load in contact next to it, when last heard, N
+    # of loaded units
+    ("level", _F),  # normal load in sigmas
+    ("level_before", _F),  # the same in the cycle before, -inf where it was not above the gate
+    ("level_cycle", _L),  # cycle of this level
+    ("displacement", _F, (3,)),  # mm, unit frame; the last one is the pressed depth
+    ("displacement_sigma", _F, (3,)),
+    ("temperature", _F),  # degree Celsius, NaN without
+    ("field", _F, (3,)),  # µT, of its film
+    ("field_displacement", _F, (3,)),  # mm, decoded from this field
+    ("residue", _F),  # µT², of a lateral axis by the ambient field, as in its sigma
 )
+"""Reading and state of a unit. Touching and what follows from it persist."""
 
-CLOCK = np.dtype(
-    [
-        ("now_ns", np.int64),  # of this cycle, set by the caller
-        ("last_ns", np.int64),  # of the cycle before
-        ("begun", np.bool_),  # whether there was one
-        ("period_s", np.float64),  # nominal, which the first cycle counts as
-        ("present", np.int64),  # contacts that it had
-        ("elapsed_s", np.float64),  # from the cycle before to this one
-        ("slips", np.int64),  # contacts of this one whose slip is to be detected
-    ]
+LIST = _record(
+    ("loaded", _I),  # units above the gate, in order
+    ("queue", _I),  # scratch
+    ("begin", _I),  # where each cluster begins in `members`
 )
+"""Places of lists of units."""
 
-PAIR = np.dtype(
-    [
-        ("load", np.float64),  # N, on common units
-        ("worth", np.float64),  # that, weighted by the state of the record
-        ("part", np.int32),
-        ("slot", np.int32),
-    ]
+SLOT = _record(
+    ("present", _I),  # slots of the contacts, oldest first
+    ("before", _I),  # the same in the cycle before
+    ("slot_of", _I),  # slot of each cluster, -1
+    ("parent", _I),  # slot that each cluster has split from, -1
+    ("part_of", _I),  # cluster of each slot, -1
+    ("mark", _I),  # last pair of each slot; whether it represents absorbed ones; scratch
+    ("best_of_part", _I),  # scratch
+    ("best_of_slot", _I),  # scratch
+    ("ended", _L),  # identities that ended in this cycle
+    ("most", _F),  # largest load in common of a cluster or slot; scratch
+    # shocks, see `skin.contact.shock`
+    ("samples", _F),  # since the contact began
+    ("last", _F, (3,)),  # N, force in the last sample
+    ("last_but_one", _F, (3,)),
+    ("impact", _F),  # square of the second difference in variances
+    ("vibration", _F),  # its mean over time
+    ("weight", _F),  # sum of the squares of the weights that samples have in this mean
+    ("path", _F, (WAYPOINTS, 3)),  # m, last waypoints, a ring buffer
 )
-"""A cluster and a record that have units in common."""
+"""What a stream keeps of each slot in addition to its `CONTACT`, and lists of contacts."""
 
-_ADDED = [
-    # Symmetric matrices as upper triangles, row by row; lengths about the middle of the array.
-    ("units", np.float64),
-    ("load", np.float64),  # N
-    ("load_variance", np.float64),
-    ("area", np.float64),  # m²
-    ("silent_area", np.float64),  # of silent neighbours
-    ("load_position", np.float64, (3,)),  # load times position
-    ("load_touched", np.float64, (3,)),  # load times touched point
-    ("load_touched_square", np.float64, (6,)),
-    ("variance_position", np.float64, (3,)),  # variance of the load times position
-    ("variance_position_square", np.float64, (6,)),
-    ("load_z", np.float64, (3,)),  # load times axis z of the unit
-    ("load_x", np.float64, (3,)),
-    ("wrench", np.float64, (6,)),
-    ("wrench_covariance", np.float64, (21,)),
-    ("warm_area", np.float64),  # of units with a temperature
-    ("warm_temperature", np.float64),  # area times temperature
-    ("warm_position", np.float64, (3,)),
-    ("warm_temperature_position", np.float64, (3,)),
-    ("warm_position_square", np.float64, (6,)),
-    ("light_units", np.float64),
-    ("light", np.float64),  # N, loads below the gate, of heard neighbours
-    ("light_position", np.float64, (3,)),
-    ("light_variance", np.float64),
-    ("light_variance_position", np.float64, (3,)),
-    ("light_variance_square", np.float64, (6,)),
-    ("missed", np.float64),  # N², of the light loads, which are in no wrench
-]
-_NOT_ADDED = [
-    ("peak", np.float64),  # Pa
-    ("peak_unit", np.float64),
-    ("hot", np.float64),  # degree Celsius
-    ("hot_unit", np.float64),
-    ("unseen", np.float64),  # N², of the possible load of silent units
-    ("unseen_position", np.float64, (3,)),
-    ("unseen_square", np.float64, (6,)),
-    ("face", np.float64, (6,)),  # N² m², of the places of load on the faces
-    ("face_torque", np.float64, (6,)),  # N² m², of the torque by the same places
-    ("step_variance", np.float64),  # m², of a step of the centre from one cycle to the next
-    ("hidden", np.float64),  # 1 where a silent unit makes the contact not whole
-]
-SUMS = np.dtype(_ADDED + _NOT_ADDED)
-"""Sums over the units of a contact, float64."""
-ADDED = np.dtype(_ADDED).itemsize // 8
-"""Number of leading fields of `SUMS` that add up over contacts."""
+CYCLE = _record(
+    ("now_ns", _L),  # of this cycle, set by the caller
+    ("last_ns", _L),  # of the cycle before
+    ("begun", _B),  # whether there was one
+    ("has_depth", _B),  # whether displacements are given
+    ("has_temperature", _B),
+    ("has_field", _B),
+    ("period_s", _F),  # nominal, which the first cycle counts as
+    ("elapsed_s", _F),  # from the cycle before to this one
+    ("elapsed_before_s", _F),  # from the one before that to the cycle before
+    ("slips", _L),  # contacts of this one whose slip is to be detected
+    ("present", _L),  # contacts now
+    ("untracked", _L),  # clusters beyond the capacity
+    ("ended", _L),  # identities that ended in this cycle
+    ("last_id", _L),
+    ("touching_units", _L),  # in any cluster
+    ("in_use", _L),  # slots from here on are free
+    ("cycles", _L),  # so far
+)
+"""Clock and counters, one record."""
+
+PAIR = _record(
+    ("load", _F),  # N, on common units
+    ("worth", _F),  # that, weighted by the state of the slot
+    ("part", _I),
+    ("slot", _I),
+)
+"""A cluster and a slot that have units in common."""
+
+# Symmetric matrices as upper triangles, row by row.
+_ADDED = (
+    ("units", _F),
+    ("load", _F),  # N
+    ("load_variance", _F),
+    ("area", _F),  # m²
+    ("silent_area", _F),  # of silent neighbours
+    ("load_position", _F, (3,)),  # load times position
+    ("load_touched", _F, (3,)),  # load times touched point
+    ("load_touched_square", _F, (6,)),
+    ("variance_position", _F, (3,)),  # variance of the load times position
+    ("variance_position_square", _F, (6,)),
+    ("load_z", _F, (3,)),  # load times axis z of the unit
+    ("load_x", _F, (3,)),
+    ("wrench", _F, (6,)),
+    ("wrench_covariance", _F, (21,)),
+    ("warm_area", _F),  # of units with a temperature
+    ("warm_temperature", _F),  # area times temperature
+    ("warm_position", _F, (3,)),
+    ("warm_temperature_position", _F, (3,)),
+    ("warm_position_square", _F, (6,)),
+    ("light_units", _F),
+    ("light", _F),  # N, loads below the gate, of heard neighbours
+    ("light_position", _F, (3,)),
+    ("light_variance", _F),
+    ("light_variance_position", _F, (3,)),
+    ("light_variance_square", _F, (6,)),
+    ("missed", _F),  # N², of the light loads, which are in no wrench
+)
+SUMS = _record(
+    *_ADDED,
+    ("peak", _F),  # Pa
+    ("peak_unit", _F),
+    ("hot", _F),  # degree Celsius
+    ("hot_unit", _F),
+    ("unseen", _F),  # N², of the possible load of silent units
+    ("unseen_position", _F, (3,)),
+    ("unseen_square", _F, (6,)),
+    ("face", _F, (6,)),  # N² m², of the places of load on the faces
+    ("face_torque", _F, (6,)),  # N² m², of the torque by the same places
+    ("step_variance", _F),  # m², of a step of the centre from one cycle to the next
+    ("hidden", _F),  # 1 where a silent unit makes the contact not whole
+    ("vectors", _F, (3, 3)),  # scratch: principal axes
+    ("values", _F, (3,)),  # scratch
+)
+"""Sums over the units of a contact; scratch."""
+ADDED = _record(*_ADDED).itemsize // 8
+"""Number of leading numbers of `SUMS` that add up over contacts."""
 
 
-class NeighbourGraph(NamedTuple):
-    """Compressed rows, symmetric: neighbours of unit i are ``neighbour[start[i]:start[i + 1]]``."""
+class ContactModel(NamedTuple):
+    """Constants of a stream. Neighbours of unit i are ``neighbour[start[i]:start[i + 1]]``."""
 
+    settings: np.ndarray  # (1,), SETTINGS
+    poses: np.ndarray  # (n,), POSE
     start: np.ndarray  # (n + 1,), int32
     neighbour: np.ndarray  # (m,), int32
 
 
-class Gate(NamedTuple):
-    """Thresholds of contact, and lifetimes of identities."""
-
-    start_sigma: float  # normal load of one unit in one cycle that starts a contact, in sigmas
-    repeat_sigma: float  # mean of two successive cycles of a unit that does, in sigmas of the mean
-    pair_sigma: float  # mean of two neighbours that does, in sigmas of the mean
-    keep_sigma: float  # normal load of every unit of a contact, in sigmas
-    memory_ns: float  # how long a lost contact can return
-    settle_ns: float  # how old a contact must be to outlive being absorbed
-    needs_displacement: bool  # whether a loaded unit without displacement counts as silent
-
-
-class Geometry(NamedTuple):
-    """Poses of the units. Moments are summed about the middle of the array, so that a skin far from
-    the origin of its frame loses no digits."""
-
-    pose: np.ndarray  # (n,), POSE
-    origin: np.ndarray  # (3,), metre: middle of the array in the skin frame
-
-
-class Wants(NamedTuple):
-    """Wanted results beyond identities; of the first three each needs the one before."""
-
-    total: bool
-    each: bool
-    slip: bool
-    shocks: bool = False
-
-
-class ContactModel(NamedTuple):
-    """Constants of a stream."""
-
-    graph: NeighbourGraph
-    gate: Gate
-    geometry: Geometry
-    wants: Wants
-    slip: SlipModel = SlipSettings().model()
-
-
 class Readings(NamedTuple):
-    """Readings of a cycle, float32 or float64; in the units' frames, z into the skin."""
+    """Readings of a cycle, float32 or float64; in the units' frames, z into the skin. The flags
+    ``has_…`` of `CYCLE` say which of them are given."""
 
     force: np.ndarray  # (3, n), newton; the last row is the normal load, positive when pressed
     force_sigma: np.ndarray  # (3, n)
@@ -186,125 +229,53 @@ class Readings(NamedTuple):
     displacement_sigma: np.ndarray  # (3, n)
     temperature: np.ndarray  # (n,), degree Celsius
     valid: np.ndarray  # (n,), bool
-    given: np.ndarray  # (1,), GIVEN
-
-
-class UnitData(NamedTuple):
-    """State of each unit; (n,), int32. Touching, owner and slip persist."""
-
-    kind: np.ndarray  # `UnitKind` in this cycle
-    label: np.ndarray  # contact of the unit, counted along `SlotData.present`; -1 for none
-    members: np.ndarray  # units of the contacts, one after another: [record begin:record end]
-    begin: np.ndarray  # (n + 1,), where each cluster begins in `members`
-    touching: np.ndarray  # in contact, as far as is known
-    owner: np.ndarray  # record that last owned the unit, -1
-    queue: np.ndarray  # scratch
-    slip: np.ndarray  # `UnitSlip`, written by the slip detector
-    loaded: np.ndarray  # units above the gate, in order
-    pressed: np.ndarray  # in contact when last heard
-
-
-class Evidence(NamedTuple):
-    """Evidence of loaded units that may start a contact; (n,), valid where `cycle` is the
-    present."""
-
-    level: np.ndarray  # normal load in sigmas, float64
-    before: np.ndarray  # the same in the cycle before, -inf where it was not above the gate
-    cycle: np.ndarray  # cycle of this evidence, int64
-
-
-class SlotData(NamedTuple):
-    """Records of clusters and contacts; int32, (s,) unless stated."""
-
-    present: np.ndarray  # records of the contacts, oldest first
-    slot_of: np.ndarray  # record of each cluster, -1
-    part_of: np.ndarray  # cluster of each record, -1
-    ended: np.ndarray  # int64, identities that ended in this cycle
-    before: np.ndarray  # (s // 2,), `present` of the cycle before
-    parent: np.ndarray  # (s // 2,), record that a cluster has split from, -1; scratch
-    mark: np.ndarray  # last pair of each record; whether it represents absorbed ones; scratch
-
-
-class Sums(NamedTuple):
-    """Scratch: a row for each contact, one for units of no contact, and that of the total."""
-
-    rows: np.ndarray  # (s // 2 + 2,), SUMS
-    columns: np.ndarray  # (s // 2 + 2, c), float64: the same memory as a matrix
-
-
-class Scratch(NamedTuple):
-    """Matrices of one contact, float64."""
-
-    first: np.ndarray  # (3, 3), as the two below
-    second: np.ndarray
-    vectors: np.ndarray
-    six: np.ndarray  # (6,)
+    field: np.ndarray  # (3, n), µT, and the two below: see `skin.contact.shared_field.Common`
+    field_displacement: np.ndarray  # (3, n), mm
+    residue: np.ndarray  # (n,), µT²
 
 
 class ContactData(NamedTuple):
     """Data of a cycle, and persistent state."""
 
-    reading: Readings
-    units: UnitData
-    slots: SlotData
-    counters: np.ndarray  # (1,), COUNTERS
-    clock: np.ndarray  # (1,), CLOCK
-    shared: np.ndarray  # (n,), PAIR: of units that a record owns, by cluster; scratch
-    nearby: np.ndarray  # (n + m,), PAIR: the same with the record's neighbours; scratch
-    order: np.ndarray  # (n + m,), int32: a heap of pairs; scratch
-    most: np.ndarray  # (s,), float64: largest load of a cluster or record in common; scratch
-    contacts: np.ndarray  # (s + 1,), CONTACT: the records, kept; the last is the total
-    paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
-    sums: Sums
-    touched: np.ndarray  # (TOUCHED_ROWS, length), float64: units of one contact; scratch
-    scratch: Scratch
-    evidence: Evidence
-    borne: (
-        np.ndarray
-    )  # (n,), float64: upper bound of each unit's load when last heard, N; NaN: never
-    around: np.ndarray  # (n,), float64: largest load in contact next to each, when last heard, N
-    untouched: np.ndarray  # (1,), CONTACT: the total where nothing touches
-    common: Common
-    slip: SlipData
-    shocks: ShockData
+    units: np.ndarray  # (n,), UNIT
+    label: np.ndarray  # (n,), int32: contact of the unit, counted along `present`; -1 for none
+    slip: np.ndarray  # (n,), int32: `UnitSlip`, written by the slip detector
+    members: np.ndarray  # (n,), int32: units of the contacts: [record begin:record end]
+    lists: np.ndarray  # (n + 1,), LIST
+    slots: np.ndarray  # (s,), SLOT
+    contacts: np.ndarray  # (s + 1,), CONTACT: one of each slot; the last is the total
+    cycle: np.ndarray  # (1,), CYCLE
+    pairs: np.ndarray  # (2 n + m,), PAIR: scratch
+    sums: np.ndarray  # (s // 2 + 2,), SUMS: of each contact, of units of no contact, of all
+    columns: np.ndarray  # (s // 2 + 2, c), float64: the same memory as a matrix
+    covariance_ut2: np.ndarray  # (g, 3, 3): of the ambient field of each body
+    gain: np.ndarray  # (rows, 2 g, 6, 3): wrench of a row of the sums per µT of the field of each
+    # body, then of that which its Bz at rest was learnt in; scratch
 
 
-class SlipSide(NamedTuple):
-    """Constants that the detector of slip takes."""
-
-    geometry: Geometry
-    slip: SlipModel
-
-
-class SlipCycle(NamedTuple):
-    """Data that it takes, with the fields of `ContactData`."""
-
-    reading: Readings
-    units: UnitData
-    slots: SlotData
-    clock: np.ndarray
-    contacts: np.ndarray
-    slip: SlipData
-
-
-def posed_units(position: np.ndarray, rotation: np.ndarray, area: np.ndarray | float) -> Geometry:
-    """Geometry of units by position (3, n), rotation (3, 3, n) and area, one or n of them, m²."""
+def contact_model(
+    position: np.ndarray, rotation: np.ndarray, area: np.ndarray | float,
+    neighbour_start: np.ndarray, neighbour_index: np.ndarray,
+) -> ContactModel:  # fmt: skip
+    """Constants of units by position (3, n), rotation (3, 3, n) and area, one or n of them, m²."""
     n, area = np.shape(position)[-1], np.asarray(area, np.float64)
+    graph = checked_graph(n, neighbour_start, neighbour_index)
     if area.shape not in ((), (n,)) or not np.all(area > 0.0):
         raise SkinError(f"area: must be positive, one or {n} of them; got shape {area.shape}")
-    geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
-    geometry.pose["area"], geometry.pose["feels"], geometry.pose["most"] = area, 1.0, np.inf
+    model = ContactModel(np.zeros(1, SETTINGS), np.zeros(n, POSE), *graph)
+    model.settings["memory_ns"], model.settings["settle_ns"] = MEMORY_NS, SETTLE_NS
+    model.poses["area"], model.poses["feels"], model.poses["most"] = area, 1.0, np.inf
     _check_shapes(n, position, rotation)
-    set_poses(geometry, position, rotation)
-    return geometry
+    set_poses(model, position, rotation)
+    return model
 
 
-def set_poses(geometry: Geometry, position: np.ndarray, rotation: np.ndarray) -> None:
+def set_poses(model: ContactModel, position: np.ndarray, rotation: np.ndarray) -> None:
     """Set new poses, in place, as many as units; allocates nothing of size n."""
-    pose, origin = geometry
+    origin = model.settings["origin"][0]
     np.mean(position, axis=1, out=origin)
-    np.subtract(np.transpose(position), origin, out=pose["position"])
-    pose["rotation"] = np.moveaxis(rotation, 2, 0)
+    np.subtract(np.transpose(position), origin, out=model.poses["position"])
+    model.poses["rotation"] = np.moveaxis(rotation, 2, 0)
 
 
 def check_poses(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
@@ -328,6 +299,62 @@ def _check_shapes(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
         )
 
 
+def checked_graph(
+    n: int, neighbour_start: np.ndarray, neighbour_index: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A neighbour graph in compressed rows, int32.
+
+    Raises
+    ------
+    SkinError
+        It is not a graph of n units; kernels do not check indices.
+    """
+    start = np.array(neighbour_start, np.int32)
+    index = np.array(neighbour_index, np.int32)
+    if start.shape != (n + 1,) or start[0] != 0 or np.any(np.diff(start) < 0):
+        raise SkinError(
+            f"neighbour_start: must be {n + 1} numbers that begin with 0 and do not fall; "
+            f"got shape {start.shape}"
+        )
+    if index.shape != (start[-1],):
+        raise SkinError(
+            f"neighbour_index: must be {start[-1]} numbers, as neighbour_start says; "
+            f"got shape {index.shape}"
+        )
+    if index.size and not 0 <= index.min() <= index.max() < n:
+        raise SkinError(
+            f"neighbour_index: must be units 0 to {n - 1}; got {index.min()} to {index.max()}"
+        )
+    return start, index
+
+
+def neighbour_graph(position: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbour graph of units within `reach_m` of each other.
+
+    Parameters
+    ----------
+    position : ndarray, shape (3, n)
+        Metre.
+    reach_m : float
+        Metre, largest distance between the middles of two units.
+
+    Returns
+    -------
+    start, index : ndarray, shape (n + 1,) and (m,), int32
+        Compressed rows, symmetric and sorted.
+    """
+    from scipy.spatial import KDTree
+
+    if not (isfinite(reach_m) and reach_m > 0.0):
+        raise SkinError(f"reach_m: must be a positive number of metres; got {reach_m}")
+    n = np.shape(position)[1]
+    pairs = KDTree(np.transpose(position)).query_pairs(reach_m * (1 + 1e-9), output_type="ndarray")
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    start = np.searchsorted(both[:, 0], np.arange(n + 1))
+    return start.astype(np.int32), both[:, 1].astype(np.int32)
+
+
 def contact_capacity(n: int) -> int:
     """Contacts of n units that have an identity if no number is given: one for each 16 units, 16 at
     least. Each costs 10 kB, and no time while it is not there.
@@ -346,51 +373,24 @@ def no_readings(n: int, dtype: np.dtype | type) -> Readings:
         *np.zeros((4, 3, n), dtype),
         temperature=np.zeros(n, dtype),
         valid=np.ones(n, bool),
-        given=np.zeros(1, GIVEN),
+        field=np.zeros((3, n), dtype),
+        field_displacement=np.zeros((3, n), dtype),
+        residue=np.zeros(n, dtype),
     )
 
 
-def contact_data(
-    reading: Readings, capacity: int, edges: int, *, detects_slip: bool = False,
-    rate_hz: float = 250.0,
-) -> ContactData:  # fmt: skip
-    """Arrays for so many contacts on a graph with so many edges, with those of slip if it
-    `detects_slip`."""
-    n, slots = reading.valid.size, 2 * capacity
-    clock = np.zeros(1, CLOCK)
-    clock["period_s"] = 1.0 / rate_hz
-    rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
-    units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
-    units.label[:] = -1
-    units.owner[:] = -1
-    of_slots = np.zeros((3, slots), np.int32)
-    sums = np.zeros(capacity + 2, SUMS)
+def contact_data(n: int, capacity: int, edges: int, rate_hz: float = 250.0) -> ContactData:
+    """Arrays for so many contacts of n units, on a graph with so many edges."""
+    slots = 2 * capacity
+    units, cycle = np.zeros(n, UNIT), np.zeros(1, CYCLE)
+    units["owner"], units["level_cycle"], units["borne"] = -1, -2, np.nan
+    cycle["period_s"] = cycle["elapsed_s"] = 1.0 / rate_hz
+    contacts, sums = np.zeros(slots + 1, CONTACT), np.zeros(capacity + 2, SUMS)
+    contacts[-1:] = UNTOUCHED
     return ContactData(
-        reading,
-        units,
-        SlotData(
-            *of_slots,
-            ended=np.zeros(slots, np.int64),
-            before=np.zeros(capacity, np.int32),
-            parent=np.zeros(capacity, np.int32),
-            mark=np.zeros(slots, np.int32),
-        ),
-        np.zeros(1, COUNTERS),
-        clock,
-        np.zeros(n, PAIR),
-        np.zeros(n + edges, PAIR),
-        np.zeros(n + edges, np.int32),
-        np.zeros(slots, np.float64),
-        np.zeros(slots + 1, CONTACT),
-        np.zeros((slots, WAYPOINTS, 3)),
-        Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
-        aligned.zeros((TOUCHED_ROWS, row_length(n))),
-        Scratch(*np.zeros((3, 3, 3)), six=np.zeros(6)),
-        Evidence(*np.zeros((2, n)), cycle=np.full(n, -2)),
-        np.full(n, np.nan),
-        np.zeros(n),
-        UNTOUCHED.copy(),
-        no_common(reading.force.dtype),
-        SlipData.zeros(n if detects_slip else 0),
-        shock_data(slots, 1.0 / rate_hz),
-    )
+        units, np.full(n, -1, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32),
+        np.zeros(n + 1, LIST), np.zeros(slots, SLOT), contacts, cycle,
+        np.zeros(2 * n + edges, PAIR), sums,
+        sums.view(np.float64).reshape(sums.size, -1), np.zeros((0, 3, 3)),
+        np.zeros((capacity + 2, 0, 6, 3)),
+    )  # fmt: skip

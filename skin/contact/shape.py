@@ -1,4 +1,9 @@
-"""Shape of a contact: principal axes of the touched points, normal, arm."""
+"""Shape of a contact: principal axes of the touched points, normal, arm, and the place of load.
+
+A unit measures its load, not the place of the load on its face, so that the true centre of pressure
+differs from that of the loads at the middles of the units; the torque is unknown by as much. The
+variances are derived in docs/explanation/derivations.md, "Places of load on the faces".
+"""
 
 from __future__ import annotations
 
@@ -7,17 +12,55 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.contact.record import NORMAL_ASSUMED
 
-__all__ = ["ROUND", "arm", "cross", "orient"]
+__all__ = [
+    "ROUND",
+    "add_faces",
+    "add_first",
+    "add_second",
+    "arm",
+    "beside",
+    "between",
+    "orient",
+    "swept",
+]  # fmt: skip
 
 ROUND = 0.05
 """Second over first extent of the touched points above which they span a plane [assumed]."""
 ONE_POINT = 1e-13
 """Spread of points over their square distance from the middle of the array that is a rounding error
 [derived: some hundred roundings of float64]."""
+NO_SPAN = 1e-6
+"""Span of middles, in widths of a face, that is a rounding error [derived]."""
 
 
-@jitable(inline=True)
-def _between(m, x, y):
+@jitable
+def beside(shift, v):
+    """shift × v."""
+    x, y, z = shift[0], shift[1], shift[2]
+    return y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
+
+
+@jitable
+def add_first(total, weight, p):
+    """Add weight times p."""
+    for a in range(3):
+        total[a] += weight * p[a]
+
+
+@jitable
+def add_second(total, weight, p):
+    """Add weight times p p', an upper triangle."""
+    x, y, z = weight * p[0], weight * p[1], weight * p[2]
+    total[0] += x * p[0]
+    total[1] += x * p[1]
+    total[2] += x * p[2]
+    total[3] += y * p[1]
+    total[4] += y * p[2]
+    total[5] += z * p[2]
+
+
+@jitable
+def between(m, x, y):
     """x' M y of the symmetric M, an upper triangle."""
     a = m[0] * y[0] + m[1] * y[1] + m[2] * y[2]
     b = m[1] * y[0] + m[3] * y[1] + m[4] * y[2]
@@ -25,10 +68,22 @@ def _between(m, x, y):
     return x[0] * a + x[1] * b + x[2] * c
 
 
-@jitable(inline=True)
+@jitable
+def swept(q, force):
+    """Covariance of a torque p × F by that of the place p, upper triangles."""
+    x = beside(force, (q[0], q[1], q[2]))
+    y = beside(force, (q[1], q[3], q[4]))
+    z = beside(force, (q[2], q[4], q[5]))
+    first = beside(force, (x[0], y[0], z[0]))
+    second = beside(force, (x[1], y[1], z[1]))
+    third = beside(force, (x[2], y[2], z[2]))
+    return first[0], first[1], first[2], second[1], second[2], third[2]
+
+
+@jitable
 def _start(m, v):
     """The symmetric M in the axes v, an upper triangle; set v to the identity where it has none."""
-    x, y, z = (v[0, 0], v[1, 0], v[2, 0]), (v[0, 1], v[1, 1], v[2, 1]), (v[0, 2], v[1, 2], v[2, 2])
+    x, y, z = v[:, 0], v[:, 1], v[:, 2]
     square = 0.0
     for a in range(3):
         square += x[a] * x[a] + y[a] * y[a] + z[a] * z[a]
@@ -36,14 +91,13 @@ def _start(m, v):
         for a in range(3):
             for b in range(3):
                 v[a, b] = 1.0 if a == b else 0.0
-        return m
     return (
-        _between(m, x, x), _between(m, x, y), _between(m, x, z), _between(m, y, y),
-        _between(m, y, z), _between(m, z, z),
+        between(m, x, x), between(m, x, y), between(m, x, z), between(m, y, y),
+        between(m, y, z), between(m, z, z),
     )  # fmt: skip
 
 
-@jitable(inline=True)
+@jitable
 def _rotate(block, v, a, b, least):
     """Rotate columns a and b of v, so that the entry between them is zero.
 
@@ -69,7 +123,10 @@ def _rotate(block, v, a, b, least):
 @jitable
 def _eigen(m, v, values):
     """Eigenvalues of the symmetric m, an upper triangle, and eigenvectors into the columns of v, by
-    Jacobi rotations, which start from v if it has axes, such as those of the cycle before."""
+    Jacobi rotations, which start from v if it has axes, such as those of the cycle before.
+
+    numpy's `eigh` allocates, and takes ten times as long in a kernel.
+    """
     xx, xy, xz, yy, yz, zz = _start(m, v)
     small = 1e-11 * (xx + yy + zz)
     least = 1e-3 * small
@@ -83,14 +140,6 @@ def _eigen(m, v, values):
 
 
 @jitable
-def cross(a, b, out):
-    """Write a × b."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@jitable(inline=True)
 def _second_moments(s):
     """Second moments of the touched points about their mean, weighted by the load: an upper
     triangle."""
@@ -120,20 +169,23 @@ def _sorted_axes(values):
 
 
 @jitable
-def orient(s, record, scratch):
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jitable
+def orient(s, record):
     """Axes and normal: plane through the touched points, or the mean of the units' normals.
 
     Parameters
     ----------
     s : SUMS
+        `vectors` and `values` are scratch.
     record : CONTACT
         `axes`, `normal`, `extent`, `normal_condition` and flags are written; the iteration starts
         from the axes of the cycle before, which also give the major axis its sign.
-    scratch : Scratch
     """
-    v, outward, major = scratch.second, scratch.vectors[0], scratch.vectors[1]
-    values = scratch.vectors[2]
-    axes, normal = record["axes"], record["normal"]
+    axes, normal, v, values = record["axes"], record["normal"], s["vectors"], s["values"]
     for a in range(3):
         for b in range(3):
             v[a, b] = axes[a, b]
@@ -141,63 +193,113 @@ def orient(s, record, scratch):
     large, middle, small = _sorted_axes(values)
     first, second = max(values[large], 0.0), max(values[middle], 0.0)
     condition = np.sqrt(second / first) if first > 0.0 else 0.0
-    length = 0.0
-    for a in range(3):
-        outward[a] = -s["load_z"][a]
-        length += outward[a] ** 2
-    length = np.sqrt(length)
-    along = 0.0
-    for a in range(3):
-        outward[a] /= length
-        along += v[a, small] * outward[a]
+    length = -np.sqrt(_dot(s["load_z"], s["load_z"]))
+    sign = 1.0 if _dot(v[:, small], s["load_z"]) / length >= 0.0 else -1.0
     planar = s["units"] >= 3.0 and condition > ROUND
     for a in range(3):
-        normal[a] = (v[a, small] if along >= 0.0 else -v[a, small]) if planar else outward[a]
+        normal[a] = sign * v[a, small] if planar else s["load_z"][a] / length
     if not planar:
         record["flags"] |= NORMAL_ASSUMED
+    x, y, z = s["load_x"][0], s["load_x"][1], s["load_x"][2]
+    if first > 0.0:
+        x, y, z = v[0, large], v[1, large], v[2, large]
+    across = x * normal[0] + y * normal[1] + z * normal[2]
+    x, y, z = x - across * normal[0], y - across * normal[1], z - across * normal[2]
+    length = np.sqrt(x * x + y * y + z * z)
     # The major axis keeps its sign from cycle to cycle.
-    same = 0.0
-    across = 0.0
+    if x * axes[0, 0] + y * axes[1, 0] + z * axes[2, 0] < 0.0:
+        length = -length
+    major = x / length, y / length, z / length
+    minor = beside(normal, major)
     for a in range(3):
-        major[a] = v[a, large] if first > 0.0 else s["load_x"][a]
-        across += major[a] * normal[a]
-    length = 0.0
-    for a in range(3):
-        major[a] -= across * normal[a]
-        length += major[a] ** 2
-        same += major[a] * axes[a, 0]
-    length = np.sqrt(length) if same >= 0.0 else -np.sqrt(length)
-    for a in range(3):
-        major[a] /= length
-        axes[a, 0] = major[a]
-        axes[a, 2] = normal[a]
-    cross(normal, major, outward)
-    for a in range(3):
-        axes[a, 1] = outward[a]
-    record["extent"][0] = np.sqrt(first)
-    record["extent"][1] = np.sqrt(second)
+        axes[a, 0], axes[a, 1], axes[a, 2] = major[a], minor[a], normal[a]
+    record["extent"][0], record["extent"][1] = np.sqrt(first), np.sqrt(second)
     record["normal_condition"] = condition
 
 
 @jitable
-def arm(record, members, load, geometry):
+def arm(record, members, origin, poses, units):
     """Load-weighted mean distance of the units from the centre, across the normal, into `arm`.
 
     When a contact turns about its centre, friction times load acts in every unit at its distance:
     the limit of torsion is friction × load × this arm, for any distribution of the load.
     """
-    first, last = record["begin"], record["end"]
-    centre, normal, origin = record["middle"], record["normal"], geometry.origin
+    centre, normal = record["middle"], record["normal"]
     moment, total = 0.0, 0.0
-    for at in range(first, last):
-        i = members[at]
-        position = geometry.pose[i]["position"]
+    for i in members:
+        position, load = poses[i]["position"], units[i]["force"][2]
         along, square = 0.0, 0.0
         for a in range(3):
             d = position[a] + origin[a] - centre[a]
             along += d * normal[a]
             square += d * d
-        total += load[i]
-        moment += load[i] * np.sqrt(max(square - along * along, 0.0))
+        total += load
+        moment += load * np.sqrt(max(square - along * along, 0.0))
     # For one unit it is exactly 0, without rounding errors: a torsion is divided by it.
-    record["arm"] = moment / total if last - first > 1 else 0.0
+    record["arm"] = moment / total if members.size > 1 else 0.0
+
+
+@jitable
+def _variance(square, units, span, extent2):
+    """Of the place of load along an axis, m², for more than one unit."""
+    side = np.sqrt(square)
+    wide = span / side
+    free, left = 1.0, min(max(2.0 - wide, 0.0), 1.0)
+    if wide > NO_SPAN:
+        free = min(max(1.0 - 4.0 * extent2 / (span * span), 0.0), 1.0)
+    rows = max(units / (1.0 + wide), 1.0)
+    wide = max(wide, 1.0)
+    return square * (free * left * left / 40.0 + 1.0 / (360.0 * wide * wide * rows))
+
+
+@jitable
+def _along(axis, square, s, members, poses, units):
+    """The same for the units of a contact."""
+    least, most, mean, mean2 = np.inf, -np.inf, 0.0, 0.0
+    for i in members:
+        x, share = _dot(poses[i]["position"], axis), units[i]["force"][2] / s["load"]
+        least, most = min(least, x), max(most, x)
+        mean, mean2 = mean + share * x, mean2 + share * x * x
+    return _variance(square, s["units"], most - least, mean2 - mean * mean)
+
+
+@jitable
+def add_faces(s, record, members, poses, units, out):
+    """Add the covariance due to the places of load on the faces of units: of the centre, times the
+    square of the load, and of the torque.
+
+    Parameters
+    ----------
+    s : SUMS
+        Of the units.
+    record : CONTACT
+        Its axes are read.
+    members : ndarray, int32
+        The units.
+    poses : ndarray, shape (n,), POSE
+    units : ndarray, shape (n,), UNIT
+    out : SUMS
+        `face` and `face_torque` are written.
+    """
+    if members.size == 0:
+        return
+    axes, square, total = record["axes"], s["area"] / s["units"], s["load"]
+    u, v, w = axes[:, 0], axes[:, 1], axes[:, 2]
+    along, across = square / 20.0, square / 20.0
+    tilt2 = max(1.0 - _dot(s["load_z"], s["load_z"]) / (total * total), 0.0)
+    upright = tilt2 * square / 20.0
+    if members.size > 1:
+        along = _along(u, square, s, members, poses, units)
+        across = _along(v, square, s, members, poses, units)
+    place = (
+        along * u[0] * u[0] + across * v[0] * v[0] + upright * w[0] * w[0],
+        along * u[0] * u[1] + across * v[0] * v[1] + upright * w[0] * w[1],
+        along * u[0] * u[2] + across * v[0] * v[2] + upright * w[0] * w[2],
+        along * u[1] * u[1] + across * v[1] * v[1] + upright * w[1] * w[1],
+        along * u[1] * u[2] + across * v[1] * v[2] + upright * w[1] * w[2],
+        along * u[2] * u[2] + across * v[2] * v[2] + upright * w[2] * w[2],
+    )
+    torque = swept(place, s["wrench"])
+    for row in range(6):
+        out["face"][row] += place[row] * total * total
+        out["face_torque"][row] += torque[row]

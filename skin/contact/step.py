@@ -4,36 +4,33 @@ other detects slip. They are compiled side by side, and the second only where sl
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from bus.compiled.jit import bound, compiled
-from skin.contact.common import Common
-from skin.contact.describe import describe_python
-from skin.contact.model import ContactData, ContactModel, SlipCycle, SlipSide
+from skin.contact.describe import describe
+from skin.contact.identity import find_contacts
+from skin.contact.model import ContactData, ContactModel, Readings
 from skin.contact.record import OPEN
 from skin.contact.shock import follow_shocks
-from skin.contact.slip.detector import detect_slip
-from skin.contact.track import find_contacts
-from skin.contact.unseen import nothing_touches, remember
+from skin.contact.silent_units import nothing_touches, remember
+from skin.contact.slip.detector import SlipData, detect_slip
 
 __all__ = [
-    "EARLY", "SAME", "Steps", "calls_of", "follow_slip", "follow_slip_python", "step",
-    "step_python", "with_common",
+    "EARLY", "SAME", "Steps", "follow_slip", "follow_slip_python", "step", "step_python",
 ]  # fmt: skip
 
 SAME, EARLY = -1, -2
 """Return values for an unchanged set of contacts, and for a stamp that is not later."""
 
 
-def step_python(model, data):
-    """Find and describe the contacts of the next cycle, at ``data.clock["now_ns"]``.
+def step_python(readings, model, data):
+    """Find and describe the contacts of the next cycle, at ``data.cycle["now_ns"]``.
 
-    Writes ``data.clock["slips"]``: the contacts whose slip is to be detected next.
+    Writes ``data.cycle["slips"]``: the contacts whose slip is to be detected next.
 
     Parameters
     ----------
+    readings : Readings
     model : ContactModel
     data : ContactData
 
@@ -43,33 +40,34 @@ def step_python(model, data):
         Number of contacts; SAME where they are those of the last call; EARLY where the stamp is not
         later than that, and nothing was done.
     """
-    clock, slots, wants = data.clock[0], data.slots, model.wants
-    dt_s, now_ns = clock["period_s"], clock["now_ns"]
-    clock["slips"] = 0
-    if clock["begun"]:
-        if now_ns <= clock["last_ns"]:
+    cycle, wants, slots = data.cycle[0], model.settings[0], data.slots
+    dt_s, before = cycle["period_s"], cycle["present"]
+    cycle["slips"] = 0
+    if cycle["begun"]:
+        if cycle["now_ns"] <= cycle["last_ns"]:
             return EARLY
-        dt_s = 1e-9 * (now_ns - clock["last_ns"])
-    clock["begun"], clock["last_ns"], clock["elapsed_s"] = True, now_ns, dt_s
-    count = find_contacts(model, data)
+        dt_s = 1e-9 * (cycle["now_ns"] - cycle["last_ns"])
+    cycle["begun"], cycle["last_ns"] = 1, cycle["now_ns"]
+    cycle["elapsed_before_s"], cycle["elapsed_s"] = cycle["elapsed_s"], dt_s
+    count = find_contacts(readings, model, data)
     silent = remember(model, data)
-    if count == 0 and wants.total:
+    if count == 0 and wants["total"]:
         nothing_touches(silent, model, data)
-    if count > 0 and wants.total:
-        describe_python(count, wants.each, silent, model, data)
-        if wants.slip:
-            clock["slips"] = count
-        if wants.shocks:
-            follow_shocks(count, dt_s, slots.present, data.contacts, data.shocks)
-    same = count == clock["present"]
+    if count > 0 and wants["total"]:
+        describe(count, silent, model, data)
+        if wants["slip"]:
+            cycle["slips"] = count
+        if wants["shocks"]:
+            follow_shocks(count, data)
+    same = count == before
     for k in range(count):
-        same &= slots.before[k] == slots.present[k]
-        slots.before[k] = slots.present[k]
-    clock["present"] = count
+        same &= slots[k]["before"] == slots[k]["present"]
+        slots[k]["before"] = slots[k]["present"]
     if count == 0:
-        for i in range(data.units.kind.size):
+        for i in range(data.units.size):
             # Silent units may be in contact still.
-            data.units.slip[i] = 0 if data.units.kind[i] <= OPEN else data.units.slip[i]
+            if data.units[i]["kind"] <= OPEN:
+                data.slip[i] = 0
     return SAME if same else count
 
 
@@ -78,60 +76,50 @@ def follow_slip_python(model, data):
 
     Parameters
     ----------
-    model : SlipSide
-    data : SlipCycle
+    model : ContactModel
+    data : SlipData
     """
-    clock = data.clock[0]
-    detect_slip(clock["slips"], clock["elapsed_s"], clock["now_ns"], model, data)
+    detect_slip(model, data)
 
 
 step = compiled(step_python, fastmath={"contract"})
 follow_slip = compiled(follow_slip_python, fastmath={"contract"})
 
 
-def calls_of(model: ContactModel, data: ContactData) -> list[tuple[Any, ...]]:
-    """The kernels of a cycle with their arguments: of the contacts, and of slip where wanted."""
-    found: list[tuple[Any, ...]] = [(step, model, data)]
-    if model.wants.slip:
-        side = SlipSide(model.geometry, model.slip)
-        inputs = SlipCycle(*(getattr(data, name) for name in SlipCycle._fields))
-        found.append((follow_slip, side, inputs))
-    return found
+class Steps:
+    """Both kernels on the arrays of a stream: a call processes the next cycle, and returns what
+    `step_python` does.
 
-
-def with_common(data: ContactData, common: Common | None) -> ContactData:
-    """Data with the common errors of units, if they are given."""
-    if common is None:
-        return data
-    shape = data.sums.rows.size, 2 * len(common.covariance_ut2), 6, 3
-    return data._replace(common=common._replace(gain=np.zeros(shape)))
-
-
-class Steps(NamedTuple):
-    """Both kernels, bound to the arrays of a stream: a function that processes the next cycle, and
-    returns what `step_python` does.
+    Parameters
+    ----------
+    readings, model, data
+        As of `step_python`.
+    slip : SlipData or None
+        None where slip is not wanted.
 
     Attributes
     ----------
-    contacts : callable
-    slip : callable or None
-        To be called after it where `slips` says so; None where slip is not wanted.
-    slips : ndarray, shape (1,), int64
-        Contacts whose slip is to be detected.
+    calls : list of tuple
+        The kernels with their arguments.
     """
 
-    contacts: Callable[[], int]
-    slip: Callable[[], None] | None
-    slips: np.ndarray
+    def __init__(
+        self, readings: Readings, model: ContactModel, data: ContactData, slip: SlipData | None
+    ) -> None:
+        self.calls: list[tuple[Any, ...]] = [(step, readings, model, data)]
+        if slip is not None:
+            self.calls.append((follow_slip, model, slip))
+        self._slips = data.cycle["slips"]
+        self._bound: list[Callable[..., int]] = []
 
-    @classmethod
-    def of(cls, model: ContactModel, data: ContactData) -> Steps:
-        """Those of a stream."""
-        contacts, *slip = (bound(*call) for call in calls_of(model, data))
-        return cls(contacts, slip[0] if slip else None, data.clock["slips"])
+    def ready(self) -> None:
+        """Compile the kernels, or load them."""
+        self._bound = [bound(*call) for call in self.calls]
 
     def __call__(self) -> int:
-        found = self.contacts()
-        if self.slips[0] > 0 and self.slip is not None:
-            self.slip()
+        if not self._bound:
+            self.ready()
+        found = self._bound[0]()
+        if self._slips[0] > 0:
+            self._bound[1]()
         return found

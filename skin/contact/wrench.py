@@ -8,27 +8,20 @@ import numpy as np
 
 from bus.compiled.jit import jitable
 from skin.contact.record import TORSION_BLIND, WEAK
-from skin.contact.shape import cross
+from skin.contact.shape import beside
 
-__all__ = ["beside", "centre", "swept", "total_wrench", "wrench_in_frame"]
+__all__ = ["centre", "tangential_demand", "total_wrench", "wrench_in_frame"]
 
 WEAK_SIGMAS = 5.0
 """Sigmas of its load below which a contact has no centre [assumed]."""
 
 
-@jitable(inline=True)
-def beside(shift, v):
-    """shift × v."""
-    x, y, z = shift[0], shift[1], shift[2]
-    return y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
-
-
-@jitable(inline=True)
+@jitable
 def _plus(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@jitable(inline=True)
+@jitable
 def _shifted(t, shift):
     """Covariance of a wrench about a shifted point, M' = M + shift x F, of its upper triangle t:
     the rows of force with torque, and the upper triangle of the torque."""
@@ -50,19 +43,7 @@ def _shifted(t, shift):
     return (x, y, z), torque
 
 
-@jitable(inline=True)
-def swept(q, force):
-    """Covariance of a torque p × F by that of the place p, upper triangles."""
-    x = beside(force, (q[0], q[1], q[2]))
-    y = beside(force, (q[1], q[3], q[4]))
-    z = beside(force, (q[2], q[4], q[5]))
-    first = beside(force, (x[0], y[0], z[0]))
-    second = beside(force, (x[1], y[1], z[1]))
-    third = beside(force, (x[2], y[2], z[2]))
-    return first[0], first[1], first[2], second[1], second[2], third[2]
-
-
-@jitable(inline=True)
+@jitable
 def _write_symmetric(values, block):
     """Write an upper triangle into a symmetric 3 by 3 block."""
     block[0, 0], block[1, 1], block[2, 2] = values[0], values[3], values[5]
@@ -84,10 +65,10 @@ def total_wrench(s, record, origin):
         Metre, the middle of the array.
     """
     wrench, covariance, t = record["wrench"], record["wrench_covariance"], s["wrench_covariance"]
-    cross(origin, s["wrench"][:3], wrench[3:])
+    shifted = beside(origin, s["wrench"])
     for a in range(3):
         wrench[a] = s["wrench"][a]
-        wrench[a + 3] += s["wrench"][a + 3]
+        wrench[a + 3] = shifted[a] + s["wrench"][a + 3]
     for row in range(6):
         t[15 + row] += s["face_torque"][row]
     mixed, torque = _shifted(t, origin)
@@ -115,53 +96,38 @@ def _no_centre(record):
 
 
 @jitable
-def _centre_covariance(s, about, load, record, scratch):
+def _centre_covariance(s, about, load, record):
     """First order: of the noise of the loads and of unseen loads, Σ σ² (p - c) (p - c)' / load²,
-    and of the places of load on the faces."""
-    covariance, face = record["centroid_covariance"], s["face"]
+    and of the places of load on the faces; `about` is -c."""
+    covariance = record["centroid_covariance"]
     variance = s["load_variance"] + s["light_variance"] + s["unseen"]
-    position, square = scratch.vectors[0], scratch.six
-    for a in range(3):
-        position[a] = (
-            s["variance_position"][a] + s["light_variance_position"][a] + s["unseen_position"][a]
-        )
-    for row in range(6):
-        square[row] = s["variance_position_square"][row] + s["light_variance_square"][row]
-        square[row] += s["unseen_square"][row]
+    own, light, unseen = s["variance_position"], s["light_variance_position"], s["unseen_position"]
     row, inverse2 = 0, 1.0 / (load * load)
     for a in range(3):
+        first = own[a] + light[a] + unseen[a]
         for b in range(a, 3):
-            spread = square[row] + about[a] * position[b] + about[b] * position[a]
+            second = own[b] + light[b] + unseen[b]
+            spread = s["variance_position_square"][row] + s["light_variance_square"][row]
+            spread += s["unseen_square"][row] + about[a] * second + about[b] * first
             spread = (spread + about[a] * about[b] * variance) * inverse2
             if a == b:
                 spread = max(spread, 0.0)
                 s["step_variance"] += spread
-            spread += face[row] * inverse2
-            covariance[a, b] = spread
-            covariance[b, a] = spread
+            spread += s["face"][row] * inverse2
+            covariance[a, b] = covariance[b, a] = spread
             row += 1
 
 
 @jitable
-def _counting_light(s, record, origin, about, scratch):
-    """Centre of pressure with the neighbours' loads below the gate: c + Σ l (p - c) / load, over
-    the load of all of them, or of the contact alone where noise makes the sum smaller."""
-    load = max(s["load"], s["load"] + s["light"])
-    for a in range(3):
-        about[a] -= (s["light_position"][a] + s["light"] * about[a]) / load
-        record["centroid"][a] = origin[a] - about[a]
-    _centre_covariance(s, about, load, record, scratch)
-
-
-@jitable
-def centre(s, record, origin, scratch):
+def centre(s, record, origin):
     """Centre of pressure, torque about that of the units, shear and torsion; after `total_wrench`
-    and `orient`."""
-    about, load, force = scratch.vectors[2], s["load"], s["wrench"][:3]
-    moment, normal = record["moment"], record["normal"]
-    along = 0.0
-    for a in range(3):
-        along += force[a] * normal[a]
+    and `orient`.
+
+    The centre of pressure counts the neighbours' loads below the gate: c + Σ l (p - c) / load, over
+    the load of all of them, or of the contact alone where noise makes the sum smaller.
+    """
+    load, force, normal = s["load"], s["wrench"], record["normal"]
+    along = force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2]
     across = 0.0
     for a in range(3):
         across += (force[a] - along * normal[a]) ** 2
@@ -171,23 +137,56 @@ def centre(s, record, origin, scratch):
     if load * load < WEAK_SIGMAS**2 * s["load_variance"]:
         _no_centre(record)
         return
-    for a in range(3):
-        about[a] = -s["load_position"][a] / load
-        record["middle"][a] = origin[a] - about[a]
-    cross(about, force, moment)
-    for a in range(3):
-        moment[a] += s["wrench"][a + 3]
-    covariance = record["moment_covariance"]
+    place, light = s["load_position"], s["light_position"]
+    about = -place[0] / load, -place[1] / load, -place[2] / load
+    shifted = beside(about, force)
+    moment, covariance = record["moment"], record["moment_covariance"]
     _, torque = _shifted(s["wrench_covariance"], about)
     _write_symmetric(torque, covariance)
     torsion, variance = 0.0, 0.0
     for a in range(3):
+        moment[a] = shifted[a] + force[a + 3]
+        record["middle"][a] = origin[a] - about[a]
         torsion += moment[a] * normal[a]
         for b in range(3):
             variance += normal[a] * covariance[a, b] * normal[b]
-    record["torsion"] = torsion
-    record["torsion_sigma"] = np.sqrt(max(variance, 0.0))
-    _counting_light(s, record, origin, about, scratch)
+    record["torsion"], record["torsion_sigma"] = torsion, np.sqrt(max(variance, 0.0))
+    load = max(load, load + s["light"])
+    about = (
+        about[0] - (light[0] + s["light"] * about[0]) / load,
+        about[1] - (light[1] + s["light"] * about[1]) / load,
+        about[2] - (light[2] + s["light"] * about[2]) / load,
+    )
+    for a in range(3):
+        record["centroid"][a] = origin[a] - about[a]
+    _centre_covariance(s, about, load, record)
+
+
+@jitable
+def tangential_demand(shear, torsion, arm):
+    """Friction force that holds shear and torsion together, newton.
+
+    The limit surface is an ellipsoid: ``(shear / friction load)² + (torsion / friction load arm)²
+    = 1`` (Howe and Cutkosky 1996).
+
+    Parameters
+    ----------
+    shear : float
+        Newton, along the contact.
+    torsion : float
+        N·m about its normal.
+    arm : float
+        Metre; load-weighted mean distance from the centre of pressure. 0 for a point, which bears
+        no measurable torsion.
+
+    Returns
+    -------
+    float
+    """
+    square = shear**2
+    if arm > 0.0:
+        square += (torsion / arm) ** 2
+    return np.sqrt(square)
 
 
 @overload

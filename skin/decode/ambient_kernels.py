@@ -516,6 +516,8 @@ def update_python(model, data):
 
 
 update = compiled(update_python, fastmath={"contract", "reassoc"})
+
+
 def compose_python(model, data):
     """What is to be taken off the next cycle's counts; see `_compose`."""
     model, data = opened(model, data)

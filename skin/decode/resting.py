@@ -17,16 +17,20 @@ from skin.physics.halbach import CHIP_AXES
 from skin.physics.multipoles import ORDERS, STRENGTH, films_as_made, multipole_field
 from skin.physics.stencil import (
     AS_MADE,
-    DEPTH_MAX_MM,
-    DISPLACEMENT_MAX_MM,
-    NEAR_M,
     Stencil,
     check_stencil,
-    films_seen,
     neighbours_at_rest,
     with_films_apart,
 )
-from skin.physics.stray import field_at_rest, near, scan_poses
+from skin.physics.stray import (
+    DEPTH_MAX_MM,
+    DISPLACEMENT_MAX_MM,
+    NEAR_M,
+    field_at_rest,
+    films_seen,
+    near,
+    scan_poses,
+)
 from topology import Topology
 
 __all__ = ["FilmsSeen", "axial_at_rest", "check_zeros", "rest_of"]

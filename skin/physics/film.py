@@ -7,8 +7,10 @@ the table that this file makes of it.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +35,6 @@ FAR_ORDERS = (0, 1, 2, 3, 16)
 
 NEAR_AZIMUTHS, FAR_AZIMUTHS = 96, 48
 """Around the circle: the highest order's first alias is twice as high, and far weaker."""
-
-CHUNK = 200_000
-"""Triangles times points at once: some ten megabytes in magpylib."""
 
 
 def film_field_ut(
@@ -67,22 +66,12 @@ def film_field_ut(
 
 def sector_field_ut(film: Film, points_mm: np.ndarray) -> np.ndarray:
     """Field of the sector that points along x, µT, shape (3, p); see `film_field_ut`."""
-    core = _magpylib().core
-    vertices, polarisation = _sector(film)
-    field = np.empty(points_mm.shape)
-    at_once = max(1, CHUNK // len(vertices))
-    for start in range(0, points_mm.shape[1], at_once):
-        points = points_mm[:, start : start + at_once].T
-        each = core.triangle_Bfield(
-            np.repeat(points, len(vertices), axis=0),
-            np.tile(vertices, (len(points), 1, 1)),
-            np.tile(polarisation, (len(points), 1)),
-        )
-        field[:, start : start + at_once] = each.reshape(len(points), -1, 3).sum(axis=1).T
-    return 1e6 * field
+    prisms = list(_strips(film))
+    field = _magpylib().getB(prisms, points_mm.T, sumup=True, in_out="outside")
+    return 1e6 * field.reshape(-1, 3).T
 
 
-def _magpylib():
+def _magpylib() -> Any:
     try:
         import magpylib
     except ImportError as error:
@@ -93,37 +82,26 @@ def _magpylib():
     return magpylib
 
 
-def _sector(film: Film) -> tuple[np.ndarray, np.ndarray]:
-    """Faces of a sector's strips, outward: vertices (f, 3, 3) in mm and polarisation (f, 3) in T.
+@functools.cache
+def _strips(film: Film) -> tuple[Any, ...]:
+    """A sector's strips, which lie across its axis, as bodies of magpylib, in mm and T.
 
-    Triangles with the apex in the film's middle; their height makes them as large as the slices.
+    The sector is a triangle with the apex in the film's middle; its height makes it as large as
+    its slice of the circle.
     """
     slope = np.tan(np.pi / film.sectors)
     height = film.radius_mm * np.sqrt(np.pi / (film.sectors * slope))
-    edges = np.linspace(0.0, height, film.strips + 1)
-    vertices, polarisation = [], []
-    for inner, outer in pairwise(edges):
-        outline = [(inner, -inner), (outer, -outer), (outer, outer), (inner, inner)]
-        outline = [(x, y * slope) for x, y in outline]
-        faces = _prism(outline, 0.5 * film.thickness_mm)
+    half = 0.5 * film.thickness_mm
+    prisms = []
+    for inner, outer in pairwise(np.linspace(0.0, height, film.strips + 1)):
+        outline = {(x, side * slope * x) for x in (inner, outer) for side in (-1.0, 1.0)}
+        corners = [(x, y, z) for x, y in sorted(outline) for z in (-half, half)]
         phase = np.pi * (inner + outer) / film.wavelength_mm
-        vertices += faces
-        polarisation += len(faces) * [(-np.sin(phase), 0.0, np.cos(phase))]
-    vertices = np.array(vertices)
-    # the innermost strip is a triangle: two of its faces have no area
-    sides = vertices[:, 1:] - vertices[:, :1]
-    whole = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > 0.0
-    return vertices[whole], film.remanence_t * np.array(polarisation)[whole]
-
-
-def _prism(outline: list[tuple[float, float]], half: float) -> list[list[tuple[float, ...]]]:
-    """Outward triangles of a prism over a convex quadrilateral, counter-clockwise from above."""
-    low, high = [(*p, -half) for p in outline], [(*p, half) for p in outline]
-    faces = [[high[0], high[1], high[2]], [high[0], high[2], high[3]],
-             [low[0], low[2], low[1]], [low[0], low[3], low[2]]]  # fmt: skip
-    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
-        faces += [[low[i], low[j], high[j]], [low[i], high[j], high[i]]]
-    return faces
+        polarization = film.remanence_t * np.array([-np.sin(phase), 0.0, np.cos(phase)])
+        prisms.append(_magpylib().magnet.TriangularMesh.from_ConvexHull(
+            points=corners, polarization=polarization
+        ))  # fmt: skip
+    return tuple(prisms)
 
 
 def calibrated(film: Film) -> Film:
@@ -157,8 +135,7 @@ def build_table(film: Film) -> FilmTable:
         film, (outward * st + bz * ct, outward * ct - bz * st, by * c - bx * s), FAR_ORDERS
     )
     return FilmTable(
-        film=film, amplitude_ut=AMPLITUDE_UT, source=f"magpylib {_magpylib().__version__}",
-        rho=RHO, z=Z, near_orders=np.array(NEAR_ORDERS), near=near,
+        film=film, rho=RHO, z=Z, near_orders=np.array(NEAR_ORDERS), near=near,
         inverse_r=INVERSE_R, theta=THETA, far_orders=np.array(FAR_ORDERS), far=far,
     )  # fmt: skip
 
@@ -186,8 +163,8 @@ def _harmonics(
 
 def main() -> None:
     """Compute the table that ships with the package and write it."""
-    table = build_table(calibrated(Film()))
-    table.save(TABLE_PATH)
+    source = f"magpylib {_magpylib().__version__}"
+    build_table(calibrated(Film())).save(TABLE_PATH, amplitude_ut=AMPLITUDE_UT, source=source)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from dataclasses import asdict, astuple, dataclass, fields
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,12 +59,19 @@ class Axis:
     step: float
     count: int
 
+    @classmethod
+    def of(cls, first: float, step: float, count: float) -> Axis:
+        """An axis of numbers that an array holds."""
+        return cls(first, step, int(count))
+
     @property
     def last(self) -> float:
+        """The last node."""
         return self.first + (self.count - 1) * self.step
 
     @property
     def nodes(self) -> np.ndarray:
+        """All nodes, shape (count,)."""
         return self.first + self.step * np.arange(self.count)
 
 
@@ -80,8 +88,6 @@ class FilmTable:
     Attributes
     ----------
     film : Film
-    amplitude_ut : float
-        Crest of the lateral field at a depth of 2 mm: M0(H = 2 mm).
     rho, z : Axis
         Nodes of the near table, mm, film frame: the chip's own film.
     near_orders, far_orders : ndarray, int64
@@ -92,12 +98,9 @@ class FilmTable:
         Nodes of the far table, 1/mm and radian, polar angle from the film's z: other units' chips.
     far : ndarray, shape (inverse_r.count, theta.count, 3, far_orders.size), float32
         r³ B_r, r³ B_theta, r³ B_phi, µT mm³: regular up to infinity, where a dipole is left.
-    source : str
-        What computed the table.
     """
 
     film: Film
-    amplitude_ut: float
     rho: Axis
     z: Axis
     near_orders: np.ndarray
@@ -106,7 +109,6 @@ class FilmTable:
     theta: Axis
     far_orders: np.ndarray
     far: np.ndarray
-    source: str
 
     @property
     def nearest_mm(self) -> float:
@@ -119,36 +121,29 @@ class FilmTable:
         """Distance from the middle of the film from which on the far table holds, on all sides."""
         return 1.0 / self.inverse_r.last
 
-    def save(self, path: Path) -> None:
-        """Write to `path`, whole or not at all."""
+    def save(self, path: Path, **origin: Any) -> None:
+        """Write to `path`, whole or not at all, with the `origin` of its numbers."""
         axes = {f"axis_{name}": np.array(astuple(getattr(self, name))) for name in AXES}
         film = {f"film_{name}": value for name, value in asdict(self.film).items()}
+        arrays = {name: getattr(self, name) for name in ARRAYS}
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as out:
-            np.savez_compressed(
-                out, amplitude_ut=self.amplitude_ut, source=self.source,
-                **{name: getattr(self, name) for name in ARRAYS}, **axes, **film,
-            )  # fmt: skip
+            np.savez_compressed(out, **origin, **arrays, **axes, **film)
 
     @classmethod
     def read(cls, path: Path) -> FilmTable:
         """Read what `save` wrote."""
         with np.load(path, allow_pickle=False) as stored:
             film = {f.name: stored[f"film_{f.name}"].item() for f in fields(Film)}
-            axes = {name: _axis(stored[f"axis_{name}"]) for name in AXES}
+            axes = {name: Axis.of(*stored[f"axis_{name}"].tolist()) for name in AXES}
             arrays = {name: stored[name] for name in ARRAYS}
-            amplitude_ut, source = stored["amplitude_ut"].item(), stored["source"].item()
         for array in arrays.values():
             array.setflags(write=False)
-        return cls(film=Film(**film), amplitude_ut=amplitude_ut, source=source, **axes, **arrays)
+        return cls(film=Film(**film), **axes, **arrays)
 
 
 AXES = ("rho", "z", "inverse_r", "theta")
 ARRAYS = ("near_orders", "near", "far_orders", "far")
-
-
-def _axis(row: np.ndarray) -> Axis:
-    return Axis(float(row[0]), float(row[1]), int(row[2]))
 
 
 @cache

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from skin.errors import SkinError
 from skin.physics.fabrication import Fabrication
 from skin.physics.film_table import FilmTable, load_film_table
-from skin.physics.magnet import (
-    LANES,
-    Arrays,
-    Films,
-    Tables,
-    Units,
-    chip_fields,
-    rest_fields,
-    skin_fields,
-)
+from skin.physics.magnet import LANES, Films, Rows, Tables, Units, chip_fields, film_fields
 from skin.physics.surroundings import Surroundings, dipole_field_ut
 from topology import Topology
-from topology.neighbours import compressed_rows, pairs_within
+from topology.neighbours import compressed_rows, neighbour_pairs
 
-__all__ = ["CHIP_AXES", "FELT_M", "HalbachField", "crest_ut"]
+__all__ = [
+    "CHIP_AXES", "FELT_M", "HalbachField", "chips_seen", "crest_ut", "near", "perfect_film_ut",
+]  # fmt: skip
 
 FELT_M = 0.05
 """How far a film is felt: beyond, all of a flat skin's resting ones add 13 µT to a lateral axis."""
@@ -47,7 +43,7 @@ class HalbachField:
     fabrication : Fabrication, optional
         How the films were made; perfect ones if not given.
     reach_m : float
-        Films are felt by units whose centres are nearer than this; 0: only the own film.
+        Films are felt by units whose centres are within this; 0: only the own film.
     felt : tuple of ndarray, optional
         Whose films each unit feels in addition to its own, in place of `reach_m`: compressed rows,
         shapes (n + 1,) and (m,), int32.
@@ -91,11 +87,10 @@ class HalbachField:
         p = topology.parameters
         self.surroundings = surroundings
         self.film = table.film
-        self._names = topology.unit_names
+        self._topology = topology
         self._drift, self._reference_c = p["film_drift_per_k"], p["film_reference_c"]
-        reference_mm, which = np.unique(p["field_reference_mm"], return_inverse=True)
-        self._strength = p["field_amplitude_ut"] / crest_ut(table, reference_mm)[which]
-        self._tables = _tables(table)
+        self._strength = p["field_amplitude_ut"] / crest_ut(p["field_reference_mm"])
+        self._tables = _tables()
         self._level = np.zeros((2, topology.n))
         self._deepest_mm = self.film.chip_mm - table.nearest_mm
         self._far_mm = table.far_mm
@@ -103,11 +98,10 @@ class HalbachField:
         inward = topology.rotation[:, 2]
         self._film_rest = 1e3 * topology.position + table.film.middle_mm * inward
         self._chip = self._film_rest + table.film.chip_mm * inward
-        self._rotation = topology.rotation
         # to_chip[a, b]: component a of the chip from component b of the skin frame
         self._to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 0, 2)
         self._felt_of_ambient = np.ascontiguousarray(self._to_chip.transpose(0, 2, 1))
-        self._arrays = self._felt(*(felt or _within(topology, reach_m)))
+        self._rows = self._chips(*(felt or compressed_rows(topology.n, *near(topology, reach_m))))
 
     def __call__(
         self,
@@ -131,7 +125,7 @@ class HalbachField:
         SkinError
             A film has come to where no table has its field.
         """
-        n = len(self._names)
+        n = self._topology.n
         *lead, _ = shape = np.shape(depth_mm)
         pairs = (*lead, 2, n)
         tilt = self._level if tilt_rad is None else tilt_rad
@@ -142,7 +136,7 @@ class HalbachField:
         strength = _contiguous(self._strength * (1.0 + self._drift * warmer), shape, (-1, n))
         films = Films(displacement, depth, tilt, strength)
         out = np.empty((len(depth), 3, n))
-        chip_fields(self._tables, self._units, self._arrays, films, out)
+        chip_fields(self._tables, self._units, self._rows, films, out)
         if not np.isfinite(out).all():
             raise self._out_of_range(out, films)
         if self.surroundings is not None:
@@ -160,9 +154,11 @@ class HalbachField:
         field_ut : ndarray, shape (3, m), float64
             In the axes of the chip; not finite where it is inside or next to the film.
         """
-        start, film, at_rest = self._arrays.start, self._arrays.index, self._arrays.rest_ut
+        start, film, *_, at_rest = self._rows
         chip = np.repeat(np.arange(len(start) - 1), np.diff(start))
-        return chip, film.astype(np.int64), (at_rest * self._strength[film, np.newaxis]).T
+        other = chip != film
+        chip, film, at_rest = chip[other], film[other].astype(np.int64), at_rest[other]
+        return chip, film, (at_rest * self._strength[film, np.newaxis]).T
 
     def _surround(self, surroundings: Surroundings, films: Films, out: np.ndarray) -> None:
         """Add the ambient field and the tools."""
@@ -170,14 +166,11 @@ class HalbachField:
         out += self._felt_of_ambient @ ambient
         if not surroundings.tools:
             return
-        rest = np.ascontiguousarray(self._film_rest.T)
-        turn = np.ascontiguousarray(self._rotation.transpose(2, 0, 1)).reshape(-1, 9)
         for tool in surroundings.tools:
             place = 1e3 * np.array(tool.position)
             offset = self._chip - place[:, np.newaxis]
             inside = np.sum(offset**2, axis=0) <= (1e3 * tool.radius_m) ** 2
-            local = np.empty((len(out), 3))
-            skin_fields(self._tables, self._units, rest, turn, place, films, local)
+            local = self._at(place, films)
             if inside.any() or not np.isfinite(local).all():
                 raise SkinError(
                     f"tool: must be outside of all units, its middle {self._far_mm:.1f} mm or more "
@@ -187,49 +180,132 @@ class HalbachField:
             field = dipole_field_ut(tool.moment(ambient + local), offset)
             out += np.einsum("abn,tbn->tan", self._to_chip, field)
 
-    def _felt(self, start: np.ndarray, index: np.ndarray) -> Arrays:
-        """Who feels whose film, and from where; see `skin.physics.magnet.Arrays`."""
-        chip = np.repeat(np.arange(len(start) - 1), np.diff(start))
-        between = self._chip[:, chip] - self._film_rest[:, index]
-        offset = np.einsum("abm,am->mb", self._rotation[:, :, index], between)
-        turn = np.einsum("abm,bcm->mac", self._to_chip[:, :, chip], self._rotation[:, :, index])
-        return _arrays(self._tables, self._units, start, index, offset, turn.reshape(-1, 9))
+    def _at(self, place_mm: np.ndarray, films: Films) -> np.ndarray:
+        """Field of all films at a place, skin frame, shape (t, 3)."""
+        rotation = self._topology.rotation
+        film = np.arange(self._topology.n, dtype=np.int32)
+        start = np.array([0, film.size], np.int32)
+        offset = np.einsum("abm,am->mb", rotation, place_mm[:, np.newaxis] - self._film_rest)
+        rows = self._felt(start, film, offset, rotation.transpose(2, 0, 1))
+        out = np.empty((len(films.depth_mm), 3, 1))
+        chip_fields(self._tables, self._units, rows, films, out)
+        return out[:, :, 0]
+
+    def _chips(self, start: np.ndarray, film: np.ndarray) -> Rows:
+        """Rows of the chips: the unit's own film first, then those that it feels besides."""
+        n = len(start) - 1
+        film = np.insert(film, start[:-1], np.arange(n))
+        start = start + np.arange(n + 1, dtype=np.int32)
+        chip = np.repeat(np.arange(n), np.diff(start))
+        points, turn = chips_seen(self._topology, chip, film)
+        offset, turn = points.T.copy(), turn.transpose(2, 0, 1).copy()
+        own = chip == film  # without the rounding of places and attitudes
+        offset[own], turn[own] = (0.0, 0.0, self.film.chip_mm), np.diag(CHIP_AXES)
+        return self._felt(start, film, offset, turn)
+
+    def _felt(
+        self, start: np.ndarray, film: np.ndarray, offset_mm: np.ndarray, turn: np.ndarray
+    ) -> Rows:
+        """Rows, with the fields of films at rest."""
+        flat = np.zeros((1, self._topology.n))
+        tilt = Rotation.from_rotvec(np.concatenate([self._units.tilt_rad, flat]).T)
+        turned = tilt.as_matrix()[film]
+        centre = np.concatenate([self._units.centre_mm, flat])[:, film].T
+        local = np.einsum("mba,mb->ma", turned, offset_mm - centre)
+        at_rest = np.empty_like(local)
+        film_fields(self._tables, self._units, film, local, at_rest)
+        at_rest = np.einsum("mab,mbc,mc->ma", turn, turned, at_rest)
+        return Rows(
+            start, film, np.ascontiguousarray(offset_mm),
+            np.ascontiguousarray(turn).reshape(-1, 9), at_rest,
+        )  # fmt: skip
 
     def _out_of_range(self, out: np.ndarray, films: Films) -> SkinError:
         displacement, depth, tilt, _ = films
         own = np.empty_like(out)
-        chip_fields(self._tables, self._units, _alone(self._tables, self._units), films, own)
+        alone = self._chips(np.zeros(self._topology.n + 1, np.int32), np.zeros(0, np.int32))
+        chip_fields(self._tables, self._units, alone, films, own)
         lost = ~np.isfinite(own if not np.isfinite(own).all() else out).all(axis=1)
         t, i = np.unravel_index(int(np.argmax(lost)), lost.shape)
+        name = self._topology.unit_names[i]
         if np.isfinite(own).all():
             return SkinError(
-                f"{self._names[i]}: must keep its chip clear of its neighbours' films; got one "
+                f"{name}: must keep its chip clear of its neighbours' films; got one "
                 "of them inside or next to a film"
             )
         (x, y), (u, v) = displacement[t, :, i], tilt[t, :, i]
         return SkinError(
-            f"{self._names[i]}: displacement_mm, depth_mm: must be finite and keep the film less "
+            f"{name}: displacement_mm, depth_mm: must be finite and keep the film less "
             f"than {self._deepest_mm:.3g} mm deep; got ({x:.4g}, {y:.4g}) mm, {depth[t, i]:.4g} "
             f"mm, tilt ({u:.3g}, {v:.3g}) rad"
         )
 
 
-def crest_ut(table: FilmTable, depth_mm: np.ndarray) -> np.ndarray:
+def chips_seen(topology: Topology, at: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Chips of units as the films of others at rest see them.
+
+    Parameters
+    ----------
+    topology : Topology
+    at, by : ndarray, shape (m,)
+        Unit of the chip, and of the film.
+
+    Returns
+    -------
+    points : ndarray, shape (3, m)
+        Chips in the frames of the films, mm.
+    turn : ndarray, shape (3, 3, m)
+        From the axes of the films to those of the chips.
+    """
+    rotation, film = topology.rotation, load_film_table().film
+    between = 1e3 * (topology.position[:, at] - topology.position[:, by])
+    between += (film.middle_mm + film.chip_mm) * rotation[:, 2, at]
+    between -= film.middle_mm * rotation[:, 2, by]
+    points = np.einsum("abm,am->bm", rotation[:, :, by], between)
+    turn = np.einsum("a,bam,bcm->acm", CHIP_AXES, rotation[:, :, at], rotation[:, :, by])
+    return points, turn
+
+
+def near(topology: Topology, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of units within a radius, on any frames, each once."""
+    n = topology.n
+    return neighbour_pairs(topology.position, np.full(n, radius_m), np.zeros(n, int))
+
+
+def perfect_film_ut(points_mm: np.ndarray) -> np.ndarray:
+    """Field of a film without errors, as it was tabulated.
+
+    Parameters
+    ----------
+    points_mm : ndarray, shape (3, ...)
+        Film frame.
+
+    Returns
+    -------
+    ndarray, shape (3, ...)
+        Microtesla, film frame; NaN in the film and next to it.
+    """
+    table = load_film_table()
+    points = np.ascontiguousarray(points_mm.reshape(3, -1).T, float)
+    units = _units(table, Fabrication.perfect(1, table.film.sectors))
+    out = np.empty_like(points)
+    film_fields(_tables(), units, np.zeros(len(points), np.int32), points, out)
+    return out.T.reshape(points_mm.shape)
+
+
+def crest_ut(depth_mm: np.ndarray) -> np.ndarray:
     """Largest lateral field within 3.5 mm of a perfect film at depths (d,): M0(H), µT, (d,)."""
-    lateral = np.linspace(1.5, 3.5, 401)
-    n = lateral.size
-    displacement = np.zeros((depth_mm.size, 2, n))
-    displacement[:, 0] = lateral
-    depth = np.repeat(np.asarray(depth_mm, float)[:, np.newaxis], n, axis=1)
-    out = np.empty((depth_mm.size, 3, n))
-    tables, units = _tables(table), _units(table, Fabrication.perfect(n, table.film.sectors))
-    films = Films(displacement, depth, np.zeros_like(displacement), np.ones_like(depth))
-    chip_fields(tables, units, _alone(tables, units), films, out)
-    return out[:, 0].max(axis=-1)
+    depths, which = np.unique(depth_mm, return_inverse=True)
+    height = load_film_table().film.chip_mm - depths
+    lateral, height = np.meshgrid(np.linspace(1.5, 3.5, 401), height)
+    points = np.stack([lateral, np.zeros_like(lateral), height])
+    return perfect_film_ut(points)[0].max(axis=-1)[which]
 
 
-def _tables(table: FilmTable) -> Tables:
+@functools.cache
+def _tables() -> Tables:
     """Near and far table as the compiled code takes them."""
+    table = load_film_table()
     axes = ((table.rho, table.z), (table.inverse_r, table.theta))
     rows = [values.reshape(-1, 3 * values.shape[-1]) for values in (table.near, table.far)]
     rows = [np.pad(part, ((0, 0), (0, -part.shape[1] % LANES))) for part in rows]
@@ -252,35 +328,8 @@ def _units(table: FilmTable, fabrication: Fabrication) -> Units:
     coefficients = fabrication.coefficients(orders)
     return Units(
         np.ascontiguousarray(np.real(coefficients)), np.ascontiguousarray(np.imag(coefficients)),
-        fabrication.centre_mm, fabrication.tilt_rad, table.film.chip_mm,
+        fabrication.centre_mm, fabrication.tilt_rad,
     )  # fmt: skip
-
-
-def _arrays(
-    tables: Tables, units: Units, start: np.ndarray, index: np.ndarray, offset_mm: np.ndarray,
-    turn: np.ndarray,
-) -> Arrays:  # fmt: skip
-    """Who feels whose film, with the fields of films at rest."""
-    offset_mm, turn = np.ascontiguousarray(offset_mm), np.ascontiguousarray(turn)
-    at_rest, own = np.empty_like(offset_mm), np.empty((len(start) - 1, 3))
-    rest_fields(tables, units, index, offset_mm, turn, at_rest, own)
-    return Arrays(start, index, offset_mm, turn, at_rest, own)
-
-
-def _alone(tables: Tables, units: Units) -> Arrays:
-    """Units that feel only their own films."""
-    start = np.zeros(len(units.real) + 1, np.int32)
-    return _arrays(tables, units, start, start[:0], np.zeros((0, 3)), np.zeros((0, 9)))
-
-
-def _within(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Units nearer to each other than `reach_m`, compressed rows."""
-    pairs = [
-        np.stack([i, j])[:, distance < reach_m]
-        for i, j, distance in pairs_within(topology.position, reach_m)
-    ]
-    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
-    return compressed_rows(topology.n, i, j)
 
 
 def _contiguous(array: np.ndarray, whole: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Compiled code of the magnetic field: films at their own chips, at others' and anywhere else.
+"""Compiled code of the magnetic field: films at their own chips, at others' and at tools.
 
 A film's field is looked up in its own frame, after its displacement and tilt have been undone, and
 turned back. Both tables hold Fourier orders of the azimuth over two other coordinates
@@ -13,9 +13,8 @@ import numpy as np
 
 from bus.compiled.jit import compiled, jitable
 
-__all__ = ["FAR", "LANES", "NEAR", "Arrays", "Films", "Tables", "Units", "chip_fields",
-           "chip_fields_python", "rest_fields", "rest_fields_python", "skin_fields",
-           "skin_fields_python"]  # fmt: skip
+__all__ = ["FAR", "LANES", "NEAR", "Films", "Rows", "Tables", "Units", "chip_fields",
+           "chip_fields_python", "film_fields", "film_fields_python"]  # fmt: skip
 
 LANES = 16
 """Rows of a table are filled up with zeros to a multiple of this."""
@@ -56,15 +55,13 @@ class Tables(NamedTuple):
 class Units(NamedTuple):
     """The films of n units: Fourier coefficients of their sectors, and how they sit.
 
-    `real`, `imaginary` : (n, orders of both tables); `centre_mm`, `tilt_rad` : (2, n); `chip_mm` :
-    from the middle of the film at rest to the chip.
+    `real`, `imaginary` : (n, orders of both tables); `centre_mm`, `tilt_rad` : (2, n).
     """
 
     real: np.ndarray
     imaginary: np.ndarray
     centre_mm: np.ndarray
     tilt_rad: np.ndarray
-    chip_mm: float
 
 
 class Films(NamedTuple):
@@ -77,21 +74,19 @@ class Films(NamedTuple):
     strength: np.ndarray
 
 
-class Arrays(NamedTuple):
-    """Who feels whose film, in compressed rows: `start` (n + 1,), `index` (m,).
+class Rows(NamedTuple):
+    """Who feels whose film, in compressed rows of m pairs: `start` (receivers + 1,), `film` (m,).
 
-    `offset_mm` : (m, 3), from the film at rest to the other unit's chip, in the film's unit frame;
-    `turn` : (m, 9), from the film's unit frame to the axes of that chip; `rest_ut` : (m, 3), field
-    of the film while it is at rest, in the axes of that chip; `own_ut` : (n, 3), that of each
-    unit's own film.
+    `offset_mm` : (m, 3), from the film at rest to the receiver, in the film's unit frame; `turn` :
+    (m, 9), from the film's unit frame to the axes of the receiver; `rest_ut` : (m, 3), field of the
+    film while it is at rest, in these axes.
     """
 
     start: np.ndarray
-    index: np.ndarray
+    film: np.ndarray
     offset_mm: np.ndarray
     turn: np.ndarray
     rest_ut: np.ndarray
-    own_ut: np.ndarray
 
 
 @_inlined
@@ -256,46 +251,41 @@ def _placed_field(tables, units, i, place, x, y, z, series):
     return _turned(place, i, 3, x, y, z)
 
 
-@_inlined
-def _own_field(tables, units, i, place, series):
-    """Field of film i, where it is, at its own chip, in the axes of the chip."""
-    x, y, z = _placed_field(tables, units, i, place, 0.0, 0.0, units.chip_mm, series)
-    # the chip is mounted half a turn about z from its unit's axes
-    return -x, -y, z
-
-
-def rest_fields_python(tables, units, index, offset_mm, turn, rest_ut, own_ut):
-    """Fill in `Arrays.rest_ut` and `Arrays.own_ut` from the rest of `Arrays`."""
-    n = units.real.shape[0]
-    place = np.empty((n, 12))
-    series = np.zeros((6, tables.columns.max()), np.float32)
-    level, flat = np.zeros((1, 2, n)), np.zeros((1, n))
-    _place(units, Films(level, flat, level, flat), 0, place)
-    for pair in range(index.size):
-        x, y, z = offset_mm[pair, 0], offset_mm[pair, 1], offset_mm[pair, 2]
-        x, y, z = _placed_field(tables, units, index[pair], place, x, y, z, series)
-        x, y, z = _turned(turn, pair, 0, x, y, z)
-        rest_ut[pair, 0], rest_ut[pair, 1], rest_ut[pair, 2] = x, y, z
-    for i in range(n):
-        x, y, z = _own_field(tables, units, i, place, series)
-        own_ut[i, 0], own_ut[i, 1], own_ut[i, 2] = x, y, z
-
-
-def chip_fields_python(tables, units, arrays, films, out):
-    """Field of the films at all chips, in the axes of the chips.
+def film_fields_python(tables, units, film, points_mm, out):
+    """Field of films at points of their own frames.
 
     Parameters
     ----------
     tables : Tables
     units : Units
-    arrays : Arrays
+    film : ndarray, shape (m,), int
+        Whose field each point is in.
+    points_mm : ndarray, shape (m, 3)
+    out : ndarray, shape (m, 3), float64
+        Microtesla; NaN where a point is in or next to the film.
+    """
+    series = np.zeros((6, tables.columns.max()), np.float32)
+    for m in range(film.size):
+        x, y, z = points_mm[m, 0], points_mm[m, 1], points_mm[m, 2]
+        x, y, z = _film_field(tables, units, film[m], x, y, z, series)
+        out[m, 0], out[m, 1], out[m, 2] = x, y, z
+
+
+def chip_fields_python(tables, units, rows, films, out):
+    """Field of the films at all receivers, in the axes of these: chips, or tools.
+
+    Parameters
+    ----------
+    tables : Tables
+    units : Units
+    rows : Rows
     films : Films
-    out : ndarray, shape (t, 3, n), float64
-        Microtesla; NaN where a chip is out of the tables' range.
+    out : ndarray, shape (t, 3, receivers), float64
+        Microtesla; NaN where a receiver is out of the tables' range.
     """
     displacement, depth, tilt, strength = films
     cycles, n = depth.shape
-    start, index, offset, turn, rest, own = arrays
+    start, film, offset, turn, rest = rows
     place = np.empty((n, 12))
     moved = np.empty(n, np.bool_)
     series = np.zeros((6, tables.columns.max()), np.float32)
@@ -305,14 +295,11 @@ def chip_fields_python(tables, units, arrays, films, out):
             x, y, z = displacement[t, 0, i], displacement[t, 1, i], depth[t, i]
             u, v = tilt[t, 0, i], tilt[t, 1, i]
             moved[i] = (x != 0.0) | (y != 0.0) | (z != 0.0) | (u != 0.0) | (v != 0.0)
-        for i in range(n):
-            # what is at rest need not be looked up
-            x, y, z = own[i, 0], own[i, 1], own[i, 2]
-            if moved[i]:
-                x, y, z = _own_field(tables, units, i, place, series)
-            bx, by, bz = strength[t, i] * x, strength[t, i] * y, strength[t, i] * z
-            for pair in range(start[i], start[i + 1]):
-                j = index[pair]
+        for receiver in range(start.size - 1):
+            bx, by, bz = 0.0, 0.0, 0.0
+            for pair in range(start[receiver], start[receiver + 1]):
+                j = film[pair]
+                # what is at rest need not be looked up
                 x, y, z = rest[pair, 0], rest[pair, 1], rest[pair, 2]
                 if moved[j]:
                     x, y, z = offset[pair, 0], offset[pair, 1], offset[pair, 2]
@@ -321,44 +308,8 @@ def chip_fields_python(tables, units, arrays, films, out):
                 bx += strength[t, j] * x
                 by += strength[t, j] * y
                 bz += strength[t, j] * z
-            out[t, 0, i], out[t, 1, i], out[t, 2, i] = bx, by, bz
+            out[t, 0, receiver], out[t, 1, receiver], out[t, 2, receiver] = bx, by, bz
 
 
-def skin_fields_python(tables, units, rest, turn, point, films, out):
-    """Field of all films together at one point, in the skin frame.
-
-    Parameters
-    ----------
-    tables : Tables
-    units : Units
-    rest : ndarray, shape (n, 3)
-        Middle of each film at rest, mm, skin frame.
-    turn : ndarray, shape (n, 9)
-        Rotation of each unit, R_skin_unit.
-    point : ndarray, shape (3,)
-        Millimetre, skin frame.
-    films : Films
-    out : ndarray, shape (t, 3), float64
-        Microtesla; NaN where the point is in or next to a film.
-    """
-    depth, strength = films.depth_mm, films.strength
-    cycles, n = depth.shape
-    place = np.empty((n, 12))
-    series = np.zeros((6, tables.columns.max()), np.float32)
-    for t in range(cycles):
-        _place(units, films, t, place)
-        bx, by, bz = 0.0, 0.0, 0.0
-        for i in range(n):
-            x, y, z = point[0] - rest[i, 0], point[1] - rest[i, 1], point[2] - rest[i, 2]
-            x, y, z = _turned_back(turn, i, 0, x, y, z)
-            x, y, z = _placed_field(tables, units, i, place, x, y, z, series)
-            x, y, z = _turned(turn, i, 0, x, y, z)
-            bx += strength[t, i] * x
-            by += strength[t, i] * y
-            bz += strength[t, i] * z
-        out[t, 0], out[t, 1], out[t, 2] = bx, by, bz
-
-
-rest_fields = compiled(rest_fields_python, fastmath=("contract", "reassoc"), allocates=True)
+film_fields = compiled(film_fields_python, fastmath=("contract", "reassoc"), allocates=True)
 chip_fields = compiled(chip_fields_python, fastmath=("contract", "reassoc"), allocates=True)
-skin_fields = compiled(skin_fields_python, fastmath=("contract", "reassoc"), allocates=True)

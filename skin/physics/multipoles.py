@@ -23,8 +23,10 @@ ORDERS = 8
 """Multipoles, from the dipole on: each is half to two thirds of the one before at 12 mm."""
 SCALE_MM = 6.0
 """Length in which the multipoles are given: the film's radius, so that they are alike in size."""
-NODES = 8
+NODES = 16
 """Of the quadratures over a film, a sector and the thickness: exact to 1e-6 here."""
+RING = np.arange(64) * np.pi / 32
+"""Azimuths of the dipoles of a ring."""
 
 
 @dataclass(frozen=True)
@@ -104,16 +106,7 @@ def films_as_made() -> tuple[np.ndarray, np.ndarray]:
 
 def _multipoles(film: FilmDrawing) -> np.ndarray:
     """``a_l = integral of J . grad(r^l P_l) / 4 pi``, the own crest being 1 µT; shape (ORDERS,)."""
-    up = load_film_table().film.chip_mm - 2.0
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    rho, z = 0.5 * film.radius_mm * (nodes + 1.0), 0.5 * film.thickness_mm * nodes
-    aside = np.pi / film.sectors * nodes  # from the axis of a sector
-    rho, aside, z = np.meshgrid(rho, aside, z, indexing="ij")
-    volume = np.einsum("i,j,k->ijk", weights, weights, weights) * rho
-    remanence = volume * (1.0 - film.falloff * (rho / film.radius_mm) ** 2)
-    phase = 2.0 * np.pi * rho * np.cos(aside) / film.wavelength_mm
-    # the mean around the axis, of a sector as of all
-    along, inward = remanence * np.cos(phase), -remanence * np.sin(phase) * np.cos(aside)
+    rho, z, outward, up = rings = _rings(film)
     r = np.hypot(rho, z)
     u = z / r
     out = np.empty(ORDERS)
@@ -123,27 +116,31 @@ def _multipoles(film: FilmDrawing) -> np.ndarray:
         # d/dz and d/drho of r^n P_n(z / r)
         up_slope = n * r ** (n - 1) * lower
         out_slope = n * r ** (n - 1) * (here - u * lower) * r / rho
-        out[k] = np.sum(along * up_slope + inward * out_slope) / SCALE_MM ** (n + 2)
-    return out / _crest(film, up)
+        out[k] = np.sum(up * up_slope + outward * out_slope) / SCALE_MM ** (n + 2)
+    return out / _crest(*rings)
 
 
-def _crest(film: FilmDrawing, up_mm: float) -> float:
-    """Crest of the lateral field of a film of remanence 1 at a height, in the unit of the
-    integrals."""
-    nodes, weights = np.polynomial.legendre.leggauss(2 * NODES)
-    rho, ring = 0.5 * film.radius_mm * (nodes + 1.0), np.arange(8 * NODES) * np.pi / (4 * NODES)
-    aside = np.pi / film.sectors * nodes
+def _rings(film: FilmDrawing) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rings of dipoles, which stand for a film of remanence 1 smeared around its axis: radius and
+    height, mm, and moment outward and up; shape (rings,) each."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    rho, z = 0.5 * film.radius_mm * (nodes + 1.0), 0.5 * film.thickness_mm * nodes
+    aside = np.pi / film.sectors * nodes  # from the axis of a sector
     phase = 2.0 * np.pi * np.outer(rho, np.cos(aside)) / film.wavelength_mm
-    size = weights * rho * (1.0 - film.falloff * (rho / film.radius_mm) ** 2) / ring.size
-    along = 0.5 * size * (np.cos(phase) @ weights)
-    outward = -0.5 * size * ((np.sin(phase) * np.cos(aside)) @ weights)
-    x = np.linspace(1.5, 3.5, 41)[:, np.newaxis, np.newaxis, np.newaxis]
-    rho, ring, z = np.meshgrid(rho, ring, 0.5 * film.thickness_mm * nodes, indexing="ij")
-    between = x - rho * np.cos(ring), -rho * np.sin(ring), up_mm - z
-    r2 = sum(part**2 for part in between)
-    moment_x = outward[:, np.newaxis, np.newaxis] * np.cos(ring) * weights
-    moment_y = outward[:, np.newaxis, np.newaxis] * np.sin(ring) * weights
-    moment_z = along[:, np.newaxis, np.newaxis] * weights
-    along_r = moment_x * between[0] + moment_y * between[1] + moment_z * between[2]
-    lateral = (3.0 * along_r * between[0] / r2 - moment_x) / r2**1.5
-    return float(np.abs(lateral.sum(axis=(1, 2, 3))).max()) * 2.0
+    size = weights * rho * (1.0 - film.falloff * (rho / film.radius_mm) ** 2)
+    outward = -size * ((np.sin(phase) * np.cos(aside)) @ weights)
+    up = size * (np.cos(phase) @ weights)
+    rho, z = np.meshgrid(rho, z, indexing="ij")
+    return rho.ravel(), z.ravel(), np.outer(outward, weights).ravel(), np.outer(up, weights).ravel()
+
+
+def _crest(rho: np.ndarray, z: np.ndarray, outward: np.ndarray, up: np.ndarray) -> float:
+    """Largest lateral field of rings at the chip of a film 2 mm deep, in the unit of their
+    moments."""
+    c, s = np.cos(RING)[:, np.newaxis], np.sin(RING)[:, np.newaxis]
+    x = np.linspace(1.5, 3.5, 41)[:, np.newaxis, np.newaxis]
+    across, height = x - rho * c, load_film_table().film.chip_mm - 2.0 - z
+    r2 = across**2 + (rho * s) ** 2 + height**2
+    along_r = outward * c * across - outward * s * rho * s + up * height
+    lateral = (3.0 * along_r * across / r2 - outward * c) / r2**1.5
+    return float(np.abs(lateral.sum(axis=(1, 2))).max()) / RING.size

@@ -1,18 +1,12 @@
 """The field that a moving neighbour adds at a chip, as a polynomial of where the neighbour is.
 
-A film looks the same from every side, so what it adds at a chip depends on the distance of the
-chip from the film's axis and its height along it alone: one fit serves all pairs that share these,
-on flat, curved and irregular skins, once it is turned to where the chip really is.
-
 Units of different frames move against each other, so what one adds at the other is no constant of
-the skin: such pairs are left out. For frames that stand still, build the stencil of the topology in
-that pose with ``rigid=True``.
+the skin: such pairs are left out.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -20,16 +14,15 @@ from typing import IO, Any
 import numpy as np
 
 from skin.errors import ScanError, SkinError, TooDenseError
-from skin.physics.film_table import load_film_table
-from skin.physics.halbach import CHIP_AXES
+from skin.physics.halbach import chips_seen
 from skin.physics.multipoles import films_as_made, multipole_field
 from skin.physics.stray import (
     DEGREES,
-    SEPARATION_M,
-    Pairs,
-    blocked,
+    DEPTH_MAX_MM,
+    DISPLACEMENT_MAX_MM,
+    NEAR_M,
     field_at_rest,
-    left_out,
+    films_seen,
     monomials,
     moving_ut2,
     near,
@@ -42,21 +35,21 @@ from topology.files import arrays_of, check_path, read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = [
-    "AS_MADE", "DEPTH_MAX_MM", "DISPLACEMENT_MAX_MM", "NEAR_M", "Stencil", "check_stencil",
-    "films_seen", "neighbours_at_rest", "neighbours_moving_ut2", "rest_sigma_ut",
-    "with_films_apart",
+    "AS_MADE", "Stencil", "check_stencil", "neighbours_at_rest", "neighbours_moving_ut2",
+    "rest_sigma_ut", "with_films_apart",
 ]  # fmt: skip
 
-DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
-"""Range of the scans [paper: what a unit is calibrated for]."""
 PRESSED = (2.0 / 3.0, 1.0 / 2.0)
 """Chance that a neighbour of a pressed unit is pressed, and that two given ones are [derived: any
 share p of a skin may be pressed, each as likely, and a pressed unit is one of many in proportion to
 p: the means of p and of p² by the density 2 p]."""
 AS_MADE = UnitModel().stray_sigma_relative
-NEAR_M = 0.039
-"""To which films are more than dipoles [assumed: the reach of a stencil]."""
-PAIRS_AT_ONCE = 65536
+KINDS_AT_ONCE = 512
+SAME_MM, SAME_TURN = 1e-3, 1e-5
+"""Pairs that differ by less in place, mm, and in attitude are of a kind [assumed: far below the
+tolerances of a skin]."""
+SEPARATION_M = 10.0
+"""Between frames, so that none feels another [assumed]."""
 SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
 how well units are placed]."""
@@ -122,12 +115,8 @@ class Stencil:
     depth_max_mm: float
     displacement_max_mm: float
     left_out_rms_ut: np.ndarray
-    rest_sigma_ut: np.ndarray = None  # type: ignore[assignment]  # zeros
+    rest_sigma_ut: np.ndarray
     drawn: bool = False
-
-    def __post_init__(self) -> None:
-        if self.rest_sigma_ut is None:
-            object.__setattr__(self, "rest_sigma_ut", np.zeros(np.shape(self.rest_ut)))
 
     @property
     def n(self) -> int:
@@ -260,7 +249,6 @@ class Stencil:
         *,
         degree: int = 4,
         reach_m: float = 0.025,
-        rigid: bool = False,
     ) -> Stencil:
         """Scan one neighbour for every kind of pair of a skin, from magnet theory, and fit.
 
@@ -271,8 +259,6 @@ class Stencil:
             1 to 4.
         reach_m : float
             Between unit centres.
-        rigid : bool
-            Whether the frames stay where the file puts them: then their units' pairs are in too.
 
         Raises
         ------
@@ -284,34 +270,51 @@ class Stencil:
         if degree not in DEGREES:
             raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
         topology = _with_films(topology)
-        separated = topology if rigid else _frames_separated(topology)
+        separated = _frames_separated(topology)
         start, neighbour = compressed_rows(topology.n, *near(separated, reach_m))
         unit = np.repeat(np.arange(topology.n), np.diff(start))
-        pairs = Pairs.of(topology, unit, neighbour)
-        moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
-        near_films = blocked(pairs.seen, moved)[pairs.scan[pairs.kind]]
-        if near_films.any():
-            units = np.unique(unit[near_films])
+        kind, coefficients, sigma = _fitted(topology, unit, neighbour, degree)
+        too_near = np.flatnonzero(np.isnan(sigma[kind, 0]))
+        if too_near.size:
+            units = np.unique(unit[too_near])
             raise TooDenseError(
                 f"{topology.unit_names[units[0]]}: must keep its chip clear of its neighbours' "
                 f"films, which move by {DISPLACEMENT_MAX_MM:g} mm; got one that comes into it or "
                 f"next to it, as with {len(units)} units of {topology.name}",
                 [int(u) for u in units],
             )
-        stray = scan_stray(topology, pairs.seen, moved)
-        terms = monomials(moved.T, degree)
-        q, r = np.linalg.qr(terms.T)
-        values = np.einsum("kta,tp->kap", stray, np.linalg.solve(r, q.T).T)
-        residual = stray - np.einsum("kap,pt->kta", values, terms)
-        sigma = np.sqrt(np.einsum("t,kta->ka", share, residual**2))
-        beyond = left_out(separated, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
+        lateral2, axial2 = moving_ut2(separated, unit, neighbour)
         return cls(
-            start, neighbour, pairs.kind, _distance(topology, unit, neighbour),
-            pairs.turned(values, degree), pairs.spread(sigma),
+            start, neighbour, kind, _distance(topology, unit, neighbour), coefficients, sigma,
             topology.parameters["field_amplitude_ut"].copy(), field_at_rest(separated), degree,
-            reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, beyond,
+            reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, np.sqrt((2.0 * lateral2 + axial2) / 3.0),
             rest_sigma_ut(topology), drawn=True,
         )  # fmt: skip
+
+
+def _fitted(
+    topology: Topology, unit: np.ndarray, neighbour: np.ndarray, degree: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Kinds of pairs, shape (m,), and `coefficients` and `sigma_ut` of each kind, as of `Stencil`;
+    NaN of kinds whose film comes into the chip or next to it."""
+    points, turn = chips_seen(topology, unit, neighbour)
+    reference = topology.parameters["field_reference_mm"][neighbour]
+    alike = np.vstack([points / SAME_MM, turn.reshape(9, -1) / SAME_TURN, reference / 1e-6])
+    _, first, kind = np.unique(
+        np.rint(alike).astype(np.int64), axis=1, return_index=True, return_inverse=True
+    )
+    moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
+    terms = monomials(moved.T, degree)
+    fit = np.linalg.pinv(terms)
+    values, sigma = np.empty((first.size, 3, len(terms))), np.empty((first.size, 3))
+    for begin in range(0, first.size, KINDS_AT_ONCE):
+        some = slice(begin, begin + KINDS_AT_ONCE)
+        of = first[some]
+        stray = scan_stray(points[:, of], reference[of], moved)
+        stray = np.einsum("ack,ckt->kat", turn[:, :, of], stray)
+        values[some] = stray @ fit
+        sigma[some] = np.sqrt((stray - values[some] @ terms) ** 2 @ share)
+    return kind.ravel().astype(np.int32), values, sigma
 
 
 def check_stencil(topology: Topology, stencil: Any) -> None:
@@ -350,45 +353,11 @@ def rest_sigma_ut(topology: Topology) -> np.ndarray:
     return share * (np.sqrt(np.maximum(variance, 0.0)) / AS_MADE + far)
 
 
-def films_seen(
-    topology: Topology,
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Pairs of units within `NEAR_M`, some at a time, at rest.
-
-    Parameters
-    ----------
-    topology : Topology
-        As of `with_films_apart`.
-
-    Yields
-    ------
-    at, by : ndarray, shape (m,)
-        Unit of the chip, and of the film.
-    points : ndarray, shape (3, m)
-        Chips in the axes of the films, mm: as of `multipole_field`.
-    turn : ndarray, shape (3, 3, m)
-        From the axes of the films to those of the chips, times the strength of the films.
-    """
-    p, rotation, film = topology.parameters, topology.rotation, load_film_table().film
-    i, j = near(topology, NEAR_M)
-    ats, bys = np.concatenate([i, j]), np.concatenate([j, i])
-    for first in range(0, ats.size, PAIRS_AT_ONCE):
-        at, by = ats[first : first + PAIRS_AT_ONCE], bys[first : first + PAIRS_AT_ONCE]
-        between = 1e3 * (topology.position[:, at] - topology.position[:, by])
-        between += (film.middle_mm + film.chip_mm) * rotation[:, 2, at]
-        between -= film.middle_mm * rotation[:, 2, by]
-        points = np.einsum("abm,am->bm", rotation[:, :, by], between)
-        turn = np.einsum("a,bam,bcm->acm", CHIP_AXES, rotation[:, :, at], rotation[:, :, by])
-        turn *= p["field_amplitude_ut"][by]
-        yield at, by, points, turn
-
-
 def neighbours_moving_ut2(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Mean square of what all neighbours add, of x or y and of z, if `PRESSED` of them move at
     random through the range of the scans, µT², shape (n,) each."""
     nobody = np.zeros(0, np.int64)
-    separated = with_films_apart(topology)
-    return moving_ut2(separated, nobody, nobody, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, PRESSED)
+    return moving_ut2(with_films_apart(topology), nobody, nobody, PRESSED)
 
 
 def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.ndarray:

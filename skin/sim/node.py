@@ -380,28 +380,22 @@ class SimulatedUnits:
             self.respond(heard.frames, out, bus)
 
 
-def simulated_units(
-    topology: Topology, scene: Any, seed: int | None = None, repeat: bool = False
-) -> SimulatedUnits:
+def simulated_units(topology: Topology, scene: Any, seed: int | None = None) -> SimulatedUnits:
     """Units that play a scene: True for "demo", a name, a file, a loaded one, or a scene; with its
-    own seed, or 0, if none is given; with `repeat` it starts again at its end.
+    own seed, or 0, if none is given.
 
     Raises
     ------
     OptionError
-        `scene` is not one, or cannot repeat, since it is not from a file.
+        `scene` is not one.
     topology.TopologyError
         There is no such file, or it cannot be played.
     """
     if scene is True or isinstance(scene, str | Path):
         scene = load_scene("demo" if scene is True else scene, topology)
     if isinstance(scene, SceneFile):
-        given = {} if seed is None else {"seed": seed}
-        script = replace(scene, repeat=repeat or scene.repeat, **given)
-        scene = ScriptedScene(topology, script)
+        scene = ScriptedScene(topology, scene if seed is None else replace(scene, seed=seed))
     elif not hasattr(scene, "at"):
         expected = "True, a scene, or the name or file of one"
         raise OptionError(f"simulate: must be {expected}; got {shown(scene)}")
-    elif repeat:
-        raise OptionError(f"repeat: must be given with the file of a scene; got {shown(scene)}")
     return SimulatedUnits(topology, scene, seed=seed or 0)

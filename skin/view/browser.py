@@ -54,7 +54,7 @@ class View(WorkerSink):
         """Take a snapshot when due, within the skin's loop; see `Sink.state`."""
         if self.failure is not None or not self.snapshots.look(state):
             return
-        self.missed = self.snapshots.missed
+        self.lost = self.snapshots.missed
         self.look()
         pipeline, calls = self.pipeline, self._ring.calls
         if calls != self._calls:

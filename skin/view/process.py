@@ -30,7 +30,6 @@ WORDS_S = 0.2
 class Viewer(Service):
     """Draws the snapshots of the ring, and handles requests of browsers."""
 
-    batch = 64
     reads_to_end = False
 
     def __init__(self, end: WorkerEnd) -> None:

@@ -66,7 +66,7 @@ class Snapshots:
 
     def _begin(self) -> None:
         """A snapshot before the first cycle: poses, and units without frames."""
-        at = self._ring.claim_slot()
+        at = self._ring.claim()
         if at is not None:
             record = self._ring.records[at : at + 1]
             record["status"], record["cycle"], record["whole"] = Status.NEVER, -1, 1
@@ -85,7 +85,7 @@ class Snapshots:
         self._due_ns += PERIOD_NS
         if self._due_ns <= now_ns:  # late: skipped snapshots are not made up
             self._due_ns = now_ns + PERIOD_NS
-        at = self._ring.claim_slot()
+        at = self._ring.claim()
         if at is None:
             self.missed += 1
             return True

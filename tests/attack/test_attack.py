@@ -23,7 +23,7 @@ from bus.errors import BusError
 from bus.faults import load_script
 from bus.logs import Recording
 from bus.logs.candump import CandumpReader
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
 from skin.physics.stencil import Stencil
@@ -98,7 +98,7 @@ SCENE = {"file": "press", "topology": STRIP}
 OPTIONS = {
     "skin.open": (
         opened,
-        "want slip options sync pace deadline_s seed repeat faults",
+        "want slip options sync pace seed faults",
     ),
     "Options": (
         skin.Options,
@@ -135,7 +135,7 @@ def within(call):
 OPTIONS |= {
     "skin.open without a choice": (
         within(lambda **options: skin.open(STRIP, **options).close()),
-        "simulate transports record",
+        "simulate record",
     ),
     "Decoder of": (lambda **options: skin.Decoder(**{"topology": STRIP, **options}), "topology"),
     "Decoder with sweeps": (

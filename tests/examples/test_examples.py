@@ -35,6 +35,7 @@ REPORTS = {
     "fig6_tea": r"^done +True$",
     "notebook": r"^[1-9]\d+ cycles with a contact, [1-9]\d* of them slipping$",
     "calibrate_bench": r"^gel_current_ratio +12 +12\.1\d +12\.1\d$",
+    "contacts_of_another_array": r"^shear rises from [\d.]+ to [\d.]+ N$",
     "contacts_to_pandas": r"^ +time +id +load_n +x_mm",
     "grasp_in_mujoco": r"^cube at (2[5-9]|3\d|4\d)\.\d mm$",
     "lerobot_dataset": r"^2 episodes, 120 frames$",

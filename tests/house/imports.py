@@ -43,11 +43,9 @@ ROOMS: dict[str, frozenset[str]] = {
     "pipeline": COMMON
     | {"physics", "decode", "contact", "calibrate", "clock", "cycle", "robot"}
     | {"sinks"},
-    "moving": COMMON | {"contact", "pipeline", "robot"},
-    "pacing": frozenset(),
     "live": COMMON
-    | {"physics", "decode", "contact", "calibrate", "pipeline", "pacing", "compiling", "sim"}
-    | {"moving", "sinks"},
+    | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim", "robot"}
+    | {"sinks"},
     "io": COMMON
     | {"physics", "contact", "pipeline", "compiling", "blocks", "offline", "live", "worker"}
     | {"arrow", "sinks"},

@@ -48,17 +48,10 @@ def frames_of(count, nodes=None):
 
 @pytest.fixture(scope="module")
 def run():
-    """Frames, states, counts and a pipeline with zeros of a run."""
-    frames = frames_of(CYCLES)
-    pipeline = Pipeline(STRIP, Options())
-    states = list(pipeline.feed(frames))
-    return frames, states, resting(), pipeline
-
-
-def resting():
-    """Counts of units that nothing touches."""
+    """Frames of a run, and counts of units that nothing touches."""
     nodes, assembler = SimulatedUnits(STRIP, Still(), seed=2), Assembler(STRIP)
-    return np.stack([c.counts.copy() for c in assembler.feed(frames_of(CYCLES, nodes))])
+    counts = [c.counts.copy() for c in assembler.feed(frames_of(CYCLES, nodes))]
+    return frames_of(CYCLES), np.stack(counts)
 
 
 class Still:
@@ -86,17 +79,9 @@ def truth(run, path):
             scene.at(cycle / 250)
 
 
-def zeros(run, path):
-    kept = run[3].zeros
-    kept._saved = None
-    kept.save(path)
-
-
 WRITERS = {
-    "calibration.toml": lambda run, path: tare(STRIP, run[2]).write(path, date="2026-01-01"),
+    "calibration.toml": lambda run, path: tare(STRIP, run[1]).write(path, date="2026-01-01"),
     "stencil.npz": lambda run, path: Stencil.of(STRIP).save(path),
-    "zeros.npz": zeros,
-    "ambient.npz": lambda run, path: run[3].decoder.ambient.save(path),
     "table.csv": tables(".csv"),
     "arrays.npz": tables(".npz"),
     "table.parquet": tables(".parquet"),

@@ -10,7 +10,7 @@ import pytest
 
 import topology
 from bus.frame import FrameBatch
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import CONTACT
 from skin.contact.stream import ContactStream
 from skin.decode.decoder import Decoder

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,11 +18,13 @@ from bus.frame import FRAME_DTYPE
 from bus.logs import read_all
 from bus.memory import MemoryTransport
 from bus.status import Status
-from skin.errors import OptionError, SkinError
-from skin.pacing import SYNC_BITS
+from skin.errors import SkinError
+from skin.live import SYNC_BITS
 from skin.sim.node import SimulatedUnits
 from skin.state import WANTS
-from tests.fixtures.live import frames_of
+from tests.fixtures.live import frames_of, over
+
+STRIP = topology.load("strip")
 
 
 def take(opened, count):
@@ -58,7 +59,7 @@ def test_a_bus_within_the_process_that_need_not_wait_has_a_time_of_its_own():
     """So that neither faults nor forces hang on how fast this machine is."""
     loaded = topology.load("strip")
     nodes = SimulatedUnits(loaded)
-    with skin.open(loaded, transports=nodes.in_process(), pace=False) as opened:
+    with over(loaded, nodes.in_process(), pace=False) as opened:
         stamps_ns = [state.stamp_ns for state in take(opened, 50)]
     period_ns = round(1e9 / loaded.cycle_rate_hz)
     assert np.diff(stamps_ns).tolist() == [period_ns] * 49
@@ -110,7 +111,7 @@ def test_what_is_not_wanted_is_not_there(wanted):
 
 def test_silent_bus_is_not_no_touch():
     near, _ = MemoryTransport.pair()
-    with skin.open("strip", transports=[near], pace=False) as strip:
+    with over("strip", [near], pace=False) as strip:
         for state in itertools.islice(strip, 8):
             assert not state.units.valid.any()
             assert np.isnan(state.units.force).all()
@@ -128,9 +129,7 @@ def test_unit_that_dies_ages_and_is_left_out():
     unit = int(loaded.frames.units[3, 0])
     answer = far.listener
 
-    with skin.open(
-        loaded, transports=[near], pace=False, options=skin.Options(sweeps=0, ambient=False)
-    ) as strip:
+    with over(loaded, [near], pace=False, options=skin.Options(sweeps=0, ambient=False)) as strip:
         states = iter(strip)
         for _ in range(5):
             state = next(states)
@@ -175,8 +174,8 @@ def test_listener_takes_the_sync_of_another_host(monkeypatch):
     receive = ears.receive
     with (
         far,
-        skin.open(loaded, transports=[host], pace=False) as leader,
-        skin.open(loaded, transports=[ears], sync="bus") as listener,
+        over(loaded, [host], pace=False) as leader,
+        over(loaded, [ears], sync="bus") as listener,
     ):
         led = iter(leader)
 
@@ -194,7 +193,7 @@ def test_listener_takes_the_sync_of_another_host(monkeypatch):
 
 def test_listener_without_a_host_says_that_all_is_silent():
     near, far = MemoryTransport.pair()
-    with far, skin.open("strip", transports=[near], sync="bus") as strip:
+    with far, over("strip", [near], sync="bus") as strip:
         state = take(strip, 1)[0]
         assert not state.units.valid.any()
 
@@ -212,7 +211,8 @@ def test_host_that_is_slow_leaves_out_syncs_and_counts_them(periods):
 
 def test_what_boards_are_told_is_recorded(tmp_path):
     log = tmp_path / "told.log"
-    with skin.open("strip", simulate=True, pace=False, deadline_s=0.001, record=log) as strip:
+    with over(STRIP, SimulatedUnits(STRIP).in_process(), pace=False, deadline_s=0.001,
+              record=log) as strip:  # fmt: skip
         states = iter(strip)
         for _ in range(3):
             next(states)
@@ -230,14 +230,15 @@ def test_what_boards_are_told_is_recorded(tmp_path):
 
 
 def test_boards_obey_the_host():
-    with skin.open("strip", simulate=True, pace=False, deadline_s=0.001) as strip:
+    nodes = SimulatedUnits(STRIP)
+    with over(STRIP, nodes.in_process(), pace=False, deadline_s=0.001) as strip:
         states = iter(strip)
         next(states)
         strip.configure(Command.RATE, value=2)
         answered = [bool(next(states).units.valid.all()) for _ in range(6)]
         assert answered.count(True) == 3
         assert all(a != b for a, b in itertools.pairwise(answered))
-        assert strip.nodes.served.configured > 0
+        assert nodes.served.configured > 0
         with pytest.raises(ValueError, match="value: must be 1 to 65535"):
             strip.configure(Command.RATE, value=0)
 
@@ -249,25 +250,27 @@ def test_boards_obey_the_host():
         ({"want": {"wrnch"}}, "wrench"),
         ({"options": "sine"}, "options: must be "),
         ({"record": "run.txt"}, "record: run.txt: must end in one of .mcap, .log, .log.gz, .blf"),
-        ({"deadline_s": 0.0}, "deadline_s: must be a number from 1e-06 to 3600; got 0.0"),
-        ({"transports": []}, "transports: must be one for each of 1 buses; got 0"),
         ({"sync": "bus", "simulate": True}, "sync: must be 'host' with simulate; got 'bus'"),
-        ({"transports": [], "simulate": True}, "transports: must not be given with simulate"),
     ],
 )
 def test_wrong_option_is_refused(options, message):
     with pytest.raises(SkinError, match=message):
-        skin.open("strip", **{"simulate": "transports" not in options, **options})
+        skin.open("strip", **{"simulate": True, **options})
 
 
 @pytest.mark.parametrize("simulate", [False, None, "", 0])
 def test_what_is_false_opens_the_buses_and_invents_no_forces(simulate):
-    near, far = MemoryTransport.pair()
-    with skin.open("strip", simulate=simulate, transports=[near]) as opened:
-        assert opened.transports == [near]
+    with skin.open("strip", simulate=simulate) as opened:
+        assert opened.nodes is None
         assert not opened.simulated
         assert repr(opened) == "<Skin 'strip': 10 units>"
-    far.close()
+
+
+def test_a_skin_has_a_transport_for_each_bus():
+    with pytest.raises(SkinError, match="transports: must be one for each of 1 buses; got 0"):
+        over("strip", [])
+    with pytest.raises(SkinError, match=r"deadline_s: must be a number from 1e-06 to 3600; got 0"):
+        over("strip", [], deadline_s=0.0)
 
 
 def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
@@ -288,8 +291,6 @@ def test_a_scene_that_ends_ends_the_loop_and_one_that_repeats_does_not(tmp_path)
     with skin.open("strip", simulate=scene, pace=False) as strip:
         assert len(list(strip)) == rate // 10
         assert list(strip) == []  # and the next loop, too
-    with skin.open("strip", simulate=str(scene), repeat=True, pace=False) as strip:
-        assert len(list(itertools.islice(strip, rate))) == rate
     scene.write_text("format = 1\nseconds = 0.1\nrepeat = true\n")
     with skin.open("strip", simulate=scene, pace=False) as strip:
         assert len(list(itertools.islice(strip, rate))) == rate
@@ -300,12 +301,6 @@ def test_a_scene_of_units_that_send_freely_ends_the_loop_too(tmp_path):
     scene.write_text("format = 1\nseconds = 0.2\n")
     with skin.open(topology_of(tmp_path, ("sync_id = 0x080\n", "")), simulate=scene) as strip:
         assert sum(1 for _ in strip) > 0
-
-
-def test_what_has_no_end_of_its_own_is_not_asked_to_repeat():
-    expected = "repeat: must be given with the file of a scene; got namespace"
-    with pytest.raises(OptionError, match=expected):
-        skin.open("strip", simulate=SimpleNamespace(at=None), repeat=True)
 
 
 def test_a_bus_without_anybody_else_is_said_to_be_one(caplog):
@@ -337,7 +332,7 @@ def test_a_bus_on_which_nobody_can_answer_ends_the_loop(monkeypatch):
 def test_units_that_never_answer_are_said_to_be_silent_less_and_less_often(monkeypatch, caplog):
     monkeypatch.setattr("skin.live.QUIET_S", 0.01)
     near, far = MemoryTransport.pair()
-    with far, skin.open("strip", want="force", transports=[near]) as strip:
+    with far, over("strip", [near], want="force") as strip:
         while (count := caplog.text.count("no unit has answered for")) < 3:
             next(iter(strip))
         assert strip._quiet_s == pytest.approx(0.01 * 2**count)
@@ -381,7 +376,7 @@ def test_of_an_adapter_that_is_pulled_out_everything_else_is_closed_and_kept(tmp
     nodes = SimulatedUnits(loaded)
     ends = nodes.in_process()
     log = tmp_path / "run.log"
-    opened = skin.open(loaded, transports=ends, record=log, pace=False)
+    opened = over(loaded, ends, record=log, pace=False)
     seen = []
     for at in pulled:
         ends[at].__class__, ends[at].closing = Pulled, False
@@ -411,7 +406,7 @@ def test_stamps_that_jump_are_said_to_and_stay_those_of_the_system(tmp_path, cap
     near, far = MemoryTransport.pair()
     near.keeps_stamps = False
     nodes, out = SimulatedUnits(free), FrameBatch(256)
-    with far, skin.open(free, want="force", transports=[near]) as strip:
+    with far, over(free, [near], want="force") as strip:
         for cycle, state in zip(range(40), strip, strict=False):
             out.clear()
             now_ns = time.time_ns() + round(1e9 * jump_s) * (cycle >= 20)
@@ -435,10 +430,11 @@ def test_what_is_no_scene_is_refused(simulate, message):
         skin.open("strip", simulate=simulate)
 
 
-def test_refused_skin_closes_its_buses():
+def test_refused_skin_closes_its_buses(monkeypatch):
     near, far = MemoryTransport.pair()
+    monkeypatch.setattr("skin.opening.open_transport", lambda _bus, _i: near)
     with pytest.raises(SkinError):
-        skin.open("strip", transports=[near], want={"nothing"})
+        skin.open("strip", record="run.txt")
     with pytest.raises(bus.BusClosedError):
         near.receive(bus.FrameBatch(1))
     far.close()
@@ -460,18 +456,9 @@ def test_poses_are_checked_where_no_contacts_are_wanted_too():
 def test_a_second_loop_goes_on_with_the_cycles_of_the_first(sync):
     """No cycle is invented, and no frame that the first loop left in its batch is lost."""
     near, host = MemoryTransport.pair()
-    simulate = sync == "host"
-    with (
-        host,
-        skin.open(
-            "strip",
-            sync=sync,
-            simulate=simulate,
-            transports=None if simulate else [near],
-            pace=False,
-        ) as strip,
-    ):
-        if not simulate:
+    ends = SimulatedUnits(STRIP).in_process() if sync == "host" else [near]
+    with host, over(STRIP, ends, sync=sync, pace=False) as strip:
+        if sync == "bus":
             host.send(frames_of("strip", "press", 13))
         numbers = [state.cycle for _ in range(4) for state in itertools.islice(strip, 3)]
         assert numbers == list(range(12))
@@ -500,7 +487,7 @@ def test_a_bus_that_is_gone_is_told_in_every_loop():
 
 def test_a_bus_that_takes_no_frames_is_counted_and_told():
     near, far = MemoryTransport.pair()
-    with far, skin.open("strip", transports=[near], pace=False, deadline_s=0.001) as strip:
+    with far, over("strip", [near], pace=False, deadline_s=0.001) as strip:
         states = iter(strip)
         next(states)
         assert strip.timing.unsent == 0
@@ -522,5 +509,5 @@ def test_the_stamp_of_a_sync_is_its_end_on_the_wire():
         assert abs(strip.realtime_ns(state.stamp_ns) - time.time_ns()) < 5_000_000_000
     buses = topology.load("strip").buses
     ends = [MemoryTransport.pair(index=i)[0] for i in range(len(buses))]
-    with skin.open("strip", transports=ends) as strip:
+    with over("strip", ends) as strip:
         assert strip._wire_ns.tolist() == [round(SYNC_BITS * 1e9 / bus.bitrate) for bus in buses]

@@ -13,7 +13,7 @@ import topology
 from bus.logs import write
 from bus.memory import MemoryTransport
 from skin.errors import OptionError
-from tests.fixtures.live import frames_of
+from tests.fixtures.live import frames_of, over
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def test_states_of_a_log_are_those_felt_live(tmp_path):
     write(log, frames)
     near, host = MemoryTransport.pair()
     live = []
-    with host, skin.open("palm", transports=[near], sync="bus", deadline_s=60.0) as palm:
+    with host, over("palm", [near], sync="bus", deadline_s=60.0) as palm:
         states = iter(palm)
         for cycle in np.split(frames, np.flatnonzero(frames["id"] == 0x80)[1:]):
             host.send(cycle)

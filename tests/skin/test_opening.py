@@ -13,11 +13,9 @@ import topology
 from bus.errors import FaultScriptError
 from bus.faults import FaultScript, FaultyTransport
 from bus.faults.script import Kill, Stuck
-from bus.memory import MemoryTransport
 from skin.cli import main
 from skin.errors import SkinError
 from skin.sim import load_scene
-from skin.sim.node import SimulatedUnits
 from skin.state import INVALID
 from skin.view.terminal import LiveTable
 
@@ -108,12 +106,9 @@ def test_given_faults_take_the_place_of_those_of_the_scene(scene, tmp_path):
     assert np.flatnonzero(is_silent(flags)).tolist() == list(range(10, 20))
 
 
-def test_faults_strike_frames_of_transports_that_are_given():
-    nodes, (near, far) = SimulatedUnits(PALM), MemoryTransport.pair()
-    nodes.attach([far])
-    script = FaultScript(faults=(Kill(units=("palm/r3c3",)),))
-    flags, _ = played(20, transports=[near], faults=script)
-    assert is_silent(flags).sum() == 0  # it was never heard at all
+def test_a_unit_that_a_fault_silences_from_the_start_was_never_heard():
+    flags, _ = played(20, simulate=True, faults=FaultScript(faults=(Kill(units=("palm/r3c3",)),)))
+    assert is_silent(flags).sum() == 0
     assert (flags[:, UNIT] & int(skin.Status.NEVER) != 0).all()
     assert (flags[:, 0] & int(INVALID) == 0).all()
 

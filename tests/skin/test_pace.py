@@ -9,7 +9,6 @@ import time
 import numpy as np
 import pytest
 
-import skin
 import topology
 from bus.datagram import DatagramTransport
 from bus.frame import FrameBatch
@@ -19,6 +18,7 @@ from bus.status import Status
 from bus.wait import Lull
 from skin.sim.node import SimulatedUnits
 from tests.fixtures.datagram import sockets
+from tests.fixtures.live import over
 
 PERIOD_NS = 4_000_000
 
@@ -57,7 +57,7 @@ def test_a_board_that_comes_back_after_all_others_is_heard():
         return receive(batch, wait_ns)
 
     far.listener = answer
-    with skin.open(palm, transports=[near], pace=False, deadline_s=0.05) as opened:
+    with over(palm, [near], pace=False, deadline_s=0.05) as opened:
         receive, opened._waiter.receive = opened._waiter.receive, look
         flags = []
         for state in itertools.islice(opened, 16):
@@ -90,7 +90,7 @@ def test_arrivals_that_complete_no_cycle_are_slept_through(slow_palm):
 
     units = threading.Thread(target=answer)
     units.start()
-    with skin.open(slow_palm, transports=[near], deadline_s=0.5) as opened:
+    with over(slow_palm, [near], deadline_s=0.5) as opened:
         receive = opened._waiter.receive
         opened._waiter.receive = lambda *given: looks.append(0) or receive(*given)
         states = iter(opened)

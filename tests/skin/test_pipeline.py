@@ -132,11 +132,12 @@ def test_it_is_at_hand_by_name():
 
 
 def test_how_often_noise_may_start_a_contact_reaches_the_gate():
-    gates = [
-        Pipeline(STRIP, Options(want="contacts", false_contacts_per_day=rate)).contacts.model.gate
+    rare, often = (
+        Pipeline(STRIP, Options(want="contacts", false_contacts_per_day=rate)).contacts.model
         for rate in (1.0, 100.0)
-    ]
-    assert gates[0].start_sigma > gates[1].start_sigma > gates[1].keep_sigma
+    )
+    starts = [model.settings["start_sigma"][0] for model in (rare, often)]
+    assert starts[0] > starts[1] > often.settings["keep_sigma"][0]
 
 
 def test_contacts_beyond_the_capacity_are_counted():

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 
 import pytest
 
-import skin
 from benchmarks.scale_units import on_fewest_buses, simulate
 from bus.memory import MemoryTransport
 from skin.live import Skin
 from skin.state import State
+from tests.fixtures.live import over
 
 resource = pytest.importorskip("resource")
 if not hasattr(resource, "RUSAGE_THREAD"):
@@ -30,7 +30,7 @@ def touched() -> Skin:
     units = simulate(topology)
     near, far = MemoryTransport.pair()
     far.listener = lambda frames: far.send(units.frames[0][int(frames["data"][0, 0])])
-    return skin.open(topology, transports=[near], pace=False)
+    return over(topology, [near], pace=False)
 
 
 def test_a_settled_loop_leaves_nothing_to_the_collector_and_logs_nothing(caplog):

@@ -15,6 +15,7 @@ from bus.logs import read
 from bus.memory import MemoryTransport
 from skin.errors import OptionError, SkinError
 from skin.sinks import LEAST_WAITING, WAITING_S, Ending
+from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 
 
@@ -125,7 +126,7 @@ def test_a_sink_sees_the_cycles_of_a_log_and_stops_at_its_end(way, tmp_path):
 
 def test_cycles_that_the_clock_ends_are_seen_before_their_states():
     near, far = MemoryTransport.pair()
-    with far, skin.open("strip", transports=[near], sync="bus") as strip:
+    with far, over("strip", [near], sync="bus") as strip:
         keeper = strip.attach(Keeper())
         list(itertools.islice(strip, 3))
     moments = [name for name, _ in keeper.given]

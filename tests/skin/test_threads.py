@@ -14,6 +14,7 @@ import topology
 from bus.memory import MemoryTransport
 from skin.sim.node import SimulatedUnits
 from skin.state import if_wanted
+from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 
 
@@ -35,7 +36,7 @@ def test_a_skin_that_another_thread_closes_ends(name, sync):
         ends = [MemoryTransport.pair(i) for i in range(len(topology.load(name).buses))]
         SimulatedUnits(topology.load(name)).attach([far for _, far in ends])
         near = [end for end, _ in ends]
-        with skin.open(name, transports=near, pace=False, sync=sync) as opened:
+        with over(name, near, pace=False, sync=sync) as opened:
             closing = threading.Timer(1e-3 * delay_ms, opened.close)
             for number, _ in enumerate(opened):
                 if number == 0:
@@ -45,7 +46,7 @@ def test_a_skin_that_another_thread_closes_ends(name, sync):
 
 def test_a_skin_closed_within_a_send_ends():
     near, _ = MemoryTransport.pair()
-    with skin.open("strip", transports=[near], pace=False) as opened:
+    with over("strip", [near], pace=False) as opened:
         send = near.send
 
         def send_and_close(records):
@@ -138,7 +139,7 @@ def test_the_newest_state_is_whole_for_a_thread_beside():
 def test_the_newest_state_is_told_at_once_while_the_loop_waits():
     loaded, (near, far) = topology.load("strip"), MemoryTransport.pair()
     SimulatedUnits(loaded).attach([far])
-    with skin.open(loaded, transports=[near], pace=False, deadline_s=LONG_S) as strip:
+    with over(loaded, [near], pace=False, deadline_s=LONG_S) as strip:
         strip.latest()
         states = iter(strip)
         next(states)

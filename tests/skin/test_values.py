@@ -72,9 +72,11 @@ def contacts(counts, status):
     decoder = skin.Decoder(palm, want, sweeps=1, ambient=True)
     stream = ContactStream(
         palm.position, palm.rotation, palm.area, palm.neighbour_start, palm.neighbour_index,
-        want={"contacts", "slip", "wrench"}, start_sigma=5.0, keep_sigma=3.0,
+        want={"contacts", "slip", "wrench"},
         rate_hz=palm.cycle_rate_hz,
     )  # fmt: skip
+    for name, sigmas in (("start_sigma", 5.0), ("repeat_sigma", np.inf), ("pair_sigma", np.inf)):
+        stream.model.settings[name] = sigmas
     found = {name: [] for name in ("unit slip", "count", *NUMBERS, *WHOLE)}
     for i in range(len(counts)):
         reading = decoder(counts[i], status[i])

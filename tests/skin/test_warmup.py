@@ -61,7 +61,8 @@ def watch(way):
         assert sum(1 for _ in states) >= CYCLES
         part.clear()
     else:
-        with skin.open("palm", simulate=scene(way), pace=False, **options) as opened:
+        options = skin.Options(**options)
+        with skin.open("palm", simulate=scene(way), pace=False, options=options) as opened:
             for cycle, _ in enumerate(opened):
                 if cycle == CYCLES:
                     break

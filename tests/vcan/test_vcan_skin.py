@@ -21,6 +21,7 @@ from bus.frame import FrameBatch
 from bus.open import open_transport
 from skin.cli import main
 from skin.sim.node import SimulatedUnits
+from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 
 GOLDEN = Path(__file__).parent.parent / "golden" / "logs"
@@ -141,7 +142,7 @@ def felt_live(loaded, cycles, *, sweeps=1, **options):
         units.start()
         try:
             how = skin.Options(dtype="float64", sweeps=sweeps)
-            with skin.open(loaded, options=how, **options) as opened:
+            with over(loaded, [open_transport(loaded.buses[0])], options=how, **options) as opened:
                 for state in itertools.islice(opened, cycles):
                     live.append(state.units.force.copy())
         finally:

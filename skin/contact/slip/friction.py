@@ -7,10 +7,9 @@ import math
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.cone import tangential_demand
 from skin.contact.record import NO_FRICTION, SlipState, UnitSlip
-from skin.contact.slip.data import SlipArrays, UnitHistory
-from skin.contact.slip.parameters import PARAMETERS, SlipModel
+from skin.contact.slip.parameters import PARAMETERS
+from skin.contact.wrench import tangential_demand
 
 __all__ = ["friction_margin", "learn_friction", "show_bounds", "stick_ratio_by_cone"]
 
@@ -18,73 +17,68 @@ FAR = -5.0
 """[numeric] Sigmas below the mean from which a bound has no information."""
 
 
-@jitable(inline=True)
-def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s):
+@jitable
+def learn_friction(record, members, alarm, data):
     """Loads of slipping units, and lower bounds by stuck ones: equations 19 and 20."""
-    history, unlike, row = slip.history, slip.kept.noise_ratio, slip.scratch.row
-    keep = max(0.0, 1.0 - dt_s / PARAMETERS.memory_s)
+    keep = max(0.0, 1.0 - data.cycle[0]["elapsed_s"] / PARAMETERS.memory_s)
     # A lower bound whose error rate is that of an alarm.
     sigmas = np.sqrt(2.0 * alarm)
     # In gross slip, units slide although no slip of their own was detected.
-    since_s = (now_ns - record["gross_ns"]) * 1e-9
+    since_s = (data.cycle[0]["now_ns"] - record["gross_ns"]) * 1e-9
     all_slide = record["slip"] == SlipState.GROSS and since_s < PARAMETERS.rest_s
     seen, seen_sum = 0.0, 0.0
-    for j in range(record["end"] - record["begin"]):
-        i = units.members[record["begin"] + j]
-        slipping = units.slip[i] == UnitSlip.SLIPPING
-        history.slid_shear[i] *= keep
-        history.slid_load[i] *= keep
-        history.slid_variance[i] *= keep
-        load, sigma = np.float64(reading.force[2, i]), reading.force_sigma
+    for i in members:
+        s, slipping = data.slips[i], data.slip[i] == UnitSlip.SLIPPING
+        s["slid_shear"] *= keep
+        s["slid_load"] *= keep
+        s["slid_variance"] *= keep
+        force, sigma = data.units[i]["force"], data.units[i]["force_sigma"]
         # Along the slip direction: a vector length would be biased by its noise.
-        shear = np.float64(reading.force[0, i]) * row.direction[0, j]
-        shear += np.float64(reading.force[1, i]) * row.direction[1, j]
-        ratio = shear / load
-        variance = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
-        variance += (ratio * np.float64(sigma[2, i])) ** 2
-        variance *= max(unlike[i], 1.0)
-        if all_slide or (slipping and history.sliding_s[i] > 0.0):
-            history.slid_shear[i] += shear
-            history.slid_load[i] += load
-            history.slid_variance[i] += variance
+        shear = force[0] * s["direction"][0] + force[1] * s["direction"][1]
+        ratio = shear / force[2]
+        variance = 0.5 * (sigma[0] ** 2 + sigma[1] ** 2) + (ratio * sigma[2]) ** 2
+        variance *= max(s["noise_ratio"], 1.0)
+        if all_slide or (slipping and s["sliding_s"] > 0.0):
+            s["slid_shear"] += shear
+            s["slid_load"] += force[2]
+            s["slid_variance"] += variance
         elif not slipping:
-            bound = ratio - sigmas * np.sqrt(variance) / load
-            history.borne[i] = max(history.borne[i], bound)
+            bound = ratio - sigmas * np.sqrt(variance) / force[2]
+            s["borne"] = max(s["borne"], bound)
             record["friction_lower"] = max(record["friction_lower"], bound)
-        if _has_slid(i, history):
+        if _has_slid(s):
             seen += 1.0
-            seen_sum += history.slid_shear[i] / history.slid_load[i]
+            seen_sum += s["slid_shear"] / s["slid_load"]
     if seen > 0.0:
         if not record["friction_information"] > 0.0:
             record["friction_mean"] = seen_sum / seen
             record["friction_spread"] = PARAMETERS.friction_spread * record["friction_mean"]
-        _follow_friction(record, units, history)
+        _follow_friction(record, members, data.slips)
 
 
-@jitable(inline=True)
-def _has_slid(i, history: UnitHistory):
+@jitable
+def _has_slid(s):
     """Whether a unit has slid for long enough to measure friction."""
-    square = PARAMETERS.outlier_sigmas**2 * history.slid_variance[i]
-    return history.slid_shear[i] > 0.0 and history.slid_shear[i] ** 2 > square
+    square = PARAMETERS.outlier_sigmas**2 * s["slid_variance"]
+    return s["slid_shear"] > 0.0 and s["slid_shear"] ** 2 > square
 
 
-@jitable(inline=True)
-def _follow_friction(record, units, history: UnitHistory):
+@jitable
+def _follow_friction(record, members, slips):
     """One step of expectation-maximisation for the friction of the faces, which is normal over
     them: sliding faces measure it, sticking ones bound it from below (equation 20)."""
     mean, spread = record["friction_mean"], record["friction_spread"]
     variance = spread**2
     informative, further, squares, known = 0.0, 0.0, 0.0, 0.0
-    for at in range(record["begin"], record["end"]):
-        i = units.members[at]
-        excess, information = 0.0, 0.0
-        if _has_slid(i, history):
-            value = history.slid_shear[i] / history.slid_load[i]
-            noise = history.slid_variance[i] / history.slid_load[i] ** 2
+    for i in members:
+        s, excess, information = slips[i], 0.0, 0.0
+        if _has_slid(s):
+            value = s["slid_shear"] / s["slid_load"]
+            noise = s["slid_variance"] / s["slid_load"] ** 2
             information = variance / (variance + noise)
             excess = information * (value - mean)
-        elif history.borne[i] > 0.0:
-            at_least = (history.borne[i] - mean) / spread
+        elif s["borne"] > 0.0:
+            at_least = (s["borne"] - mean) / spread
             if at_least > FAR:
                 hazard = _hazard(at_least)
                 excess, information = spread * hazard, hazard * (hazard - at_least)
@@ -100,7 +94,7 @@ def _follow_friction(record, units, history: UnitHistory):
     record["friction_information"] = informative / variance
 
 
-@jitable(inline=True)
+@jitable
 def _hazard(z):
     """Density of a normal number over the chance that it is greater than z."""
     if z > 8.0:
@@ -108,8 +102,8 @@ def _hazard(z):
     return math.exp(-0.5 * z * z) / (math.sqrt(0.5 * math.pi) * math.erfc(z / math.sqrt(2.0)))
 
 
-@jitable(inline=True)
-def friction_margin(record, model: SlipModel):
+@jitable
+def friction_margin(record, settings):
     """Friction so far, free fraction of its cone, and the grip force: equation 21. NaN where
     friction is not known: see `show_bounds`.
 
@@ -120,16 +114,16 @@ def friction_margin(record, model: SlipModel):
         between = PARAMETERS.friction_spread * record["friction"]
         record["friction_sigma"] = np.sqrt(1.0 / record["friction_information"] + between**2)
     else:
-        record["friction"] = model.friction
+        record["friction"] = settings["friction"]
         record["friction_sigma"] = np.nan
         record["friction_spread"] = np.nan
     demand = tangential_demand(record["shear"], record["torsion"], record["arm"])
     if record["friction"] > 0.0:
         record["margin"] = 1.0 - demand / (record["friction"] * record["load"])
-        grip = model.safety * demand / record["friction"]
+        grip = settings["safety"] * demand / record["friction"]
         record["grip_force"] = grip
         relative = record["friction_sigma"] / record["friction"]
-        noise = model.safety / record["friction"]
+        noise = settings["safety"] / record["friction"]
         square = _tangential_variance(record)
         record["grip_force_sigma"] = np.sqrt((grip * relative) ** 2 + noise**2 * square)
     else:
@@ -140,8 +134,8 @@ def friction_margin(record, model: SlipModel):
     return demand / record["load"]
 
 
-@jitable(inline=True)
-def show_bounds(record, ratio, model: SlipModel):
+@jitable
+def show_bounds(record, ratio, settings):
     """Replace unknown friction, margin and grip force by bounds: the friction that sticking units
     have borne is a lower bound, and the present load suffices.
 
@@ -152,13 +146,13 @@ def show_bounds(record, ratio, model: SlipModel):
     least, holds = max(record["friction_lower"], 0.0), record["slip"] < SlipState.INCIPIENT
     record["friction"] = least
     record["margin"] = 0.0
-    record["grip_force"] = model.safety * record["load"] if holds else np.nan
+    record["grip_force"] = settings["safety"] * record["load"] if holds else np.nan
     if holds and ratio < least:
         record["margin"] = 1.0 - ratio / least
         record["grip_force"] *= ratio / least
 
 
-@jitable(inline=True)
+@jitable
 def stick_ratio_by_cone(record):
     """Fraction of the load that sticks where friction differs between faces, by the used fraction
     of the friction cone. For contacts of few units."""
@@ -166,7 +160,7 @@ def stick_ratio_by_cone(record):
     return 0.5 * math.erfc(-z / math.sqrt(2.0))
 
 
-@jitable(inline=True)
+@jitable
 def _tangential_variance(record):
     """Variance of a component of the force across the contact's normal, N²."""
     normal, covariance = record["axes"][:, 2], record["wrench_covariance"]

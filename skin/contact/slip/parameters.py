@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from math import isnan, nan
 from typing import NamedTuple
 
 from skin.errors import OptionError, check_number
 
 __all__ = [
-    "LEAST_UNITS", "PARAMETERS", "PATTERNS", "SETTLED", "UNITS_FOR_TURN", "SlipModel",
-    "SlipParameters", "SlipSettings",
+    "LEAST_UNITS", "PARAMETERS", "PATTERNS", "SETTLED", "UNITS_FOR_TURN", "SlipParameters",
+    "SlipSettings",
 ]  # fmt: skip
 
 
@@ -81,26 +81,9 @@ class SlipSettings:
                 f"got {self.gross_ratio} and {self.incipient_ratio}"
             )
 
-    def model(self) -> SlipModel:
-        """The settings in the form for kernels."""
-        return SlipModel(*map(float, astuple(self)))
-
 
 def _is_nan(value: object) -> bool:
     return isinstance(value, float) and isnan(value)
-
-
-class SlipModel(NamedTuple):
-    """`SlipSettings` for kernels; the names and units are the same."""
-
-    false_alarms_per_hour: float
-    slips_per_hour: float
-    gain_error: float
-    floor_mm: float
-    incipient_ratio: float
-    gross_ratio: float
-    safety: float
-    friction: float
 
 
 class SlipParameters(NamedTuple):

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.record import SlipState
-from skin.contact.slip.data import PLANE, PatternScratch, SlipScratch, UnitFilter, UnitRows
-from skin.contact.slip.parameters import PARAMETERS, PATTERNS, SlipModel
+from skin.contact.slip.parameters import PARAMETERS, PATTERNS
+from skin.contact.slip.state import PLANE
 
 __all__ = ["FRICTIONS", "ROUNDING", "alarm_odds", "detect_pattern", "project_nuisances"]
 
@@ -27,177 +26,176 @@ ROUNDING = 1e-9
 """[numeric] Log-odds without information: sums are rounded by 1e-13."""
 
 
-@jitable(inline=True)
-def alarm_odds(share, dt_s, model: SlipModel):
+@jitable
+def alarm_odds(share, dt_s, settings):
     """Log-odds of an alarm: derivations.md, equation 18.
 
     Odds against a true hypothesis have mean 1, so that at most one test in ``odds`` exceeds them; a
     low-pass with a time constant T has 1 / T independent tests a second.
     """
     looks_per_hour = 3600.0 * share / dt_s
-    return np.log(max(looks_per_hour / model.false_alarms_per_hour, 1.0))
+    return np.log(max(looks_per_hour / settings["false_alarms_per_hour"], 1.0))
 
 
-@jitable(inline=True)
-def project_nuisances(
-    length, motions, stuck, out_of_plane, model: SlipModel, unit: UnitFilter, row: UnitRows, prior
-):
+@jitable
+def _along(s, v):
+    """Component of a vector of a unit along its imposed displacement."""
+    return v[0] * s["direction"][0] + v[1] * s["direction"][1]
+
+
+@jitable
+def project_nuisances(members, motions, stuck, out_of_plane, settings, data):
     """Project the nuisances out of the lags: derivations.md, equations 14 and 15.
 
     Gram-Schmidt makes the nuisances orthonormal, in sigmas of the lags; the prior of each counts as
     one more reading. Returns the number of nuisances.
     """
-    assume_noalias()
-    yields = stuck >= PARAMETERS.soft_units
-    nuisances = motions + 1 + yields
-    root, along_x, along_y = row.root_weight, row.direction[0], row.direction[1]
-    residual, redundancy = row.residual, row.redundancy
-    for j in range(length):
-        redundancy[j] = 1.0
-        residual[j] = -root[j] * (unit.lag[0, j] * along_x[j] + unit.lag[1, j] * along_y[j])
+    slips, prior = data.slips, data.all[0]["prior"]
+    nuisances = motions + 2 if stuck >= PARAMETERS.soft_units else motions + 1
+    for i in members:
+        s = slips[i]
+        s["redundancy"] = 1.0
+        s["residual"] = -s["root_weight"] * _along(s, s["lag"])
     for a in range(nuisances):
-        prior[a] = 0.0
+        prior[a, :] = 0.0
         if a == motions:
-            prior[a, a] = 1.0 / model.gain_error
-            _gain_columns(a, length, row)
+            prior[a, a] = 1.0 / settings["gain_error"]
         elif a > motions:
             prior[a, a] = 1.0 / PARAMETERS.soft_ground
-            _ground_columns(a, length, model.gain_error**2, unit, row)
         elif a >= PLANE:
             prior[a, a] = 1.0 / out_of_plane
-        scale = _orthogonalise(a, length, row, prior)
-        _take_out(a, length, scale, unit, row)
+        for i in members:
+            s = slips[i]
+            if a == motions:  # a gain error common to all units
+                _along_imposed(a, s["imposed"], s)
+            elif a > motions:
+                _along_imposed(a, _soft_ground(s, settings["gain_error"] ** 2), s)
+            s["design"][0, a] *= s["root_weight"]
+            s["design"][1, a] *= s["root_weight"]
+        scale = _orthogonalise(a, members, slips, prior)
+        _take_out(a, members, scale, slips)
         for c in range(PLANE, a + 1):
             prior[a, c] *= scale
-    for j in range(length):
-        left = residual[j] / np.sqrt(max(redundancy[j], BLIND))
-        row.slip_score[j] = left if redundancy[j] > BLIND else 0.0
+    for i in members:
+        s = slips[i]
+        left = s["residual"] / np.sqrt(max(s["redundancy"], BLIND))
+        s["slip_score"] = left if s["redundancy"] > BLIND else 0.0
     return nuisances
 
 
-@jitable(inline=True)
-def _gain_columns(a, length, row: UnitRows):
-    """A gain error common to all units."""
-    assume_noalias()
-    for j in range(length):
-        row.design[0][a, j] = row.imposed[j] * row.direction[0, j]
-        row.design[1][a, j] = row.imposed[j] * row.direction[1, j]
+@jitable
+def _along_imposed(a, size, s):
+    """Set column a of a unit to a displacement along the imposed one."""
+    s["design"][0, a] = size * s["direction"][0]
+    s["design"][1, a] = size * s["direction"][1]
 
 
-@jitable(inline=True)
-def _ground_columns(a, length, gain_variance, unit: UnitFilter, row: UnitRows):
-    """Soft ground, which yields in proportion to the distance from the centre."""
-    assume_noalias()
-    along_x, along_y = row.direction[0], row.direction[1]
-    for j in range(length):
-        far = along_x[j] * (unit.moved[0, j] - unit.followed[0, j])
-        far += along_y[j] * (unit.moved[1, j] - unit.followed[1, j])
-        # Gains that are learned have less prior variance.
-        far *= row.square_distance[j] / (gain_variance * unit.gain_information[j])
-        row.design[0][a, j] = far * along_x[j]
-        row.design[1][a, j] = far * along_y[j]
+@jitable
+def _soft_ground(s, gain_variance):
+    """Soft ground, which yields in proportion to the distance from the centre; gains that are
+    learned have less prior variance."""
+    far = s["direction"][0] * (s["moved"][0] - s["followed"][0])
+    far += s["direction"][1] * (s["moved"][1] - s["followed"][1])
+    return far * s["square_distance"] / (gain_variance * s["gain_information"])
 
 
-@jitable(inline=True)
-def _orthogonalise(a, length, row: UnitRows, prior):
-    """Weight column a and make it orthogonal to those before; returns its scale, 0 if dependent."""
-    assume_noalias()
-    root, xa, ya = row.root_weight, row.design[0][a], row.design[1][a]
+@jitable
+def _common(a, b, members, slips, prior):
+    """Scalar product of two columns, each with its prior as further readings."""
+    total = 0.0
+    for i in members:
+        design = slips[i]["design"]
+        total += design[0, a] * design[0, b] + design[1, a] * design[1, b]
+    for c in range(PLANE, b + 1):
+        total += prior[a, c] * prior[b, c]
+    return total
+
+
+@jitable
+def _orthogonalise(a, members, slips, prior):
+    """Make column a orthogonal to those before; returns its scale, 0 if it depends on them."""
     before = prior[a, a] ** 2
-    for j in range(length):
-        xa[j] *= root[j]
-        ya[j] *= root[j]
-        before += xa[j] * xa[j] + ya[j] * ya[j]
+    for i in members:
+        design = slips[i]["design"]
+        before += design[0, a] ** 2 + design[1, a] ** 2
     for b in range(a):
-        xb, yb = row.design[0][b], row.design[1][b]
-        common = 0.0
-        for j in range(length):
-            common += xa[j] * xb[j] + ya[j] * yb[j]
-        for c in range(PLANE, b + 1):
-            common += prior[a, c] * prior[b, c]
-        for j in range(length):
-            xa[j] -= common * xb[j]
-            ya[j] -= common * yb[j]
+        common = _common(a, b, members, slips, prior)
+        for i in members:
+            design = slips[i]["design"]
+            design[0, a] -= common * design[0, b]
+            design[1, a] -= common * design[1, b]
         for c in range(PLANE, b + 1):
             prior[a, c] -= common * prior[b, c]
-    square = 0.0
-    for j in range(length):
-        square += xa[j] * xa[j] + ya[j] * ya[j]
-    for c in range(PLANE, a + 1):
-        square += prior[a, c] ** 2
+    square = _common(a, a, members, slips, prior)
     return 1.0 / np.sqrt(square) if square > RANK * before else 0.0
 
 
-@jitable(inline=True)
-def _take_out(a, length, scale, unit: UnitFilter, row: UnitRows):
+@jitable
+def _take_out(a, members, scale, slips):
     """Normalise column a and subtract its projection from the lags."""
-    assume_noalias()
-    xa, ya, nuisance = row.design[0][a], row.design[1][a], row.nuisance[a]
-    root, along_x, along_y = row.root_weight, row.direction[0], row.direction[1]
     explained = 0.0
-    for j in range(length):
-        xa[j] *= scale
-        ya[j] *= scale
-        explained += root[j] * (xa[j] * unit.lag[0, j] + ya[j] * unit.lag[1, j])
-        nuisance[j] = xa[j] * along_x[j] + ya[j] * along_y[j]
-    residual, redundancy = row.residual, row.redundancy
-    for j in range(length):
-        residual[j] += explained * nuisance[j]
-        redundancy[j] -= nuisance[j] * nuisance[j]
+    for i in members:
+        s, design = slips[i], slips[i]["design"]
+        design[0, a] *= scale
+        design[1, a] *= scale
+        explained += s["root_weight"] * (design[0, a] * s["lag"][0] + design[1, a] * s["lag"][1])
+        s["nuisance"][a] = design[0, a] * s["direction"][0] + design[1, a] * s["direction"][1]
+    for i in members:
+        s = slips[i]
+        s["residual"] += explained * s["nuisance"][a]
+        s["redundancy"] -= s["nuisance"][a] ** 2
 
 
-@jitable(inline=True)
-def detect_pattern(
-    record, members, force, length, nuisances, alarm, model: SlipModel, scratch: SlipScratch
-):
+@jitable
+def detect_pattern(record, members, nuisances, alarm, settings, data):
     """Detect slip of the whole contact: derivations.md, equations 15 to 18.
 
     `alarm` is the log-odds for its onset, and for gross slip. Returns the log-odds of slip, and the
     fraction of the load that sticks: 1 without an alarm.
     """
-    row = scratch.row
-    first, count = record["begin"], record["end"] - record["begin"]
     pull, square = 0.0, 0.0
-    for j in range(count):
-        i = members[first + j]
-        x_mm, y_mm = row.displacement[0, j], row.displacement[1, j]
-        pull += np.float64(force[0, i]) * x_mm + np.float64(force[1, i]) * y_mm
+    for i in members:
+        u = data.units[i]
+        x_mm, y_mm = u["displacement"][0], u["displacement"][1]
+        pull += u["force"][0] * x_mm + u["force"][1] * y_mm
         square += x_mm**2 + y_mm**2
     if not pull > 0.0:
         return 0.0, 1.0
     softness = square / pull
-    odds, best = _odds(length, nuisances, softness, record["load"], model, row, scratch.pattern)
+    odds, best = _odds(members, nuisances, softness, record["load"], settings, data)
     # A reported slip lasts until its odds fall below 1.
     least = ROUNDING if record["slip"] == SlipState.INCIPIENT else alarm
     if not odds > least:
         return odds, 1.0
     limit = FRICTIONS[best] * softness
-    for j in range(length):
-        row.in_pattern[j] = 1.0 if row.imposed[j] > limit * row.load[j] else 0.0
-    sticks = 1.0 - scratch.pattern.slipping[best]
-    return odds, sticks if odds > alarm else max(sticks, model.gross_ratio)
+    for i in members:
+        s = data.slips[i]
+        s["in_pattern"] = 1.0 if s["imposed"] > limit * s["load"] else 0.0
+    sticks = 1.0 - data.all[0]["slipping"][best]
+    return odds, sticks if odds > alarm else max(sticks, settings["gross_ratio"])
 
 
-@jitable(inline=True)
-def _odds(length, nuisances, softness, load, model: SlipModel, row: UnitRows, grid: PatternScratch):
+@jitable
+def _odds(members, nuisances, softness, load, settings, data):
     """Log-odds of the patterns with an alarming amount of slip, against those with less and none;
     and the likeliest pattern."""
-    evidence, slipping = grid.evidence, grid.slipping
-    most, much, little = 0.0, 0, 0
+    evidence, slipping = data.all[0]["evidence"], data.all[0]["slipping"]
+    most, much, little, ratio = 0.0, 0, 0, settings["incipient_ratio"]
     for k in range(PATTERNS):
-        friction = FRICTIONS[k]
         evidence[k], slipping[k] = 0.0, 0.0
         if k == 0 or slipping[k - 1] > 0.0:  # else nothing slips at a greater friction either
-            evidence[k], slipping[k] = _explain(friction, length, nuisances, softness, load, row)
+            limit = FRICTIONS[k] * softness
+            evidence[k], slipped = _explain(limit, members, nuisances, data.slips)
+            slipping[k] = slipped / load
         most = max(most, evidence[k])
-        much += 1.0 - slipping[k] < model.incipient_ratio
-        little += slipping[k] > 0.0 and 1.0 - slipping[k] >= model.incipient_ratio
+        much += 1.0 - slipping[k] < ratio
+        little += slipping[k] > 0.0 and 1.0 - slipping[k] >= ratio
     if much == 0:
         return 0.0, 0
     slips, holds, best = 0.0, np.exp(-most), -1
     for k in range(PATTERNS):
         likely = np.exp(evidence[k] - most)
-        if 1.0 - slipping[k] < model.incipient_ratio:
+        if 1.0 - slipping[k] < ratio:
             slips += likely / much
             if best < 0 or evidence[k] > evidence[best]:
                 best = k
@@ -206,29 +204,28 @@ def _odds(length, nuisances, softness, load, model: SlipModel, row: UnitRows, gr
     return np.log(max(slips, 1e-300)) - np.log(holds), best
 
 
-@jitable(inline=True)
-def _explain(friction, length, nuisances, softness, load, row: UnitRows):
-    """Likelihood of the pattern of slip at one coefficient of friction (equation 16).
+@jitable
+def _explain(limit, members, nuisances, slips):
+    """Likelihood of the pattern of slip at one coefficient of friction (equation 16): units slip
+    whose displacement is above the limit times their load.
 
-    Returns the log-odds against no slip, and the fraction of the load that slips.
+    Returns the log-odds against no slip, and the load that slips.
     """
-    assume_noalias()
-    imposed, root, predicted = row.imposed, row.root_weight, row.predicted_lag
-    limit = friction * softness
     lagged, square, slipped = 0.0, 0.0, 0.0
-    for j in range(length):
-        lag = max(imposed[j] - limit * row.load[j], 0.0)
-        slipped += row.load[j] if lag > 0.0 else 0.0
-        lag *= root[j]
-        lagged += lag * row.residual[j]
+    for i in members:
+        s = slips[i]
+        lag = max(s["imposed"] - limit * s["load"], 0.0)
+        slipped += s["load"] if lag > 0.0 else 0.0
+        lag *= s["root_weight"]
+        lagged += lag * s["residual"]
         square += lag * lag
-        predicted[j] = lag
+        s["predicted_lag"] = lag
     for a in range(nuisances):
-        nuisance, common = row.nuisance[a], 0.0
-        for j in range(length):
-            common += predicted[j] * nuisance[j]
+        common = 0.0
+        for i in members:
+            common += slips[i]["predicted_lag"] * slips[i]["nuisance"][a]
         square -= common * common
     square = max(square, 0.0)
     prior = 1.0 / PARAMETERS.amplitude**2
     odds = (lagged + prior) ** 2 / (square + prior) - prior - np.log(1.0 + square / prior)
-    return 0.5 * odds, slipped / load
+    return 0.5 * odds, slipped

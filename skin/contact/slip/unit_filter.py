@@ -1,143 +1,91 @@
-"""The filter of each unit: its lag behind the rigid motion, its gain error and its anchor."""
+"""The filter of each unit: its lag behind the rigid motion, its gain error and its anchor, and the
+noise of lags relative to sigma, which is measured while the body sticks."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.record import UnitSlip
-from skin.contact.slip.data import SlipArrays, SlipScratch, UnitFilter, UnitRows, padded
-from skin.contact.slip.noise import unit_noise
-from skin.contact.slip.parameters import PARAMETERS, SETTLED, SlipModel
+from skin.contact.slip.parameters import PARAMETERS, SETTLED
 from skin.contact.slip.rigid_fit import design_motions
 
-__all__ = ["Pace", "correct", "gather", "lowpass_share", "predict", "scatter"]
+__all__ = [
+    "begin_cycle", "correct", "is_noisy", "learn_noise", "lowpass_share", "predict", "take_units",
+]  # fmt: skip
 
 LEAST_SIGMA_MM = 1e-6
 """[numeric] Lower bound of the sigma of a displacement, millimetre."""
+AT_MOST_RECENT = 0.5
+"""[numeric] Largest weight of one cycle in the mean of a lag: with more, the lag would equal its
+mean and have no residual."""
+TINY = 1e-12
+"""[numeric] Lower bound of a weight times a variance."""
 
 
-@jitable(inline=True)
-def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
-    """Gather the units of a contact into rows, and initialise new ones.
+@jitable
+def take_units(record, members, size, motions, model, data):
+    """Prepare the units of a contact for its test, and initialise new ones.
 
-    Returns the padded length, the number of sticking units, and the number of units anchored to
-    this body, sticking or slipping.
+    Returns the number of sticking units, and the number of units anchored to this body, sticking or
+    slipping.
     """
-    kept, history, scratch = slip.kept, slip.history, slip.scratch
-    unit, row = scratch.unit, scratch.row
-    displacement, sigma = reading.displacement, reading.displacement_sigma
-    first = record["begin"]
-    count = record["end"] - first
-    body, parent = np.float64(record["id"]), np.float64(record["parent"])
-    stuck, known = 0, 0
-    remembered = _remembered_share(first, count, displacement, units, kept)
-    for j in range(count):
-        i = units.members[first + j]
+    stuck, known, remembered = 0, 0, _remembered_share(members, data)
+    for i in members:
+        u, s = data.units[i], data.slips[i]
+        depth, sigma = u["displacement"][2], u["displacement_sigma"]
         # At the edge of a contact: its film recovers and no longer follows the body.
-        at_most = displacement[2, i] + PARAMETERS.outlier_sigmas * sigma[2, i]
-        recovers = at_most < remembered * kept.anchor_depth[i]
+        at_most = depth + PARAMETERS.outlier_sigmas * sigma[2]
+        recovers = at_most < remembered * s["anchor_depth"]
         if recovers:
-            units.slip[i] = UnitSlip.NO_CONTACT
-        new = units.slip[i] == UnitSlip.NO_CONTACT
-        if history.body[i] == parent:
-            history.body[i] = body
-        anchored = not new and history.body[i] == body
-        history.body[i] = body
-        _copy(kept, i, unit, j)
-        held = anchored and units.slip[i] != UnitSlip.SLIPPING
+            data.slip[i] = UnitSlip.NO_CONTACT
+        new = data.slip[i] == UnitSlip.NO_CONTACT
+        if s["body"] == record["parent"]:
+            s["body"] = record["id"]
+        anchored = not new and s["body"] == record["id"]
+        held = anchored and data.slip[i] != UnitSlip.SLIPPING
         known += anchored
         stuck += held
-        row.held[j] = 1.0 if held else 0.0
-        row.in_pattern[j], row.body_variance[j] = 0.0, 0.0
-        row.new[j] = 1.0 if new else 0.0
-        row.joined[j] = 1.0 if not (new or anchored) else 0.0
-        row.displacement[0, j] = displacement[0, i]
-        row.displacement[1, j] = displacement[1, i]
-        reported = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
-        row.reported[j] = max(reported, LEAST_SIGMA_MM**2)
-        row.load[j] = reading.force[2, i]
-        depth = np.float64(displacement[2, i])
+        s["body"] = record["id"]
+        s["held"] = 1.0 if held else 0.0
+        s["new"] = 1.0 if new else 0.0
+        s["joined"] = 1.0 if not (new or anchored) else 0.0
+        s["in_pattern"] = s["body_variance"] = 0.0
+        reported = 0.5 * (sigma[0] ** 2 + sigma[1] ** 2)
+        s["reported"] = max(reported, LEAST_SIGMA_MM**2)
+        s["load"] = u["force"][2]
         if new:
-            unit.anchor_depth[j] = unit.anchor_depth[j] if recovers else depth
-            history.slid_shear[i], history.slid_load[i] = 0.0, 0.0
-            history.slid_variance[i], history.borne[i] = 0.0, 0.0
-        row.deeper[j] = depth - unit.anchor_depth[j]
-        design_motions(geometry.pose[i], scratch.fit, size, motions, row, j)
-    length = _pad(count, scratch)
-    unit_noise(length, scratch)
-    return length, stuck, known
+            s["anchor_depth"] = s["anchor_depth"] if recovers else depth
+            s["slid_shear"] = s["slid_load"] = s["slid_variance"] = s["borne"] = 0.0
+        s["deeper"] = depth - s["anchor_depth"]
+        _unit_noise(s, data.all[0])
+        design_motions(model.poses[i], data.all[0], size, motions, s)
+    return stuck, known
 
 
-@jitable(inline=True)
-def _remembered_share(first, count, displacement, units, kept: UnitFilter):
+@jitable
+def _remembered_share(members, data):
     """Fraction of its depth at anchoring that a unit's film may keep without load."""
     deep, was_deep = 0.0, 0.0
-    for j in range(count):
-        i = units.members[first + j]
-        if units.slip[i] != UnitSlip.NO_CONTACT:
-            deep += displacement[2, i]
-            was_deep += kept.anchor_depth[i]
+    for i in members:
+        if data.slip[i] != UnitSlip.NO_CONTACT:
+            deep += data.units[i]["displacement"][2]
+            was_deep += data.slips[i]["anchor_depth"]
     return PARAMETERS.film_memory * deep / max(was_deep, 1e-9)
 
 
-@jitable(inline=True)
-def _pad(count, scratch: SlipScratch):
-    """Pad all rows with units of weight zero; returns the length in whole vectors."""
-    length = padded(count, scratch.unit_rows)
-    padded(count, scratch.rows)
-    for j in range(count, length):
-        scratch.row.reported[j] = 1.0
-        scratch.unit.gain_information[j] = 1.0
-    return length
-
-
-@jitable(inline=True)
-def scatter(first, count, members, unit: UnitFilter, kept: UnitFilter):
-    """Store the rows of each unit."""
-    for j in range(count):
-        _copy(unit, j, kept, members[first + j])
-
-
-@jitable(inline=True)
-def _copy(source: UnitFilter, i, target: UnitFilter, j):
-    """Copy one unit."""
-    for c in range(2):
-        target.anchor[c, j] = source.anchor[c, i]
-        target.lag[c, j] = source.lag[c, i]
-        target.moved[c, j] = source.moved[c, i]
-        target.moved_slow[c, j] = source.moved_slow[c, i]
-        target.followed[c, j] = source.followed[c, i]
-        target.followed_out[c, j] = source.followed_out[c, i]
-        target.lag_mean[c, j] = source.lag_mean[c, i]
-        target.behind[c, j] = source.behind[c, i]
-    target.anchor_variance[j] = source.anchor_variance[i]
-    target.lag_variance[j] = source.lag_variance[i]
-    target.gain_error[j] = source.gain_error[i]
-    target.gain_information[j] = source.gain_information[i]
-    target.anchor_depth[j] = source.anchor_depth[i]
-    target.noise_ratio[j] = source.noise_ratio[i]
-    target.noise_sum[j] = source.noise_sum[i]
-    target.noise_count[j] = source.noise_count[i]
-    target.age_s[j] = source.age_s[i]
-    target.slow_sum[j] = source.slow_sum[i]
-
-
-@jitable(inline=True)
-def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows):
+@jitable
+def lowpass_share(members, motions, stuck, dt_s, slips):
     """Gain of the low-pass of lags in this cycle: derivations.md, equation 5."""
-    assume_noalias()
     square, total, noise = 0.0, 0.0, 0.0
-    for j in range(length):
-        ahead_x = row.now[0, j] - unit.moved_slow[0, j]
-        ahead_y = row.now[1, j] - unit.moved_slow[1, j]
-        heavy = row.held[j] * row.load[j]
+    for i in members:
+        s = slips[i]
+        ahead_x = s["now"][0] - s["moved_slow"][0]
+        ahead_y = s["now"][1] - s["moved_slow"][1]
+        heavy = s["held"] * s["load"]
         total += heavy
         square += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)
-        noise += heavy * row.noise[j]
+        noise += heavy * s["noise"]
     slow = 1.0 - np.exp(-dt_s / PARAMETERS.slow_s)
     if not total > 0.0:
         return slow
@@ -148,116 +96,210 @@ def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows)
     return max(slow, 1.0 - span / max(rms, span))
 
 
-class Pace(NamedTuple):
-    """Gains of the lags in this cycle."""
-
-    share: float  # gain of the low-pass
-    dt_s: float
-    unlike: float  # variance of single readings over sigma squared
-
-
-@jitable(inline=True)
-def predict(length, pace: Pace, model: SlipModel, unit: UnitFilter, row: UnitRows):
-    """Lag of each unit behind its predicted displacement: equations 6 to 9."""
-    assume_noalias()
-    share, unlike = pace.share, pace.unlike
-    prior, floor = 1.0 / model.gain_error**2, model.floor_mm**2
-    for j in range(length):
-        unit.gain_error[j] *= 1.0 - row.new[j]
-        unit.gain_information[j] += row.new[j] * (prior - unit.gain_information[j])
-        row.surprise[j] = 0.0
-        row.step[j] = 0.0
-        spread = max(row.noise[j], unlike * row.reported[j]) + unit.lag_variance[j] + floor
-        row.most[j] = PARAMETERS.outlier_sigmas * np.sqrt(spread)
-    for c in range(2):
-        moved, lag, anchor = unit.moved[c], unit.lag[c], unit.anchor[c]
-        here, followed, predicted = row.displacement[c], unit.followed[c], row.now[c]
-        slow, mean, last = unit.moved_slow[c], unit.lag_mean[c], unit.behind[c]
-        out, out_now = unit.followed_out[c], row.moved_out[c]
-        for j in range(length):
-            now = predicted[j]
-            # From another contact that became part of this one: the same lag, another motion.
-            joined, new = row.joined[j], row.new[j]
-            anchor[j] += joined * (moved[j] - now)
-            anchor[j] += new * (here[j] - now - anchor[j])
-            followed[j] += joined * (now - moved[j])
-            followed[j] += new * (now - followed[j])
-            out[j] += max(new, joined) * (out_now[j] - out[j])
-            slow[j] += joined * (now - moved[j])
-            slow[j] += new * (now - slow[j])
-            slow[j] += share * (now - slow[j])
-            behind = here[j] - anchor[j] - now - unit.gain_error[j] * (now - followed[j])
-            further = behind - lag[j]
-            row.surprise[j] += further * further
-            step = behind - last[j]
-            row.step[j] += step * step
-            last[j] = behind
-            most = row.most[j]
-            lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
-            mean[j] *= 1.0 - new
-            moved[j] = now
-    _score(length, pace, model, unit, row)
+@jitable
+def predict(members, share, settings, data):
+    """Lag of each unit behind its predicted displacement: equations 6 to 9; `share` is the gain of
+    its low-pass."""
+    floor, noise_scale = settings["floor_mm"] ** 2, max(1.0, data.all[0]["reading_ratio"])
+    for i in members:
+        s, here = data.slips[i], data.units[i]["displacement"]
+        new, joined = s["new"] > 0.0, s["joined"] > 0.0
+        if new:
+            s["gain_error"], s["gain_information"] = 0.0, 1.0 / settings["gain_error"] ** 2
+            s["lag_mean"][:] = 0.0
+        s["innovation2"] = s["step2"] = 0.0
+        spread = max(s["noise"], noise_scale * s["reported"]) + s["lag_variance"] + floor
+        most = PARAMETERS.outlier_sigmas * np.sqrt(spread)
+        for c in range(2):
+            now = s["now"][c]
+            if joined:
+                # From another contact that became part of this one: the same lag, another motion.
+                further = now - s["moved"][c]
+                s["anchor"][c] -= further
+                s["followed"][c] += further
+                s["moved_slow"][c] += further
+            elif new:
+                s["anchor"][c] = here[c] - now
+                s["followed"][c] = s["moved_slow"][c] = now
+            if joined or new:
+                s["followed_out"][c] = s["moved_out"][c]
+            s["moved_slow"][c] += share * (now - s["moved_slow"][c])
+            followed = now - s["followed"][c]
+            behind = here[c] - s["anchor"][c] - now - s["gain_error"] * followed
+            further = behind - s["lag"][c]
+            s["innovation2"] += further * further
+            s["step2"] += (behind - s["behind"][c]) ** 2
+            s["behind"][c], s["moved"][c] = behind, now
+            s["lag"][c] += share * min(max(further, -most), most)
+            if new:
+                s["lag"][c] = 0.0
+        _score(s, share, data.cycle[0]["elapsed_s"], floor)
 
 
-@jitable(inline=True)
-def _score(length, pace: Pace, model: SlipModel, unit: UnitFilter, row: UnitRows):
-    """Variance of the lags, and the predicted displacement: equations 7 to 9."""
-    assume_noalias()
-    share, dt_s, floor = pace.share, pace.dt_s, model.floor_mm**2
-    for j in range(length):
-        new, noise = row.new[j], row.noise[j]
-        variance = unit.lag_variance[j]
-        variance += share * (share * noise - (2.0 - share) * variance)
-        variance += new * (noise - variance)
-        unit.lag_variance[j] = variance
-        unsettled = max(new, row.joined[j]) * (noise + row.body_variance[j])
-        anchor_variance = (1.0 - new) * unit.anchor_variance[j] + unsettled
-        anchor_variance = max(anchor_variance, row.wander[j] * row.reported[j])
-        unit.anchor_variance[j] = anchor_variance
-        square = (unit.moved[0, j] - unit.followed[0, j]) ** 2
-        square += (unit.moved[1, j] - unit.followed[1, j]) ** 2
-        weight = 1.0 / (variance + anchor_variance + square / unit.gain_information[j] + floor)
-        row.weight[j] = (1.0 - new) * weight
-        # Friction drags a unit along: a slipping unit lags against its own displacement.
-        x = unit.anchor[0, j] + unit.moved_slow[0, j]
-        y = unit.anchor[1, j] + unit.moved_slow[1, j]
-        far = np.sqrt(x * x + y * y)
-        row.imposed[j] = far
-        row.direction[0, j] = x / max(far, 1e-9)
-        row.direction[1, j] = y / max(far, 1e-9)
-        # Excludes slipping units, and units whose noise is unknown.
-        unit.age_s[j] = (1.0 - max(new, row.joined[j])) * (unit.age_s[j] + dt_s)
-        settled = 1.0 if unit.age_s[j] > 2.0 * SETTLED * PARAMETERS.slow_s else 0.0
-        row.root_weight[j] = np.sqrt(settled * row.held[j] * row.weight[j])
+@jitable
+def _score(s, share, dt_s, floor):
+    """Variance of the lag of a unit, and its predicted displacement: equations 7 to 9."""
+    new, noise, held = s["new"] > 0.0, s["noise"], s["held"]
+    unsettled = new or s["joined"] > 0.0
+    variance = s["lag_variance"]
+    variance = noise if new else variance + share * (share * noise - (2.0 - share) * variance)
+    anchor_variance = 0.0 if new else s["anchor_variance"]
+    if unsettled:
+        anchor_variance += noise + s["body_variance"]
+    anchor_variance = max(anchor_variance, s["wander"] * s["reported"])
+    s["lag_variance"], s["anchor_variance"] = variance, anchor_variance
+    square = (s["moved"][0] - s["followed"][0]) ** 2 + (s["moved"][1] - s["followed"][1]) ** 2
+    weight = 1.0 / (variance + anchor_variance + square / s["gain_information"] + floor)
+    s["weight"] = 0.0 if new else weight
+    # Friction drags a unit along: a slipping unit lags against its own displacement.
+    x, y = s["anchor"][0] + s["moved_slow"][0], s["anchor"][1] + s["moved_slow"][1]
+    far = np.sqrt(x * x + y * y)
+    s["imposed"] = far
+    s["direction"][0], s["direction"][1] = x / max(far, 1e-9), y / max(far, 1e-9)
+    # Excludes slipping units, and units whose noise is unknown.
+    s["age_s"] = 0.0 if unsettled else s["age_s"] + dt_s
+    settled = s["age_s"] > 2.0 * SETTLED * PARAMETERS.slow_s
+    s["root_weight"] = np.sqrt(held * s["weight"]) if settled else 0.0
 
 
-@jitable(inline=True)
-def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
+@jitable
+def correct(members, dt_s, data):
     """Anchors and gain errors of sticking units: derivations.md, equations 10 and 11.
 
     An anchor is the mean displacement while the unit stuck, with a slow decay: creep and a drifting
     tare are no slip. The gain error is the slope of that line.
     """
-    assume_noalias()
     slowest = min(1.0, dt_s / PARAMETERS.creep_s)
-    for j in range(length):
-        # The first reading is the anchor already.
-        variance, held = unit.anchor_variance[j], row.held[j] * (1.0 - row.new[j])
-        noise = row.noise[j] + row.body_variance[j]
-        gain = held * max(variance / (variance + noise), slowest)
-        gain_error, rest, square = unit.gain_error[j], 0.0, 0.0
+    for i in members:
+        s, here = data.slips[i], data.units[i]["displacement"]
+        if s["new"] > 0.0 or not s["held"] > 0.0:
+            continue  # the first reading is the anchor already
+        variance, noise = s["anchor_variance"], s["noise"] + s["body_variance"]
+        gain = max(variance / (variance + noise), slowest)
+        gain_error, rest, square = s["gain_error"], 0.0, 0.0
         for c in range(2):
-            travel = unit.moved[c, j] - unit.followed[c, j]
-            lag = row.displacement[c, j] - unit.anchor[c, j] - unit.moved[c, j]
-            step = gain * lag
-            unit.anchor[c, j] += step
-            unit.lag[c, j] -= step - gain * gain_error * travel
-            unit.followed[c, j] += gain * travel
-            unit.followed_out[c, j] += gain * (row.moved_out[c, j] - unit.followed_out[c, j])
+            travel = s["moved"][c] - s["followed"][c]
+            lag = here[c] - s["anchor"][c] - s["moved"][c]
+            s["anchor"][c] += gain * lag
+            s["lag"][c] -= gain * lag - gain * gain_error * travel
+            s["followed"][c] += gain * travel
+            s["followed_out"][c] += gain * (s["moved_out"][c] - s["followed_out"][c])
             square += travel * travel
             rest += travel * (lag - gain_error * travel)
-        unit.anchor_depth[j] += gain * row.deeper[j]
-        information = held * (1.0 - gain) / row.noise[j]
-        unit.gain_information[j] += information * square
-        unit.gain_error[j] += information * rest / unit.gain_information[j]
-        unit.anchor_variance[j] += gain * (gain * noise - (2.0 - gain) * variance)
+        s["anchor_depth"] += gain * s["deeper"]
+        information = (1.0 - gain) / s["noise"]
+        s["gain_information"] += information * square
+        s["gain_error"] += information * rest / s["gain_information"]
+        s["anchor_variance"] += gain * (gain * noise - (2.0 - gain) * variance)
+
+
+# -- noise -----------------------------------------------------------------------------------------
+
+
+@jitable
+def begin_cycle(noise, dt_s):
+    """Decay the sums of all units, `SLIP`, and compute their ratios."""
+    keep, prior = max(0.0, 1.0 - dt_s / PARAMETERS.memory_s), PARAMETERS.noise_prior
+    soon = np.exp(-dt_s / PARAMETERS.slow_s)
+    noise["lags"] *= keep
+    noise["lag_count"] *= keep
+    noise["readings"] *= keep
+    noise["reading_count"] *= keep
+    noise["steps"] *= keep
+    noise["step_count"] *= keep
+    noise["slow"] *= keep
+    noise["slow_count"] *= keep
+    noise["recent"] *= soon
+    noise["recent_count"] *= soon
+    noise["lag_ratio"] = (noise["lags"] + prior) / (noise["lag_count"] + prior)
+    noise["reading_ratio"] = (noise["readings"] + prior) / (noise["reading_count"] + prior)
+    usual = (noise["steps"] + prior) / (noise["step_count"] + prior)
+    now = (noise["recent"] + prior * usual) / (noise["recent_count"] + prior)
+    # Squares of successive changes, which have a reading in common, correlate by a quarter.
+    chance = PARAMETERS.outlier_sigmas * np.sqrt(3.0 / (noise["recent_count"] + prior))
+    noise["growth"] = max(1.0, now / usual - chance)
+    noise["wander"] = max(0.0, noise["slow"] / (noise["slow_count"] + prior))
+
+
+@jitable
+def _unit_noise(s, noise):
+    """Variance of the noise of a unit, and of its slow noise over sigma squared: derivations.md,
+    equations 13 and 13a."""
+    prior = PARAMETERS.unit_noise_prior
+    share = 1.0 / (s["noise_count"] + prior)
+    ratio = max(1.0, (s["noise_sum"] + prior * noise["lag_ratio"]) * share)
+    s["noise_ratio"] = noise["growth"] * ratio
+    s["noise"] = s["reported"] * s["noise_ratio"]
+    s["wander"] = max(0.0, (s["slow_sum"] + prior * noise["wander"]) * share)
+
+
+@jitable
+def is_noisy(unit_sum, unit_count, limit):
+    """1 where the noise of a unit exceeds its sigma, else 0; `limit` is the log-odds of an alarm.
+    The one-sigma of a sum of squares is the root of twice their number."""
+    further = unit_sum - unit_count
+    return 1.0 if further > 0.0 and further**2 > 4.0 * limit * unit_count else 0.0
+
+
+@jitable
+def learn_noise(members, stuck, motions, share, data):
+    """Update the variance of readings and of low-passed lags: derivations.md, equations 12 and 13.
+
+    That of the lags contains noise that is correlated from cycle to cycle, which sigma does not.
+    Units that slip are excluded, and outliers are clipped.
+    """
+    dt_s, noise = data.cycle[0]["elapsed_s"], data.all[0]
+    free = 2.0 * stuck - motions
+    if free < 1.0:
+        return
+    free /= stuck
+    # Independent readings: a low-pass has one in twice its time constant.
+    weight, recent = 0.5 * share * free, min(AT_MOST_RECENT, dt_s / PARAMETERS.rest_s)
+    keep = 1.0 - min(1.0, dt_s / PARAMETERS.memory_s)
+    outlier = PARAMETERS.outlier_sigmas**2
+    most, most_reading = outlier * noise["lag_ratio"], outlier * noise["reading_ratio"]
+    scale = share / (2.0 - share) * _left_by_mean(share, recent)
+    lags, readings, steps, slow, count = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in members:
+        s = data.slips[i]
+        if not (s["held"] > 0.0 and s["age_s"] > SETTLED * PARAMETERS.slow_s):
+            continue
+        square, whole = 0.0, 0.0
+        for c in range(2):
+            further = s["lag"][c] - s["lag_mean"][c]
+            s["lag_mean"][c] += recent * further
+            square += (further * (1.0 - recent)) ** 2
+            whole += s["lag"][c] ** 2
+        told = free * s["reported"]
+        seen = min(square / (scale * told), most)
+        # What the model of a lag explains but for slow noise.
+        expected = free / max(s["weight"] * told, TINY) - s["wander"]
+        beyond = min(whole / told, outlier * (expected + s["wander"])) - expected
+        lags += seen
+        slow += beyond
+        readings += min(s["innovation2"] / told, most_reading)
+        steps += min(0.5 * s["step2"] / told, most_reading)
+        count += 1.0
+        s["noise_sum"] = keep * s["noise_sum"] + weight * seen
+        s["slow_sum"] = keep * s["slow_sum"] + weight * beyond
+        s["noise_count"] = keep * s["noise_count"] + weight
+    noise["lags"] += weight * lags
+    noise["lag_count"] += weight * count
+    noise["slow"] += weight * slow
+    noise["slow_count"] += weight * count
+    noise["readings"] += free * readings
+    noise["reading_count"] += free * count
+    noise["steps"] += free * steps
+    noise["step_count"] += free * count
+    noise["recent"] += free * steps
+    noise["recent_count"] += free * count
+
+
+@jitable
+def _left_by_mean(share, recent):
+    """Fraction of the variance of low-passed white noise that remains without its mean, which has
+    the gain `recent`."""
+    keep = 1.0 - recent
+    common = recent / (1.0 - keep * (1.0 - share))
+    mean = 2.0 * recent * keep * (1.0 - share) * common + recent * recent
+    return 1.0 - 2.0 * common + mean / (1.0 - keep * keep)

@@ -68,11 +68,11 @@ class Publishing(Service):
             self._writer(topic).write(data)
 
     def take(self, records: np.ndarray) -> None:
-        """Publish a record."""
-        record = records[0]
-        self._write(self._messages.moves(record, int(record["stamp_ns"])))
-        self._write(self._messages.of_state(record))
-        self._count += 1
+        """Publish records."""
+        for record in records:
+            self._write(self._messages.moves(record, int(record["stamp_ns"])))
+            self._write(self._messages.of_state(record))
+            self._count += 1
 
     def stop(self) -> None:
         """Wait until readers have received all messages."""

@@ -118,12 +118,12 @@ class Publisher(WorkerSink):
         if self._due_ns - stamp_ns > self._period_ns:  # time ran back
             self._due_ns = stamp_ns + self._period_ns
         self.look()
-        at = None if self.failure else self._ring.claim_slot()
+        at = None if self.failure else self._ring.claim()
         if at is None:
-            self.missed += 1
+            self.lost += 1
             return
         self._writer.look()
-        self._writer.state(at, state, self.missed)
+        self._writer.state(at, state, self.lost)
         self._writer.poses(at)
         self._ring.publish()
 

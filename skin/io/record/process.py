@@ -25,8 +25,6 @@ from skin.worker import Service, WorkerEnd, run
 __all__ = ["Recording", "main"]
 
 FLUSH_S = 0.4
-AT_ONCE = 64
-"""Slots that are freed together."""
 
 
 class Recording(Service):
@@ -38,8 +36,6 @@ class Recording(Service):
     request : dict
         As of `skin.io.messages.record.described`.
     """
-
-    batch = AT_ONCE
 
     def __init__(self, file: Container, request: dict[str, Any]) -> None:
         self._file, self._messages = file, SkinMessages(request, "recording")

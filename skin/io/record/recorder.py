@@ -79,8 +79,8 @@ class Recorder(WorkerSink):
 
     Attributes
     ----------
-    lost_cycles, lost_frames : int
-        What was not recorded.
+    lost, lost_frames : int
+        Cycles and frames that were not recorded.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class Recorder(WorkerSink):
         self._events: list[int] = []  # since the last slot, each with its value, and their frames
         self._frames: list[bytes] = []
         self._count = 0
-        self.lost_cycles = self.lost_frames = 0
+        self.lost_frames = 0
         self._closed = False
         self._report: dict[str, Any] = {}
         request = _request(self.file, pipeline)
@@ -167,16 +167,16 @@ class Recorder(WorkerSink):
     def _hand_over(self, state: State | None = None) -> None:
         """Pass events and frames since the last slot, poses and state to the process; where the
         ring is full, count them as lost."""
-        at = None if self._closed else self._ring.claim_slot()
+        at = None if self._closed else self._ring.claim()
         events, count = self._events, self._count
         if at is None:
-            self.lost_cycles += state is not None
+            self.lost += state is not None
             self.lost_frames += count
         else:
             writer = self._writer
             memory, first = writer.bytes, writer.size * at
             if state is not None:
-                writer.state(at, state, self.lost_cycles, self.lost_frames)
+                writer.state(at, state, self.lost, self.lost_frames)
             if count:
                 data = b"".join(self._frames)
                 memory[first + self._frames_at : first + self._frames_at + len(data)] = data
@@ -188,18 +188,9 @@ class Recorder(WorkerSink):
 
     # -- losses, and the end -----------------------------------------------------------------------
 
-    @property
-    def lost(self) -> int:
-        """As `lost_cycles`."""
-        return self.lost_cycles
-
-    def left_out(self) -> int:
-        """Cycles and frames dropped so far."""
-        return self.lost_cycles + self.lost_frames
-
     def described_loss(self) -> str:
-        """The same as text."""
-        return f"{self.lost_cycles} cycles and {self.lost_frames} frames"
+        """Cycles and frames dropped so far, as text."""
+        return f"{self.lost} cycles and {self.lost_frames} frames"
 
     def described_end(self, status: int) -> str:
         """Why the recording ended: the error of the disk."""
@@ -218,7 +209,7 @@ class Recorder(WorkerSink):
         """Summary of the recording: ``file``; ``cycles``, ``frames``, ``messages`` and ``bytes`` in
         it; ``cpu_s`` of the worker; dropped ``lost_cycles`` and ``lost_frames``; ``failure``."""
         self._ask("report")
-        return {"file": str(self.file), **self._report, "lost_cycles": self.lost_cycles,
+        return {"file": str(self.file), **self._report, "lost_cycles": self.lost,
                 "lost_frames": self.lost_frames, "failure": self.failure}  # fmt: skip
 
     def stop(self) -> None:

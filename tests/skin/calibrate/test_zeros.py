@@ -19,6 +19,7 @@ from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.live import over
 from topology import CHANNELS
 
 PALM = topology.load("palm")
@@ -261,7 +262,7 @@ def test_a_log_is_tared_where_the_live_run_was(tmp_path):
     nodes = SimulatedUnits(TRUE, Still(), history=0)
     log = tmp_path / "run.blf"
     flags = []
-    with skin.open(PALM, transports=nodes.in_process(), pace=False, record=log) as run:
+    with over(PALM, nodes.in_process(), pace=False, record=log) as run:
         for _, state in zip(range(WINDOW + N), run, strict=False):
             flags.append(state.units.status.copy())
     replay = skin.decode_log(PALM, log)
@@ -313,7 +314,7 @@ def test_an_ambient_field_that_is_followed_is_no_bz_at_rest():
 def test_looks_at_units_wait_until_a_state_is_in_the_users_hands(monkeypatch):
     """They take up to milliseconds: the live loop has them while frames are on the wire."""
     nodes = SimulatedUnits(TRUE, Still(), history=0)
-    run = skin.open(PALM, transports=nodes.in_process(), pace=False, want={"force"})
+    run = over(PALM, nodes.in_process(), pace=False, want={"force"})
     done, zeros = [], run.pipeline.zeros
     step, send, state = zeros._step, run.transports[0].send, run.pipeline.state
 

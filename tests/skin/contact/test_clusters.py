@@ -6,12 +6,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.cluster import contact_clusters, join, join_python
-from skin.contact.graph import checked_graph, neighbour_graph
-from skin.contact.model import ContactModel, Gate, Wants, contact_data, no_readings, posed_units
+from skin.contact.cluster import join, take_readings
+from skin.contact.model import contact_data, contact_model, neighbour_graph, no_readings
+from skin.contact.record import UnitKind
 from skin.errors import SkinError
 
 SIGMA = 0.02
+
+
+def contact_clusters(load, sigma, start, index, *, valid=None, touching=False):
+    """Cluster of each unit, -1 for none, by one reading and what was touching before."""
+    n = np.size(load)
+    readings, model = no_readings(n, float), contact_model(
+        np.zeros((3, n)), np.zeros((3, 3, n)), 1.0, start, index
+    )  # fmt: skip
+    readings.force[2], readings.force_sigma[:] = load, sigma
+    readings.valid[:] = True if valid is None else valid
+    for name, value in (("start_sigma", 5.0), ("keep_sigma", 3.0), ("repeat_sigma", np.inf),
+                        ("pair_sigma", np.inf)):  # fmt: skip
+        model.settings[name] = value
+    data = contact_data(n, 1, model.neighbour.size)
+    data.units["touching"] = touching
+    join(take_readings(readings, model, data), model, data)
+    return np.where(data.units["kind"] < UnitKind.BRIDGE, data.label, -1)
 
 
 @st.composite
@@ -62,24 +79,6 @@ def test_permutation_changes_nothing_but_labels(scene, seed):
     back = np.empty(n, int)
     back[order] = moved
     assert naive.sets_of(back) == naive.sets_of(label)
-
-
-@given(scenes())
-def test_machine_code_and_python_join_alike(scene):
-    load, graph, valid, touching = scene
-    n = load.size
-    results = []
-    for kernel in (join, join_python):
-        reading = no_readings(n, float)
-        reading.force[2], reading.force_sigma[:], reading.valid[:] = load, SIGMA, valid
-        geometry = posed_units(np.zeros((3, n)), np.zeros((3, 3, n)), 1.0)
-        data = contact_data(reading, 1, 2 * n)
-        data.units.touching[:] = touching
-        gate, wants = Gate(5.0, 5.0, 5.0, 3.0, 0.0, 0.0, False), Wants(False, False, False)
-        model = ContactModel(checked_graph(n, *graph), gate, geometry, wants)
-        results.append((kernel(model, data), np.concatenate(data.units)))
-    assert results[0][0] == results[1][0]
-    np.testing.assert_array_equal(results[0][1], results[1][1])
 
 
 def test_shear_makes_no_contact_and_a_starting_unit_needs_five_sigma():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import tests.naive.contact as naive
-from skin.contact.cone import tangential_demand
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.slip import SlipSettings
 from skin.contact.stream import ContactStream
+from skin.contact.wrench import tangential_demand
 from tests.fixtures.contact_features import contact_features
 
 

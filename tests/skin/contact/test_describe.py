@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.slip import SlipSettings
 from skin.contact.stream import ContactStream
 from tests.fixtures.contact_features import contact_features
+from tests.fixtures.contact_stream import with_gate
 
 seeds = st.integers(0, 2**32)
 
@@ -151,8 +152,9 @@ def test_of_a_load_that_grows_weak_nothing_about_its_centre_is_told_any_more():
     position = naive.grid(1, 3)
     stream = ContactStream(
         position, naive.facing_down(3), 1e-4, *neighbour_graph(position, 0.0125), want={"slip"},
-        dtype="float64", slip=SlipSettings(friction=0.5), start_sigma=5.0,
+        dtype="float64", slip=SlipSettings(friction=0.5),
     )  # fmt: skip
+    with_gate(stream, start_sigma=4.1)
     force = np.array([[0.0, 0.1, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     for number, sigma in enumerate((0.01, 0.01, 0.24)):
         (contact,) = stream.update(force, sigma, 0.3 * force, 0.01, stamp_ns=number * 4_000_000)
@@ -191,8 +193,9 @@ def test_a_record_tells_nothing_of_the_slip_of_the_contact_that_had_it_before():
     position = naive.grid(1, 3)
     stream = ContactStream(
         position, naive.facing_down(3), 1e-4, *neighbour_graph(position, 0.001), want={"slip"},
-        dtype="float64", start_sigma=4.0, memory_s=0.001,
+        dtype="float64",
     )  # fmt: skip
+    with_gate(stream, start_sigma=4.0, memory_ns=1e6)
     numbers = ("slip", "slip_units", "body_units", "onset_ns", "friction_lower")
     unknown = ("stick_ratio", "pattern", "motion", "rotation", "friction", "friction_sigma",
                "margin", "grip_force")  # fmt: skip

@@ -8,12 +8,10 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.describe import describe_python
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
-from tests.fixtures import contact_features as features
 from tests.fixtures.contact_features import contact_features
 
 AREA = 1.1e-4
@@ -262,8 +260,7 @@ def test_a_skin_far_from_the_origin_loses_no_digits():
     np.testing.assert_allclose(b["torsion_sigma"], a["torsion_sigma"], rtol=1e-6)
 
 
-def test_float32_readings_are_summed_in_float64(monkeypatch):
-    monkeypatch.setattr(features, "describe", describe_python)  # of one type of numbers is compiled
+def test_float32_readings_are_summed_in_float64():
     n = 1024
     rng = np.random.default_rng(3)
     force = rng.uniform(0.0, 8.0, (3, n)).astype(np.float32)
@@ -278,25 +275,3 @@ def test_an_area_that_is_none_is_refused():
         contact_features(
             np.zeros(1, int), np.ones((3, 1)), 0.1, np.zeros((3, 1)), naive.facing_down(1), 0.0
         )
-
-
-@given(seeds)
-def test_machine_code_and_python_describe_alike(seed):
-    _, force, sigma, position, rotation = scene(seed, n=12)
-    rng = np.random.default_rng(seed)
-    label, n = np.arange(12) % 3 - (np.arange(12) % 12 == 7), 12
-    graph = neighbour_graph(position, 0.05)
-    options = {
-        "displacement_mm": rng.uniform(0.0, 2.0, (3, n)),
-        "temperature": rng.uniform(20.0, 60.0, n),
-        "silent": rng.random(n) < 0.2,
-        "neighbour_start": graph[0],
-        "neighbour_index": graph[1],
-    }
-    compiled = contact_features(label, force, sigma, position, rotation, AREA, **options)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(features, "describe", describe_python)
-        python = contact_features(label, force, sigma, position, rotation, AREA, **options)
-    for a, b in zip(compiled, python, strict=True):
-        for name in a.dtype.names:
-            np.testing.assert_allclose(a[name], b[name], rtol=1e-7, atol=1e-9, err_msg=name)

@@ -5,10 +5,11 @@ import pytest
 from scipy.stats import norm
 
 import tests.naive.contact as naive
-from skin.contact.gate import start_sigma_for
-from skin.contact.graph import neighbour_graph
+from skin.contact.cluster import start_sigma_for
+from skin.contact.model import neighbour_graph
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
+from tests.fixtures.contact_stream import gate_of, with_gate
 
 ROWS, PITCH, RATE_HZ = 8, 0.012, 250.0
 N, DAY_S = ROWS * ROWS, 86_400.0
@@ -19,12 +20,14 @@ MIDDLE, NEXT, FAR = 3 * ROWS + 3, 3 * ROWS + 4, 6 * ROWS + 6
 class Skin:
     """64 units side by side that are shown their loads in sigmas."""
 
-    def __init__(self, **options):
+    def __init__(self, false_contacts_per_day=1.0, **gate):
         position = naive.grid(ROWS, ROWS)
         self.stream = ContactStream(
             position, naive.facing_down(N), 1e-4, *neighbour_graph(position, 1.5 * PITCH), want=(),
-            dtype="float64", rate_hz=RATE_HZ, **options,
+            dtype="float64", rate_hz=RATE_HZ,
+            false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
+        with_gate(self.stream, **gate)
         self.now = 0
 
     def see(self, level):
@@ -45,7 +48,7 @@ class Skin:
 def test_noise_starts_no_more_contacts_than_were_asked_for():
     cycles, wanted = 20_000, 200
     per_day = wanted / cycles * RATE_HZ * DAY_S
-    skin = Skin(false_contacts_per_day=per_day, keep_sigma=1.5, memory_s=0.0)
+    skin = Skin(false_contacts_per_day=per_day, keep_sigma=1.5, memory_ns=0.0)
     rng = np.random.default_rng(2)
     for _ in range(cycles):
         skin.see(rng.standard_normal(N))
@@ -54,7 +57,7 @@ def test_noise_starts_no_more_contacts_than_were_asked_for():
 
 @pytest.mark.parametrize("per_day", [0.1, 1.0, 24.0])
 def test_a_third_of_the_false_contacts_falls_to_each_way_to_start(per_day):
-    gate = Skin(false_contacts_per_day=per_day).stream.model.gate
+    gate = gate_of(Skin(false_contacts_per_day=per_day).stream)
     cycles = RATE_HZ * DAY_S
     pairs = 2 * ROWS * (ROWS - 1) + 2 * (ROWS - 1) ** 2
     for level, looks in ((gate.start_sigma, N), (gate.repeat_sigma, N), (gate.pair_sigma, pairs)):
@@ -62,8 +65,9 @@ def test_a_third_of_the_false_contacts_falls_to_each_way_to_start(per_day):
 
 
 def test_a_lone_unit_needs_more_than_one_that_lasts_or_has_a_neighbour():
-    gate = Skin().stream.model.gate
-    alone, twice, both = gate[:3] * np.array([1.0, np.sqrt(2.0), np.sqrt(2.0)])
+    gate = gate_of(Skin().stream)
+    alone = gate.start_sigma
+    twice, both = np.sqrt(2.0) * gate.repeat_sigma, np.sqrt(2.0) * gate.pair_sigma
     assert alone > 6.0
     less, more = -0.01, 0.01
     for off, found in ((less, 0), (more, 1)):
@@ -100,7 +104,7 @@ def test_light_presses_are_seen_as_early_as_by_five_sigmas(pattern, rise):
         ramp = rise * np.outer(np.arange(60) + rng.random(), shares)
         levels = ramp + rng.standard_normal(ramp.shape)
         for start_sigma, told in onsets.items():
-            skin = Skin(start_sigma=start_sigma)
+            skin = Skin(**({} if start_sigma is None else {"start_sigma": start_sigma}))
             found = (skin.see(dict(zip(pattern, level, strict=True))) for level in levels)
             told.append(next(t for t, count in enumerate(found) if count))
     before, now = onsets[5.0], onsets[None]
@@ -108,17 +112,13 @@ def test_light_presses_are_seen_as_early_as_by_five_sigmas(pattern, rise):
     assert np.percentile(now, 95) <= np.percentile(before, 95) + 0.5
 
 
-def test_what_is_given_is_the_gate():
-    gate = Skin(start_sigma=5.0).stream.model.gate
-    assert gate[:4] == (5.0, np.inf, np.inf, 3.0)
+def test_a_unit_without_neighbours_has_no_pairs_and_a_rate_of_none_is_refused():
     one = ContactStream(
         np.zeros((3, 1)), naive.facing_down(1), 1e-4, [0, 0], [], want=(), rate_hz=RATE_HZ
     )
-    assert one.model.gate.pair_sigma == np.inf
+    assert gate_of(one).pair_sigma == np.inf
     with pytest.raises(SkinError, match="false_contacts_per_day: must be a number from 1e-09 to"):
         Skin(false_contacts_per_day=0.0)
-    with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
-        Skin(keep_sigma=9.0)
 
 
 def test_noise_starts_contacts_at_the_rate_that_was_asked_for():

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.graph import checked_graph, neighbour_graph
+from skin.contact.model import checked_graph, neighbour_graph
 from skin.errors import SkinError
 
 
@@ -22,8 +22,7 @@ def test_neighbours_are_who_lies_within_reach(seed, n):
     told = [index[start[i] : start[i + 1]].tolist() for i in range(n)]
     assert told == [np.flatnonzero(row).tolist() for row in beside]
     checked = checked_graph(n, start, index)
-    assert checked.start.tolist() == start.tolist()
-    assert checked.neighbour.tolist() == index.tolist()
+    assert [one.tolist() for one in checked] == [start.tolist(), index.tolist()]
 
 
 def test_reach_is_up_to_rounding_and_no_further():
@@ -47,7 +46,7 @@ def test_reach_is_up_to_rounding_and_no_further():
     ],
 )
 def test_what_is_no_graph_is_refused(start, index, words):
-    assert checked_graph(2, [0, 1, 2], [1, 0]).neighbour.tolist() == [1, 0]
-    assert checked_graph(2, [0, 0, 0], []).neighbour.size == 0
+    assert checked_graph(2, [0, 1, 2], [1, 0])[1].tolist() == [1, 0]
+    assert checked_graph(2, [0, 0, 0], [])[1].size == 0
     with pytest.raises(SkinError, match=words):
         checked_graph(2, start, index)

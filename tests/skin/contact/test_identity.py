@@ -1,18 +1,16 @@
 """Identities against slow and obvious ones, and the rules that need a scene of their own."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.graph import neighbour_graph
 from skin.contact.identity import _assign
-from skin.contact.model import PAIR
+from skin.contact.model import PAIR, SLOT, neighbour_graph
 from skin.contact.record import CONTACT, Event, TrackState
 from skin.contact.stream import ContactStream
+from tests.fixtures.contact_stream import identities, with_gate
 from tests.naive.tracking import NaiveTracker
 
 PITCH, SIGMA, CYCLE_NS = 0.012, 0.01, 4_000_000
@@ -21,15 +19,16 @@ PITCH, SIGMA, CYCLE_NS = 0.012, 0.01, 4_000_000
 class Units:
     """A few units, loads in sigmas, with a cycle every 4 ms."""
 
-    def __init__(self, rows, columns, **options):
+    def __init__(self, rows, columns, capacity=None, **gate):
         position = naive.grid(rows, columns)
         self.graph = neighbour_graph(position, 1.01 * PITCH)
         n = rows * columns
         self.stream = ContactStream(
             position, naive.facing_down(n), 1e-4, *self.graph, want=(), dtype="float64",
-            start_sigma=5.0, **options,
+            capacity=capacity,
         )  # fmt: skip
-        self.tracker = self.stream.tracker
+        with_gate(self.stream, start_sigma=5.0, **gate)
+        self.tracker = identities(self.stream)
         self.now = 0
 
     def see(self, *level, cycles=1):
@@ -56,7 +55,7 @@ def test_identities_are_those_of_the_rules(shape, capacity, seed):
     """Units come, go and fall silent one by one, under loads from light to heavy."""
     rng = np.random.default_rng(seed)
     memory, settle = rng.integers(1, [12, 5]) * CYCLE_NS
-    units = Units(*shape, capacity=capacity, memory_s=1e-9 * memory, settle_s=1e-9 * settle)
+    units = Units(*shape, capacity=capacity, memory_ns=memory, settle_ns=settle)
     start, index = units.graph
     n = start.size - 1
     slow = NaiveTracker(
@@ -81,7 +80,7 @@ def test_identities_are_those_of_the_rules(shape, capacity, seed):
         known = {one.id: one for one in slow.known if one}
         records = units.tracker.contacts
         assert set(records["id"][records["track"] != TrackState.FREE]) == set(known)
-        owner = units.stream.data.units.owner
+        owner = units.stream.data.units["owner"]
         owners = {i: int(records["id"][owner[i]]) for i in range(n) if owner[i] >= 0}
         assert owners == {i: one.id for i, one in slow.owner.items()}
         for one in slow.present:
@@ -140,7 +139,7 @@ def test_a_unit_counts_a_thousandth_beside_one_that_a_lost_contact_has_owned(hea
 
 @pytest.mark.parametrize("flip", [False, True])
 def test_a_full_table_forgets_who_has_been_away_longest(flip):
-    units = Units(1, 7, capacity=1, memory_s=1.0)
+    units = Units(1, 7, capacity=1, memory_ns=1e9)
     here, there, beyond = ([9, 0, 0, 0, 0, 0, 0], [0, 0, 0, 9, 0, 0, 0], [0, 0, 0, 0, 0, 0, 9])
     nothing = [0] * 7
     for level, identity in ((here, 1), (there, 2), (beyond, 3), (here, 4), (beyond, 3), (here, 4)):
@@ -160,7 +159,7 @@ def at(n, *places, flip=False):
     ("again", "returns", "gone"), [((), 0, 1), ((), 1, 0), ((0,), 1, 2), ((0, 1), 0, 2)]
 )
 def test_who_is_just_back_is_not_forgotten_however_long_away(again, returns, gone, flip):
-    units = Units(1, 12, capacity=2, memory_s=1.0)
+    units = Units(1, 12, capacity=2, memory_ns=1e9)
     for k in (0, 1, 2, 3, *again):
         assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
         units.see(*at(12))
@@ -173,7 +172,7 @@ def test_who_is_just_back_is_not_forgotten_however_long_away(again, returns, gon
 
 
 def test_who_is_lost_in_this_cycle_is_not_forgotten_before_those_it_spoke_for():
-    units = Units(1, 12, capacity=2, memory_s=1.0, settle_s=0.004)
+    units = Units(1, 12, capacity=2, memory_ns=1e9, settle_ns=4e6)
     loads = [90, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     for place in (2, 4, 6):
         loads[place] = 10
@@ -186,12 +185,12 @@ def test_who_is_lost_in_this_cycle_is_not_forgotten_before_those_it_spoke_for():
 
 
 def test_an_identity_returns_until_its_memory_is_over_and_absorbed_ones_as_long_as_they_are():
-    units = Units(1, 3, memory_s=0.02)
+    units = Units(1, 3, memory_ns=2e7)
     units.see(9, 0, 0)
     for away, identity in ((5, 1), (6, 2)):
         units.see(0, 0, 0, cycles=away - 1)
         assert list(units.see(9, 0, 0)) == [identity]
-    units = Units(1, 3, memory_s=0.02, settle_s=0.04)
+    units = Units(1, 3, memory_ns=2e7, settle_ns=4e7)
     units.see(9, 0, 20, cycles=11)
     units.see(9, 5, 20, cycles=30)
     assert units.see(9, 0, 20) == {1: [0], 2: [2]}
@@ -201,7 +200,7 @@ def test_an_identity_returns_until_its_memory_is_over_and_absorbed_ones_as_long_
 
 @pytest.mark.parametrize(("cycles", "settled"), [(10, False), (11, True)])
 def test_a_contact_outlives_being_absorbed_once_it_has_settled(cycles, settled):
-    units = Units(1, 3, settle_s=0.04)
+    units = Units(1, 3, settle_ns=4e7)
     units.see(9, 0, 20, cycles=cycles)
     units.see(9, 5, 20)
     assert units.record(2)["event"] == Event.MERGED
@@ -228,18 +227,18 @@ def dense(pairs, worth, slots, parts):
     track=st.lists(st.sampled_from([*TrackState]), min_size=8, max_size=8),
 )
 def test_pairs_are_assigned_as_by_a_matrix_with_equal_loads_too(shared, track):
-    contacts, order = np.zeros(8, CONTACT), np.zeros(48, np.int32)
+    contacts, slots = np.zeros(8, CONTACT), np.zeros(8, SLOT)
+    slots["slot_of"] = slots["part_of"] = -1
     contacts["track"] = track
     pairs = np.zeros(len(shared), PAIR)
     for at, ((part, slot), load) in enumerate(sorted(shared.items())):
         pairs[at]["part"], pairs[at]["slot"], pairs[at]["load"] = part, slot, load
-    slots = SimpleNamespace(slot_of=np.full(6, -1), part_of=np.full(8, -1))
     worth = {TrackState.PRESENT: 1.0, TrackState.ABSORBED: 0.25}
-    _assign(pairs, contacts, TrackState.PRESENT, TrackState.ABSORBED, 0.25, slots, order)
+    _assign(pairs, TrackState.PRESENT, TrackState.ABSORBED, 0.25, contacts, slots)
     expected = dense(pairs, [worth.get(one, 0.0) for one in track], 8, 6)
-    assert slots.slot_of.tolist() == expected.tolist()
+    assert slots["slot_of"][:6].tolist() == expected.tolist()
     for part, slot in enumerate(expected):
-        assert slot < 0 or slots.part_of[slot] == part
+        assert slot < 0 or slots["part_of"][slot] == part
 
 
 TILES = 191

@@ -20,6 +20,7 @@ from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.live import over
 
 
 def wrench(force, position, rotation, *, valid):
@@ -133,7 +134,7 @@ def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
     nodes = SimulatedUnits(palm, seed=1)
     nodes.attach([far])
     send = far.send
-    with skin.open(palm, transports=[near], pace=False, want={"contacts"}) as opened:
+    with over(palm, [near], pace=False, want={"contacts"}) as opened:
         states = iter(opened)
         state = next(s for s in states if len(s.contacts) == 1 and s.contacts[0].units.size > 6)
         before = state.contacts[0].id

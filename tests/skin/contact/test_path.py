@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.graph import neighbour_graph
-from skin.contact.model import WAYPOINTS
-from skin.contact.path import walk
+from skin.contact.describe import walk
+from skin.contact.model import WAYPOINTS, neighbour_graph
 from skin.contact.record import BORN, CONTACT
 from skin.contact.stream import ContactStream
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.shape import _eigen
 from skin.contact.stream import ContactStream

@@ -5,14 +5,15 @@ import pytest
 from numba import njit
 from scipy.stats import chi2, gamma
 
-from skin.contact.record import BORN, CONTACT
-from skin.contact.shock import Shocks, follow_shocks, shock_data
+from skin.contact.model import contact_data
+from skin.contact.record import BORN
+from skin.contact.shock import Shocks, follow_shocks
 from skin.errors import SkinError
 
 
 @njit
-def follow_compiled(count, dt_s, slots, records, data):
-    follow_shocks(count, dt_s, slots, records, data)
+def follow_compiled(count, data):
+    follow_shocks(count, data)
 
 
 class Shaken:
@@ -20,19 +21,22 @@ class Shaken:
 
     def __init__(self, count, rate_hz, *, follow=follow_compiled, **options):
         self._period_s = 1.0 / rate_hz
-        self._data, self._follow = shock_data(count, self._period_s), follow
-        self.shocks = Shocks(self._data, rate_hz, **options)
-        self.records = np.zeros(count, CONTACT)
+        self._data, self._follow = contact_data(1, count, 0, rate_hz), follow
+        self.shocks = Shocks(rate_hz, **options)
+        self.slots = self._data.slots
 
     def update(self, force, sigma, *, born=False, slots=(0,), dt_s=None):
         """The next cycle of the first of `slots`, one period later if no time is given."""
-        record = self.records[slots[0]]
+        record, kept = self._data.contacts[slots[0]], self.slots[slots[0]]
         record["wrench"][:3], record["wrench_sigma"][:3] = force, sigma
         record["event"] = BORN if born else 0
-        dt_s = self._period_s if dt_s is None else dt_s
-        self._follow(1, dt_s, np.array(slots, np.int32), self.records, self._data)
-        impact, vibration, weight = (values[slots[0]] for values in self.shocks.values)
-        return impact, vibration, self.shocks.vibrates(vibration, weight)
+        cycle = self._data.cycle
+        cycle["elapsed_before_s"] = cycle["elapsed_s"]
+        cycle["elapsed_s"] = self._period_s if dt_s is None else dt_s
+        self.slots["present"][: len(slots)] = slots
+        self._follow(1, self._data)
+        told = self.shocks.vibrates(kept["vibration"], kept["weight"])
+        return kept["impact"], kept["vibration"], told
 
     def series(self, forces, sigma, events=(0,)):
         """Impact and vibration over time; forces (t, 3)."""
@@ -66,10 +70,10 @@ def test_shocks_are_second_differences_in_their_variances(begins):
             square = (jump**2 / (6.0 * sigma[t] ** 2)).sum()
             gain = 1.0 - np.exp(-0.1)
             smoothed += gain * (square - smoothed)
-            assert shaken.shocks.values[2, 2] == pytest.approx(gain / (2.0 - gain))
+            assert shaken.slots[2]["weight"] == pytest.approx(gain / (2.0 - gain))
         assert impact == pytest.approx(square)
         assert vibration == pytest.approx(smoothed)
-    assert not shaken.shocks.impact[:2].any()
+    assert not shaken.slots["impact"][:2].any()
 
 
 def test_before_there_are_three_samples_there_is_no_shock():

@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 import tests.naive.contact as naive
-from skin.contact.common import LAW, Common, felt_rows
-from skin.contact.graph import neighbour_graph
-from skin.contact.model import SUMS
+from skin.contact.model import POSE, SUMS, neighbour_graph
 from skin.contact.record import Flag, UnitKind
+from skin.contact.shared_field import Common
+from skin.contact.silent_units import add_missed
 from skin.contact.stream import ContactStream
-from skin.contact.unseen import add_missed
+from tests.fixtures.contact_stream import with_gate
 
 PITCH, FACE = 0.012, 0.0105
 K_RAD_PER_MM, M0_UT = 0.55, 2500.0
@@ -22,8 +22,9 @@ K_RAD_PER_MM, M0_UT = 0.55, 2500.0
 
 def stream_of(position, rotation, **options):
     graph = neighbour_graph(position, 1.5 * PITCH)
-    given = {"want": {"contacts"}, "dtype": "float64", "start_sigma": 5.5} | options
-    return ContactStream(position, rotation, FACE**2, *graph, **given)
+    given = {"want": {"contacts"}, "dtype": "float64"} | options
+    stream = ContactStream(position, rotation, FACE**2, *graph, **given)
+    return with_gate(stream, start_sigma=5.5)
 
 
 def share_within(hits, low=0.66, high=0.72):
@@ -65,23 +66,14 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
     half = rng.normal(0.0, 12.0, (bodies, 3, 3))
     covariance = half @ half.transpose(0, 2, 1)
     body = np.arange(n) * bodies // n
-    law = np.zeros(n, LAW)
+    law = np.zeros(n, POSE)
     law["body"], law["axes"] = body, np.moveaxis(rotation, 2, 0)
     law["shear"][..., 0], law["gain_offset"] = (0.5, 0.8, 2.0, 0.0), 1.0
     true = drag * np.array([[np.cos(0.7)], [np.sin(0.7)]]) * rng.uniform(0.7, 1.0, n)
     true_force = np.vstack([shear_of(field_of(true))[1], np.full((1, n), 2.0)])
     field, moved, force, sigma = (np.zeros((3, n)) for _ in range(4))
     residue = np.zeros(n)
-    common = Common(
-        law,
-        field,
-        moved,
-        covariance,
-        residue,
-        np.array([rest_ut**2]),
-        felt_rows(n),
-        np.zeros((0, 0, 6, 3)),
-    )
+    common = Common(law, field, moved, covariance, residue, rest_ut**2)
     stream = stream_of(position, rotation)
     take = stream.bind(force, sigma, moved, np.full((3, n), 0.01), common=common)
     told, _ = naive.wrench(range(n), true_force, sigma, position, rotation, np.zeros(3))
@@ -298,7 +290,7 @@ def test_light_loads_add_the_square_of_a_force_along_that_of_the_contact_at_thei
     sums["wrench_covariance"] = before = rng.standard_normal(21)
     force = 0.3 / 2.0 * sums["wrench"][0, :3]
     six = np.concatenate([force, np.cross(sums["light_position"][0], force / 0.3)])
-    add_missed(sums[0], 3.0, np.zeros(6))
+    add_missed(sums[0], 3.0)
     added = sums["wrench_covariance"][0] - before
     np.testing.assert_allclose(added, np.outer(six, six)[np.triu_indices(6)], atol=1e-12)
     assert sums["missed"][0] == pytest.approx(0.09)
@@ -310,7 +302,7 @@ def test_units_above_the_gate_that_start_no_contact_are_out_of_contact_and_not_s
     force[2, 1] = 0.04  # above 3 sigma, below 5.5
     stream.update(force, sigma, stamp_ns=1)
     assert not stream.contacts
-    assert (stream.tracker.kind == UnitKind.OUT).all()
+    assert (stream.data.units["kind"] == UnitKind.OUT).all()
 
 
 def test_each_contact_counts_the_light_loads_beside_it():
@@ -335,7 +327,8 @@ def test_even_loads_below_the_gate_are_in_the_sigma_of_the_total(each, touched):
     if touched and each == 0.3:
         pytest.skip("within three sigmas of the sum a touch elsewhere is no reason to doubt")
     rng = np.random.default_rng(21)
-    stream = stream_of(naive.grid(8, 8, PITCH), naive.facing_down(64), start_sigma=7.0)
+    stream = stream_of(naive.grid(8, 8, PITCH), naive.facing_down(64))
+    with_gate(stream, start_sigma=7.0)
     ratios, load = [], np.full(64, 0.01 * each)
     load[0] += 1.0 * touched
     force = np.stack([0.5 * load, 0.0 * load, load])

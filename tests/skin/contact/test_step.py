@@ -5,8 +5,8 @@ import pytest
 
 import tests.naive.contact as naive
 from skin.contact import step as module
-from skin.contact.graph import neighbour_graph
-from skin.contact.step import EARLY, SAME, Steps, step
+from skin.contact.model import neighbour_graph
+from skin.contact.step import EARLY, SAME, Steps
 from skin.contact.stream import ContactStream
 from tests.fixtures.kernels import interpret_contacts
 
@@ -20,10 +20,10 @@ def row_of(n, **options):
     )  # fmt: skip
 
 
-def take(stream, now_ns, *load, kernel=step):
-    reading, data = stream.data.reading, stream.data
-    reading.force[2], reading.force_sigma[:], data.clock["now_ns"] = load, 0.01, now_ns
-    return kernel(stream.model, data)
+def take(stream, now_ns, *load):
+    own = stream._own
+    own.force[2], own.force_sigma[:], stream.data.cycle["now_ns"] = load, 0.01, now_ns
+    return stream._step()
 
 
 def test_a_step_says_how_many_contacts_there_are_when_they_are_others():
@@ -44,36 +44,27 @@ def test_a_step_says_how_many_contacts_there_are_when_they_are_others():
     assert take(stream, 70, 0, 0, 0) == SAME
 
 
-def test_slip_is_told_the_seconds_since_the_cycle_before(monkeypatch):
+def test_slip_is_told_the_seconds_since_the_cycle_before_and_nothing_of_an_early_one(monkeypatch):
     told = []
-    monkeypatch.setattr(module, "detect_slip", lambda *given: told.append(given[:3]))
+    monkeypatch.setattr(
+        module, "detect_slip",
+        lambda model, data: told.append([data.cycle[0][name].item()
+                                         for name in ("slips", "elapsed_s", "now_ns")]),
+    )  # fmt: skip
     interpret_contacts(monkeypatch)
     stream = row_of(2, want={"slip"})
-    steps = Steps.of(stream.model, stream.data)
-    for now_ns in (3_000_000, 7_000_000, 13_000_000):
-        take(stream, now_ns, 1, 1, kernel=lambda *_: steps())
-    counts, seconds, stamps = zip(*told, strict=True)
-    assert counts == (2, 2, 2)
-    assert seconds == pytest.approx([0.004, 0.004, 0.006])  # the first counts as one period
-    assert stamps == (3_000_000, 7_000_000, 13_000_000)
+    for now_ns, load in ((3_000_000, 1), (7_000_000, 1), (13_000_000, 1), (13_000_000, 1), (12, 1),
+                         (14_000_000, 0)):  # fmt: skip
+        take(stream, now_ns, load, load)
+    assert told == [[2, pytest.approx(0.004), 3_000_000], [2, pytest.approx(0.004), 7_000_000],
+                    [2, pytest.approx(0.006), 13_000_000]]  # fmt: skip
     assert np.isfinite(stream.total.load)
 
 
 @pytest.mark.parametrize("want", [(), ("wrench",), ("contacts", "shocks")])
 def test_where_slip_is_not_wanted_its_kernel_is_not_compiled(want):
     stream = row_of(2, want=want)
-    steps = Steps.of(stream.model, stream.data)
+    steps = Steps.of(stream._own, stream.model, stream.data, stream.slip_data)
     assert steps.slip is None
-    take(stream, 1, 1, 1, kernel=lambda *_: steps())
+    take(stream, 1, 1, 1)
     assert steps.slips[0] == 0
-
-
-def test_a_stamp_that_is_too_early_detects_no_slip_again(monkeypatch):
-    told = []
-    monkeypatch.setattr(module, "detect_slip", lambda *given: told.append(given[0]))
-    interpret_contacts(monkeypatch)
-    stream = row_of(2, want={"slip"})
-    steps = Steps.of(stream.model, stream.data)
-    for now_ns, load in ((5, 1), (5, 1), (4, 1), (6, 0)):
-        take(stream, now_ns, load, 0, kernel=lambda *_: steps())
-    assert told == [1]

@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
 from skin.contact import step
-from skin.contact import stream as module
-from skin.contact.graph import neighbour_graph
-from skin.contact.record import Event, Flag, SlipState, UnitSlip
-from skin.contact.shock import Shocks, shock_data
+from skin.contact.model import neighbour_graph
+from skin.contact.record import UNTOUCHED, Event, Flag, SlipState, UnitSlip
+from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.stream import CONTACT_WANTS, ContactStream
 from skin.errors import OptionError, SkinError
 from tests.fixtures.contact_features import contact_features
+from tests.fixtures.contact_stream import with_gate
 from tests.fixtures.kernels import interpret_contacts
 
 ROWS, COLUMNS, PITCH, AREA = 8, 10, 0.012, 1.1e-4
@@ -68,7 +68,7 @@ def test_contacts_are_those_of_the_plain_arrays(seed):
     contacts = stream.update(force, sigma, 0.3 * force, None, warmth, valid, stamp_ns=1)
     start, index = neighbour_graph(naive.grid(ROWS, COLUMNS, PITCH), 1.01 * PITCH)
     expected, total = contact_features(
-        stream.tracker.label, force, sigma, naive.grid(ROWS, COLUMNS, PITCH),
+        stream.label, force, sigma, naive.grid(ROWS, COLUMNS, PITCH),
         naive.facing_down(N), AREA, displacement_mm=0.3 * force, temperature=warmth,
         silent=~valid, neighbour_start=start, neighbour_index=index,
     )  # fmt: skip
@@ -92,7 +92,7 @@ def test_wrenches_of_contacts_and_of_what_has_no_identity_add_up_to_the_total(ca
     for each in (stream, everything):
         cycle(each, BOTH, 1)
     assert len(stream.contacts) == min(capacity, 2)
-    assert stream.tracker.untracked == 2 - len(stream.contacts)
+    assert stream.untracked == 2 - len(stream.contacts)
     assert stream.total.wrench == pytest.approx(sum(c.wrench for c in everything.contacts))
     assert stream.total.load == pytest.approx(BOTH[2].sum())
 
@@ -124,7 +124,7 @@ def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
     called = set()
     interpret_contacts(monkeypatch)
     for home, name, what in (
-        (step, "describe_python", "describe"),
+        (step, "describe", "describe"),
         (step, "detect_slip", "judge"),
         (step, "follow_shocks", "shock"),
     ):
@@ -230,7 +230,7 @@ def test_a_loaded_unit_is_silent_while_a_number_that_is_needed_is_none(which, ro
         stream = plate(want=want)
         stream.update(*given, stamp_ns=0)
         silent = want == "slip" or which < 2
-        assert (stream.tracker.label[unit] < 0) == silent
+        assert (stream.label[unit] < 0) == silent
         assert stream.coverage == pytest.approx(1.0 - silent / N)
         assert np.isfinite(stream.total.wrench).all()
 
@@ -324,8 +324,8 @@ def moving_scene(number, rng):
 
 def told_by(stream):
     """All that a cycle has told, as bytes."""
-    return (stream.records.tobytes(), stream.tracker.label.tobytes(), stream.unit_slip.tobytes(),
-            stream.paths.tobytes(), [c.id for c in stream.contacts])  # fmt: skip
+    return (stream.records.tobytes(), stream.label.tobytes(), stream.unit_slip.tobytes(),
+            stream.data.slots["path"].tobytes(), [c.id for c in stream.contacts])  # fmt: skip
 
 
 def in_place(given, numbers):
@@ -432,7 +432,7 @@ def test_before_anything_is_brought_nothing_touches():
 
 
 def test_where_nothing_touches_there_is_no_load_and_the_rest_is_not_known():
-    for record in (plate(want=CONTACT_WANTS).total.record, module.UNTOUCHED[0]):
+    for record in (plate(want=CONTACT_WANTS).total.record, UNTOUCHED[0]):
         zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area",
                 "shear")  # fmt: skip
         for name in record.dtype.names:
@@ -505,7 +505,7 @@ def test_a_contact_whose_slip_is_not_wanted_tells_none_of_its_units():
 
 
 def test_a_new_contact_knows_nothing_of_the_one_whose_record_it_takes():
-    stream = plate(capacity=1, want={"slip"}, memory_s=0.01)
+    stream = with_gate(plate(capacity=1, want={"slip"}), memory_ns=1e7)
     for number in range(1, 9):
         cycle(stream, press(ONE, shear=0.3), number)
     (old,) = stream.contacts
@@ -538,7 +538,7 @@ def test_a_contact_tells_its_record_and_the_seconds_since_its_birth_and_its_slip
     for name in record.dtype.names:
         if hasattr(contact, name):
             np.testing.assert_array_equal(getattr(contact, name), record[name], name)
-    assert sorted(contact.units.tolist()) == np.flatnonzero(stream.tracker.label == 0).tolist()
+    assert sorted(contact.units.tolist()) == np.flatnonzero(stream.label == 0).tolist()
     assert (type(contact.slip), type(contact.event), type(contact.flags)) == (
         SlipState, Event, Flag,
     )  # fmt: skip
@@ -576,22 +576,16 @@ def test_warmup_leaves_everything_as_it_was():
 
 
 def test_options_reach_the_kernels_in_their_units():
-    stream = plate(memory_s=0.3, settle_s=0.5, capacity=5, want="slip", dtype="float32")
-    assert (stream.model.gate.memory_ns, stream.model.gate.settle_ns) == (3e8, 5e8)
-    assert stream.model.gate.needs_displacement
-    assert (stream.tracker.contacts.size, stream.records.size) == (10, 11)
-    assert stream.data.reading.force.dtype == np.float32
-    gate = plate(start_sigma=4, keep_sigma=4).model.gate
-    assert (gate.start_sigma, gate.keep_sigma, gate.needs_displacement) == (4.0, 4.0, False)
+    stream = plate(capacity=5, want="slip", dtype="float32")
+    assert stream.model.settings["needs_displacement"][0]
+    assert (stream.data.slots.size, stream.records.size) == (10, 11)
+    assert not plate().model.settings["needs_displacement"][0]
     assert plate(capacity=1).records.size == 3
-    with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
-        plate(keep_sigma=0.0)
     shocks = plate(want="shocks", rate_hz=500.0, false_alarms_per_hour=2.0).shocks
-    same = Shocks(shock_data(32, 0.002), 500.0, false_alarms_per_hour=2.0)
+    same = Shocks(500.0, false_alarms_per_hour=2.0)
     assert (shocks.impact_limit, shocks.vibration_limit) == (
         same.impact_limit, same.vibration_limit,
     )  # fmt: skip
-    assert shocks.impact.shape == (32,)
 
 
 def test_slip_that_is_not_wanted_is_not_a_number():

@@ -6,10 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import Event, TrackState
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
+from tests.fixtures.contact_stream import identities, with_gate
 from tests.fixtures.kernels import interpret_contacts
 
 ROWS, COLUMNS, PITCH = 8, 24, 0.012
@@ -36,9 +37,9 @@ def tracking(**options):
 class Watch:
     """A stream that is shown one load pattern after another."""
 
-    def __init__(self, **options):
-        self.stream = tracking(**options)
-        self.tracker = self.stream.tracker
+    def __init__(self, capacity=None, **gate):
+        self.stream = with_gate(tracking(capacity=capacity), **gate)
+        self.tracker = identities(self.stream)
         self.now = 0
         self.valid = np.ones(ROWS * COLUMNS, bool)
 
@@ -132,7 +133,7 @@ def test_lost_for_a_moment_a_contact_comes_back_as_itself(watch):
     assert watch.see(bump(5.5, 4)) == [1]
     assert watch.record(1)["event"] & Event.RESUMED
     watch.see(cycles=30)
-    assert watch.see(bump(5.5, 4)) == [2], "after memory_s it is another one"
+    assert watch.see(bump(5.5, 4)) == [2], "after its memory it is another one"
 
 
 def test_ended_contacts_are_named_once(watch):
@@ -169,7 +170,7 @@ def test_beyond_the_capacity_the_lightest_are_counted_and_lose_nothing(watch):
 def test_identities_are_unique_and_own_connected_units(seed):
     """Random pressing, silence and a full table: what must hold in every cycle."""
     rng = np.random.default_rng(seed)
-    watch = Watch(capacity=3, memory_s=0.02, settle_s=0.01)
+    watch = Watch(capacity=3, memory_ns=2e7, settle_ns=1e7)
     tracker = watch.tracker
     for _ in range(30):
         bumps = [
@@ -193,8 +194,8 @@ def test_identities_are_unique_and_own_connected_units(seed):
 
 def test_machine_code_and_python_find_alike(monkeypatch):
     rng = np.random.default_rng(5)
-    compiled = Watch(capacity=3, memory_s=0.02, settle_s=0.01)
-    python = Watch(capacity=3, memory_s=0.02, settle_s=0.01)
+    compiled = Watch(capacity=3, memory_ns=2e7, settle_ns=1e7)
+    python = Watch(capacity=3, memory_ns=2e7, settle_ns=1e7)
     for _ in range(40):
         bumps = [
             bump(rng.uniform(0, COLUMNS), rng.uniform(0, ROWS), radius=rng.uniform(0.8, 3.0))
@@ -210,7 +211,7 @@ def test_machine_code_and_python_find_alike(monkeypatch):
 
 
 def test_options_that_make_no_sense_are_refused():
-    with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
-        tracking(start_sigma=2.0)
+    with pytest.raises(SkinError, match="false_contacts_per_day: must leave a start of contact at"):
+        tracking(false_contacts_per_day=1e9)
     with pytest.raises(SkinError, match="capacity: must be an integer from 1 to 4096; got 0"):
         tracking(capacity=0)

@@ -37,7 +37,7 @@ def made_up(skin, degree, reach_mm=13.0, *, own=False, seed=0):
         sigma_ut=rng.uniform(1e-4, 5e-4, shape[:2]),
         strength=11073.0 * rng.uniform(0.9, 1.1, skin.n), rest_ut=rng.normal(0, 99.0, (3, skin.n)),
         degree=degree, reach_m=1e-3 * reach_mm, depth_max_mm=2.0, displacement_max_mm=2.5,
-        left_out_rms_ut=rng.uniform(1.0, 3.0, skin.n),
+        left_out_rms_ut=rng.uniform(1.0, 3.0, skin.n), rest_sigma_ut=np.zeros((3, skin.n)),
     )  # fmt: skip
 
 

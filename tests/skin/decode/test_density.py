@@ -7,17 +7,14 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import skin
 import topology
 from skin.cli import main
 from skin.decode.density import sparse_enough
-from skin.errors import SkinError, TooDenseError
+from skin.errors import TooDenseError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
-from skin.physics.stray import blocked, scan_stray
 
 BUS = """
 format = 1
@@ -98,26 +95,6 @@ def test_a_small_dome_is_decoded_as_its_films_are_clear_of_its_chips(tmp_path):
     seen = np.arange(dome.n) != 3
     told = stencil(np.vstack([moved, depth]))
     assert np.abs((told - change)[:, seen]).max() < 0.1 * np.abs(change[:, seen]).max()
-
-
-@settings(deadline=None, max_examples=40)
-@given(
-    away=st.floats(0.0, 20.0),
-    height=st.floats(-8.0, 12.0),
-    x=st.floats(-2.5, 2.5),
-    y=st.floats(-2.5, 2.5),
-    depth=st.floats(0.0, 2.0),
-)
-def test_pairs_are_blocked_where_the_field_cannot_be_told(away, height, x, y, depth):
-    kinds, moved = np.array([[away], [height], [2.0]]), np.array([[x, y, depth]])
-    strip = topology.load("strip")
-    known = True
-    try:
-        scan_stray(strip, kinds, moved)
-    except SkinError:
-        known = False
-    at_rest = np.zeros((1, 3))
-    assert known == (not blocked(kinds, np.vstack([at_rest, moved]))[0])
 
 
 def test_a_stencil_of_blocked_units_names_one():

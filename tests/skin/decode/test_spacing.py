@@ -20,7 +20,8 @@ from skin.decode.spacing import (
     far_apart,
 )
 from skin.physics.film_table import load_film_table
-from skin.physics.stencil import DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, Stencil
+from skin.physics.stencil import Stencil
+from skin.physics.stray import DEPTH_MAX_MM, DISPLACEMENT_MAX_MM
 
 BUILTIN = ("palm", "hand", "fingertip", "gripper", "strip")
 CHECK = """

@@ -139,6 +139,7 @@ def test_the_field_at_a_tool_is_the_same_compiled_and_plain(monkeypatch):
     surroundings = Surroundings(tools=(Tool(AWAY, radius_m=0.01),))
     state = np.full((2, 2), 0.5), np.full(2, 1.0), np.full(2, 25.0)
     compiled = HalbachField(two, surroundings=surroundings)(*state)
-    monkeypatch.setattr("skin.physics.halbach.skin_fields", magnet.skin_fields_python)
+    for name in ("chip_fields", "film_fields"):
+        monkeypatch.setattr(f"skin.physics.halbach.{name}", getattr(magnet, f"{name}_python"))
     plain = HalbachField(two, surroundings=surroundings)(*state)
     np.testing.assert_allclose(compiled, plain, rtol=1e-6)

@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-import skin as skin_package
 from bus.faults import FaultScript
 from bus.faults.script import Drop
 from bus.memory import MemoryTransport
@@ -45,6 +44,7 @@ from skin.sim.scenes.script import (
     ToolTable,
 )
 from skin.sim.truth import Truth
+from tests.fixtures.live import over
 from tests.fixtures.truth import read_truth
 from topology import Topology, load
 
@@ -425,7 +425,7 @@ def test_a_played_scene_is_felt_through_a_bus(
             worker.start()
             opened.callback(worker.join)
             opened.callback(stop.set)
-        with skin_package.open(topology, transports=[near], pace=False, deadline_s=5.0) as host:
+        with over(topology, [near], pace=False, deadline_s=5.0) as host:
             for state, _ in zip(host, range(50), strict=False):
                 felt.append((state.cycle, state.units.force[2].sum()))
     truth, _ = read_truth(path)

@@ -1,25 +1,15 @@
 """Units under bodies that are dragged, and the kernel alone, in Python, beside the slow algebra."""
 
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from skin.contact.model import posed_units
-from skin.contact.record import CONTACT, Event, Flag, SlipState, UnitKind
+from skin.contact.model import contact_data, contact_model
+from skin.contact.record import Event, Flag, SlipState, UnitKind
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.data import (
-    BEGAN,
-    LAGS,
-    NOISY_UNIT,
-    READINGS,
-    RECENT_STEPS,
-    SLOW,
-    STEPS,
-    SlipData,
-    slip_arrays,
-)  # fmt: skip
-from skin.contact.slip.detector import detect_slip
+from skin.contact.slip.detector import detect_slip, slip_data
 from tests.naive.slip import NaiveSlip
 
 STIFFNESS = 0.5
@@ -69,23 +59,17 @@ class Bench:
         self.n, self.rng = self.position.shape[1], rng
         self.stiffness = STIFFNESS * (1.0 + 0.1 * np.cos(np.arange(self.n)))
         settings = SlipSettings(**settings)
-        geometry = posed_units(self.position, self.rotation, 1e-4)
-        self.model = SimpleNamespace(geometry=geometry, slip=settings.model())
+        self.model = contact_model(*skin, 1e-4, np.zeros(self.n + 1), [])
+        for name, value in asdict(settings).items():
+            self.model.settings[name] = value
         self.naive = NaiveSlip(self.position, self.rotation, settings)
-        n = self.n
-        self.units = SimpleNamespace(
-            slip=np.zeros(n, np.int32), label=np.full(n, -1), kind=np.zeros(n, np.int32),
-            members=np.zeros(n, np.int64), queue=np.zeros(n, np.int32),
-        )  # fmt: skip
-        self.reading = SimpleNamespace(
-            force=np.zeros((3, n)), force_sigma=np.zeros((3, n)), displacement=np.zeros((3, n)),
-            displacement_sigma=np.zeros((3, n)),
-        )  # fmt: skip
-        self.contacts, self.slots = np.zeros(8, CONTACT), SimpleNamespace(present=np.zeros(8, int))
-        self.data = SimpleNamespace(
-            reading=self.reading, units=self.units, contacts=self.contacts, slots=self.slots,
-            slip=SlipData.zeros(n),
-        )  # fmt: skip
+        self.data = slip_data(contact_data(self.n, 4, 0))
+        units = self.data.units
+        self.reading = SimpleNamespace(**{
+            name: units[name].T
+            for name in ("force", "force_sigma", "displacement", "displacement_sigma")
+        })  # fmt: skip
+        self.contacts = self.data.contacts
         self.now_ns, self.seen = 10_000_000_000, set()
 
     def drag(self, way_mm, angle=0.0, units=slice(None), tilt=0.0):
@@ -120,18 +104,19 @@ class Bench:
     def judge(self, contacts, dt_s=0.004, kind=None):
         """Judge contacts, each a dict of `id`, `members` and perhaps `parent`, `event`, `flags`,
         and hold the kernel against the slow algebra; the records."""
-        reading, units = self.reading, self.units
+        reading, data = self.reading, self.data
+        units = data.units
         self.now_ns += round(1e9 * dt_s)
-        units.label[:], units.kind[:] = -1, UnitKind.OUT if kind is None else kind
+        data.label[:], units["kind"] = -1, UnitKind.OUT if kind is None else kind
         records, begin = [], 0
         for k, contact in enumerate(contacts):
             members = np.array(contact["members"])
             slot = contact["id"] % 8
-            self.slots.present[k] = slot
+            data.slots["present"][k] = slot
             record = self.contacts[slot]
             end = begin + members.size
-            units.members[begin:end], units.label[members] = members, slot
-            units.kind[members] = UnitKind.OPEN
+            data.members[begin:end], data.label[members] = members, slot
+            units["kind"][members] = UnitKind.OPEN
             born = contact["id"] not in self.seen
             self.seen.add(contact["id"])
             record["id"], record["parent"] = contact["id"], contact.get("parent", 0)
@@ -140,14 +125,16 @@ class Bench:
             self._describe(record, members)
             records.append((record, members))
             begin = end
-        detect_slip(len(contacts), dt_s, self.now_ns, self.model, self.data)
-        self.naive.silent = (units.kind == UnitKind.BRIDGE) | (units.kind == UnitKind.SILENT)
-        self.naive.leave((units.label < 0) & (units.kind == UnitKind.OUT))
+        cycle = data.cycle
+        cycle["slips"], cycle["elapsed_s"], cycle["now_ns"] = len(contacts), dt_s, self.now_ns
+        detect_slip(self.model, data)
+        self.naive.silent = (units["kind"] == UnitKind.BRIDGE) | (units["kind"] == UnitKind.SILENT)
+        self.naive.leave((data.label < 0) & (units["kind"] == UnitKind.OUT))
         judged = [(r, m) for r, m in records if not r["flags"] & Flag.WEAK]
         told = self.naive.cycle(dt_s, self.now_ns, reading, judged)
         for (record, members), each in zip(judged, told, strict=True):
             compare(record, each)
-            compare_units(self.data.slip, units.slip, self.naive, members)
+            compare_units(data, self.naive, members)
         return [record for record, _ in records]
 
     def _describe(self, record, members):
@@ -202,25 +189,24 @@ def of_what_holds(told, load):
     told.grip_force = told.safety * load * min(needed, 1.0)
 
 
-def compare_units(data, states, naive, members):
+def compare_units(data, naive, members):
     """And what it keeps of the units."""
-    (kept, history, _), n = slip_arrays(data), states.size
-    slow, close = naive.kept, np.testing.assert_allclose
-    np.testing.assert_array_equal(states, slow["state"])
-    np.testing.assert_array_equal(data.history[BEGAN, :n], slow["began"])
-    np.testing.assert_array_equal(data.history[NOISY_UNIT, members], slow["noisy"][members])
+    kept, everybody, slow = data.slips, data.all[0], naive.kept
+    close, mine = np.testing.assert_allclose, data.slips[members]
+    np.testing.assert_array_equal(data.slip, slow["state"])
+    np.testing.assert_array_equal(kept["began"], slow["began"])
+    np.testing.assert_array_equal(mine["noisy"], slow["noisy"][members])
     for name, called in KEPT.items():
-        mine = getattr(kept, name)[..., members]
-        close(mine, slow[called][..., members], 1e-5, 1e-8, err_msg=name)
-    close(kept.noise_ratio[members], slow["ratio"][members], 1e-8)
-    close(kept.noise_sum[members], slow["unit_lags"][0, members], 1e-6, 1e-9)
-    close(kept.noise_count[members], slow["unit_lags"][1, members], 1e-8, 1e-12)
-    close(data.noise[LAGS : LAGS + 2], naive.lags, 1e-6, 1e-12)
-    close(data.noise[READINGS : READINGS + 2], naive.readings, 1e-6, 1e-12)
-    close(data.noise[STEPS : STEPS + 2], naive.steps, 1e-6, 1e-12)
-    close(data.noise[RECENT_STEPS : RECENT_STEPS + 2], naive.recent_steps, 1e-6, 1e-12)
-    close(data.noise[SLOW : SLOW + 2], naive.slow_lags, 1e-6, 1e-9)
-    close(kept.slow_sum[members], slow["slow_sum"][members], 1e-5, 1e-8)
-    slid = np.array([history.slid_shear, history.slid_load, history.slid_variance])
-    close(slid[:, members], slow["slid"][:, members], 1e-6, 1e-12)
-    close(history.borne[members], slow["borne"][members], 1e-6, 1e-12)
+        close(mine[name].T, slow[called][..., members], 1e-5, 1e-8, err_msg=name)
+    close(mine["noise_ratio"], slow["ratio"][members], 1e-8)
+    close(mine["noise_sum"], slow["unit_lags"][0, members], 1e-6, 1e-9)
+    close(mine["noise_count"], slow["unit_lags"][1, members], 1e-8, 1e-12)
+    for name, called in (("lag", "lags"), ("reading", "readings"), ("step", "steps"),
+                         ("recent", "recent_steps"), ("slow", "slow_lags")):  # fmt: skip
+        total = name if name in ("recent", "slow") else f"{name}s"
+        both = [everybody[total], everybody[f"{name}_count"]]
+        close(both, getattr(naive, called), 1e-6, 1e-9 if name == "slow" else 1e-12)
+    close(mine["slow_sum"], slow["slow_sum"][members], 1e-5, 1e-8)
+    slid = [mine["slid_shear"], mine["slid_load"], mine["slid_variance"]]
+    close(slid, slow["slid"][:, members], 1e-6, 1e-12)
+    close(mine["borne"], slow["borne"][members], 1e-6, 1e-12)

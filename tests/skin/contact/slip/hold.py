@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 
 import tests.naive.contact as naive
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.stream import ContactStream
+from tests.fixtures.contact_stream import with_gate
 
 STIFFNESS = 0.5
 """N/mm, tangential."""
@@ -16,7 +17,8 @@ class Hold:
     """A stream of a flat array, and springs of one stiffness with Coulomb's friction at the end."""
 
     def __init__(
-        self, rows, columns, *, rate_hz=250.0, sigma_mm=0.03, seed=0, slip=None, **options
+        self, rows, columns, *, rate_hz=250.0, sigma_mm=0.03, seed=0, slip=None, capacity=None,
+        **gate,
     ):  # fmt: skip
         position = naive.grid(rows, columns)
         self.place = position - position.mean(axis=1, keepdims=True)
@@ -24,8 +26,9 @@ class Hold:
         graph = neighbour_graph(self.place, 0.018)
         self.stream = ContactStream(
             self.place, naive.facing_down(self.n), 1.1e-4, *graph, want={"slip"}, rate_hz=rate_hz,
-            dtype="float64", slip=slip, **options,
+            dtype="float64", slip=slip, capacity=capacity,
         )  # fmt: skip
+        with_gate(self.stream, **gate)
         self.rng = np.random.default_rng(seed)
         self.now_ns = 0
         self.sigma = np.full((3, self.n), sigma_mm)

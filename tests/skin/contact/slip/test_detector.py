@@ -19,7 +19,7 @@ def drag_along(bench, load, *, speed=0.03, friction=0.4, halts=60, cycles=90, an
         bench.read(load, drag, friction, **told)
         (record,) = bench.judge([{"id": 5, "members": everything}], 0.02 if t < 10 else dt_s)
         states.append(SlipState(record["slip"]))
-        seen |= {UnitSlip(state) for state in bench.units.slip}
+        seen |= {UnitSlip(state) for state in bench.data.slip}
     return states, seen
 
 

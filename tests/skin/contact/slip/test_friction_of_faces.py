@@ -1,15 +1,15 @@
 """Friction of faces, function by function: sums of units, the posterior, the cone, the grip."""
 
-from types import SimpleNamespace
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
+from skin.contact.model import contact_data
 from skin.contact.record import CONTACT, NO_FRICTION, Event, SlipState, UnitSlip
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.data import SlipData, slip_arrays
 from skin.contact.slip.friction import (
     _follow_friction,
     _has_slid,
@@ -20,16 +20,16 @@ from skin.contact.slip.friction import (
     show_bounds,
     stick_ratio_by_cone,
 )
+from skin.contact.slip.state import slip_data
 from tests.skin.contact.slip.bench import Bench, flat_skin
 
 
-def of_units(n=6, begin=2, count=3):
-    """A record whose units are the last of the members, and the memory of slip."""
-    record = np.zeros(1, CONTACT)[0]
-    record["begin"], record["end"] = begin, begin + count
-    members = np.array([5, 3, 4, 0, 2, 1])
-    units = SimpleNamespace(members=members, slip=np.full(n, UnitSlip.STICK))
-    return record, units, slip_arrays(SlipData.zeros(n))
+def of_units(n=6):
+    """A record, its units 4, 0 and 2, and the memory of slip."""
+    data = slip_data(contact_data(n, 1, 0))
+    data.slip[:] = UnitSlip.STICK
+    data.units["force"] = data.units["force_sigma"] = 1.0
+    return np.zeros(1, CONTACT)[0], np.array([4, 0, 2]), data
 
 
 @pytest.mark.parametrize("z", [-6.0, -1.0, 0.0, 2.0, 7.9, 8.1, 30.0])
@@ -51,20 +51,20 @@ def test_the_asymptote_of_the_hazard_begins_where_the_tail_is_still_told():
      (0.3, 0.0099, True), (0.3, 0.0101, False)],
 )  # fmt: skip
 def test_a_unit_has_slid_whose_shear_is_beyond_three_sigmas(shear, variance, slid):
-    _, _, slip = of_units()
-    slip.history.slid_shear[4], slip.history.slid_variance[4] = shear, variance
-    assert bool(_has_slid(4, slip.history)) == slid
+    _, _, data = of_units()
+    data.slips["slid_shear"][4], data.slips["slid_variance"][4] = shear, variance
+    assert bool(_has_slid(data.slips[4])) == slid
 
 
 def test_friction_goes_a_step_towards_the_likeliest_of_a_censored_normal():
-    record, units, slip = of_units()
-    history = slip.history
+    record, members, data = of_units()
+    history = data.slips
     mean, spread = 0.42, 0.03
     record["friction_mean"], record["friction_spread"] = mean, spread
     # unit 4 slid, 0 bears more than the mean, 2 bears so little that it tells nothing
-    history.slid_shear[4], history.slid_load[4], history.slid_variance[4] = 9.0, 20.0, 0.09
-    history.borne[[4, 0, 2, 5, 3]] = 0.5, 0.44, mean - 5.01 * spread, 0.9, 0.9
-    _follow_friction(record, units, history)
+    history["slid_shear"][4], history["slid_load"][4], history["slid_variance"][4] = 9.0, 20.0, 0.09
+    history["borne"][[4, 0, 2, 5, 3]] = 0.5, 0.44, mean - 5.01 * spread, 0.9, 0.9
+    _follow_friction(record, members, history)
     # each unit's friction, given what it told: moments by integration
     noise = np.sqrt(0.09) / 20.0
 
@@ -88,30 +88,29 @@ def test_friction_goes_a_step_towards_the_likeliest_of_a_censored_normal():
 
 def test_a_bound_tells_from_five_sigmas_below_the_mean_on():
     for far, told in ((-4.99, True), (-5.01, False)):
-        record, units, slip = of_units()
+        record, members, data = of_units()
         record["friction_mean"], record["friction_spread"] = 0.5, 0.02
-        slip.history.borne[0] = 0.5 + far * 0.02
-        _follow_friction(record, units, slip.history)
+        data.slips["borne"][0] = 0.5 + far * 0.02
+        _follow_friction(record, members, data.slips)
         assert (record["friction_information"] > 0.0) == told
 
 
 def test_friction_is_never_nothing():
-    record, units, slip = of_units()
+    record, members, data = of_units()
     record["friction_mean"], record["friction_spread"] = 0.5, 0.5
-    slip.history.slid_shear[0], slip.history.slid_load[0] = 1e-6, 1.0
-    slip.history.slid_variance[0] = 1e-16
-    _follow_friction(record, units, slip.history)
+    data.slips["slid_shear"][0], data.slips["slid_load"][0] = 1e-6, 1.0
+    data.slips["slid_variance"][0] = 1e-16
+    _follow_friction(record, members, data.slips)
     assert record["friction_mean"] == 1e-3
 
 
 def test_the_first_friction_is_the_mean_of_those_that_slid():
-    record, units, slip = of_units()
-    history = slip.history
-    history.slid_shear[[4, 0]], history.slid_load[[4, 0]] = (3.0, 8.0), (10.0, 20.0)
-    history.slid_variance[[4, 0]] = 1e-12
-    reading = SimpleNamespace(force=np.ones((3, 6)), force_sigma=np.ones((3, 6)))
-    units.slip[[4, 0, 2]] = UnitSlip.SLIPPING
-    learn_friction(record, reading, units, 11.0, slip, 0, 0.0)
+    record, members, data = of_units()
+    history = data.slips
+    history["slid_shear"][[4, 0]], history["slid_load"][[4, 0]] = (3.0, 8.0), (10.0, 20.0)
+    history["slid_variance"][[4, 0]] = 1e-12
+    data.slip[[4, 0, 2]] = UnitSlip.SLIPPING
+    learn_friction(record, members, 11.0, data)
     # both tell as much, so the first step leads nowhere else
     assert record["friction_mean"] == pytest.approx(0.35, rel=1e-6)
     # the spread that they show, a tenth of it being noise of nothing, against a prior of four
@@ -121,20 +120,19 @@ def test_the_first_friction_is_the_mean_of_those_that_slid():
 
 def learn(state, *, sliding_s=0.1, slip=SlipState.STICK, since_s=0.1, ratio=1.7, dt_s=0.5):
     """One cycle of one unit, 0, that is dragged along (0.6, 0.8); what is known of it."""
-    record, units, arrays = of_units()
-    history, row = arrays.history, arrays.scratch.row
-    force = np.repeat([[0.0], [0.0], [1.0]], 6, axis=1)
-    force[:, 0] = 0.9, 0.2, 2.0
-    sigma = np.array([[0.03], [0.05], [0.07]]) * np.ones(6)
-    row.direction[:, :3] = [[1.0, 0.6, 1.0], [0.0, 0.8, 0.0]]
-    arrays.kept.noise_ratio[:6] = 1.0
-    arrays.kept.noise_ratio[0] = ratio
-    history.slid_shear[0], history.slid_load[0], history.slid_variance[0] = 1.0, 4.0, 0.2
-    history.sliding_s[0], units.slip[0] = sliding_s, state
+    record, members, data = of_units()
+    history = data.slips
+    data.units["force"] = 0.0, 0.0, 1.0
+    data.units["force"][0] = 0.9, 0.2, 2.0
+    data.units["force_sigma"] = 0.03, 0.05, 0.07
+    history["direction"][members] = [[1.0, 0.0], [0.6, 0.8], [1.0, 0.0]]
+    history["noise_ratio"] = 1.0
+    history["noise_ratio"][0] = ratio
+    history["slid_shear"][0], history["slid_load"][0], history["slid_variance"][0] = 1.0, 4.0, 0.2
+    history["sliding_s"][0], data.slip[0] = sliding_s, state
     record["slip"], record["gross_ns"] = slip, 7_000_000_000
-    now_ns = 7_000_000_000 + round(since_s * 1e9)
-    learn_friction(record, SimpleNamespace(force=force, force_sigma=sigma), units, 8.0, arrays,
-                   now_ns, dt_s)  # fmt: skip
+    data.cycle["now_ns"], data.cycle["elapsed_s"] = 7_000_000_000 + round(since_s * 1e9), dt_s
+    learn_friction(record, members, 8.0, data)
     return record, history
 
 
@@ -145,10 +143,10 @@ VARIANCE = 0.5 * (0.03**2 + 0.05**2) + (SHEAR / LOAD * 0.07) ** 2
 @pytest.mark.parametrize("ratio", [1.7, 0.5])
 def test_a_unit_that_slides_adds_its_force_along_its_way(ratio):
     record, history = learn(UnitSlip.SLIPPING, ratio=ratio)
-    assert history.slid_shear[0] == pytest.approx(0.95 * 1.0 + SHEAR)
-    assert history.slid_load[0] == pytest.approx(0.95 * 4.0 + LOAD)
-    assert history.slid_variance[0] == pytest.approx(0.95 * 0.2 + VARIANCE * max(ratio, 1.0))
-    assert history.borne[0] == 0.0
+    assert history["slid_shear"][0] == pytest.approx(0.95 * 1.0 + SHEAR)
+    assert history["slid_load"][0] == pytest.approx(0.95 * 4.0 + LOAD)
+    assert history["slid_variance"][0] == pytest.approx(0.95 * 0.2 + VARIANCE * max(ratio, 1.0))
+    assert history["borne"][0] == 0.0
     assert record["friction_lower"] == 0.0
 
 
@@ -156,16 +154,16 @@ def test_a_unit_that_sticks_bears_what_it_bears_less_the_sigmas_of_an_alarm():
     record, history = learn(UnitSlip.STICK)
     bound = (SHEAR - np.sqrt(2.0 * 8.0 * 1.7 * VARIANCE)) / LOAD
     assert bound > 0.0
-    assert history.borne[0] == pytest.approx(bound)
+    assert history["borne"][0] == pytest.approx(bound)
     assert record["friction_lower"] == pytest.approx(bound)
-    assert history.slid_load[0] == pytest.approx(0.95 * 4.0)
+    assert history["slid_load"][0] == pytest.approx(0.95 * 4.0)
 
 
 def test_a_unit_that_slips_and_was_not_seen_sliding_tells_nothing():
     for since in (0.0, -0.1):
         record, history = learn(UnitSlip.SLIPPING, sliding_s=since)
-        assert history.slid_load[0] == pytest.approx(0.95 * 4.0)
-        assert history.borne[0] == 0.0
+        assert history["slid_load"][0] == pytest.approx(0.95 * 4.0)
+        assert history["borne"][0] == 0.0
         assert record["friction_lower"] == 0.0
 
 
@@ -174,14 +172,14 @@ def test_units_of_a_contact_that_slides_as_a_whole_slide_for_a_while(since_s, al
     for state in (UnitSlip.STICK, UnitSlip.SLIPPING):
         _, history = learn(state, slip=SlipState.GROSS, since_s=since_s, sliding_s=0.0)
         told = 0.95 * 4.0 + (LOAD if all_slide else 0.0)
-        assert history.slid_load[0] == pytest.approx(told)
+        assert history["slid_load"][0] == pytest.approx(told)
     _, history = learn(UnitSlip.STICK, slip=SlipState.INCIPIENT, since_s=since_s)
-    assert history.slid_load[0] == pytest.approx(0.95 * 4.0)
+    assert history["slid_load"][0] == pytest.approx(0.95 * 4.0)
 
 
 def test_what_slid_is_forgotten_in_ten_seconds_and_never_counts_against_itself():
     _, history = learn(UnitSlip.STICK, dt_s=11.0)
-    assert history.slid_shear[0] == history.slid_load[0] == history.slid_variance[0] == 0.0
+    assert history["slid_shear"][0] == history["slid_load"][0] == history["slid_variance"][0] == 0.0
 
 
 def cone(*, information=0.0, **settings):
@@ -193,7 +191,7 @@ def cone(*, information=0.0, **settings):
     record["axes"] = axes
     half = np.random.default_rng(3).standard_normal((6, 6))
     record["wrench_covariance"] = 0.01 * half @ half.T
-    return record, SlipSettings(**settings).model()
+    return record, asdict(SlipSettings(**settings))
 
 
 def test_margin_and_grip_are_those_of_the_ellipsoid_of_shear_and_torsion():
@@ -280,7 +278,7 @@ def test_a_gap_as_soon_as_a_unit_slips_leaves_it_unseen_for_a_while():
     load, gaps = np.array([2.0, 1.5, 0.5, 1.8, 0.6]), 0
     event = Event.BORN
     for t in range(60):
-        slips = (bench.units.slip == UnitSlip.SLIPPING).any()
+        slips = (bench.data.slip == UnitSlip.SLIPPING).any()
         gaps += slips
         bench.read(load, bench.drag((0.04 * np.clip(t - 15, 0, 30), 0.0)), 0.4)
         told = {"id": 7, "members": [4, 2, 0, 1, 3], "event": event}

@@ -87,7 +87,7 @@ def test_a_unit_that_comes_late_and_goes_and_comes_again(skin, kind):
             members.remove(0)
         bench.judge([{"id": 4, "members": members}], 0.02 if t < 10 else 0.01, kinds)
         if 30 <= t < 38:
-            assert (bench.units.slip[0] == UnitSlip.NO_CONTACT) == (kind == UnitKind.OUT)
+            assert (bench.data.slip[0] == UnitSlip.NO_CONTACT) == (kind == UnitKind.OUT)
 
 
 @pytest.mark.parametrize("skin", [flat_skin, curved_skin])

@@ -6,7 +6,6 @@ from scipy.signal import lfilter
 
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import PARAMETERS
-from skin.contact.slip.data import WANDER
 from tests.skin.contact.slip.hold import Hold
 
 RATE_HZ = 250.0
@@ -169,4 +168,4 @@ def test_of_white_noise_nothing_is_slow():
     # the error of a mean of as many squares
     readings = 20.0 * 2.0 * PARAMETERS.memory_s / (2.0 * PARAMETERS.slow_s)
     left = 0.5 / (2.0 * PARAMETERS.slow_s * RATE_HZ / 2.0)  # of white noise by the low-pass
-    assert hold.stream.data.slip.noise[WANDER] < 4.0 * left * np.sqrt(2.0 / readings)
+    assert hold.stream.slip_data.all["wander"][0] < 4.0 * left * np.sqrt(2.0 / readings)

@@ -1,40 +1,10 @@
-"""The body's motion: frame of the contact, what cannot be told, and a body that rolls."""
+"""The body's motion: what cannot be told, and a body that rolls."""
 
 import numpy as np
 import pytest
-from numba import njit
-from scipy.spatial.transform import Rotation
 
-from skin.contact.model import posed_units
-from skin.contact.record import CONTACT
-from skin.contact.slip.data import SlipData, slip_arrays
-from skin.contact.slip.rigid_fit import _solve, contact_frame, design_motions, move_units
+from skin.contact.slip.rigid_fit import _solve
 from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
-
-
-def test_a_contact_is_flat_whose_mean_normal_is_as_long_as_the_load_but_for_a_thousandth():
-    # two units of one load that lean apart by an angle: their mean normal is its cosine
-    for lost, flat in ((0.9e-3, True), (1.1e-3, False)):
-        lean = np.arccos(1.0 - lost)
-        frames = Rotation.from_euler("y", [[lean], [0.0], [-lean]]).as_matrix()
-        rng = np.random.default_rng(3)
-        position = rng.standard_normal((3, 3))
-        geometry = posed_units(position, np.moveaxis(frames, 0, 2), 1e-4)
-        record = np.zeros(1, CONTACT)[0]
-        record["begin"], record["end"], record["load"] = 1, 3, 5.0
-        record["axes"] = Rotation.random(random_state=4).as_matrix()
-        record["middle"] = 0.1, 0.2, -0.4
-        fit = slip_arrays(SlipData.zeros(3)).scratch.fit
-        fit.mean_normal[:] = 9.0
-        force = np.array([[0.0] * 3, [0.0] * 3, [2.5, 7.0, 2.5]])
-        members = np.array([1, 2, 0])
-        assert contact_frame(record, members, force, geometry, fit) == flat
-        np.testing.assert_allclose(fit.mean_normal[:3], [0.0, 0.0, 5.0 * (1.0 - lost)], atol=1e-12)
-        np.testing.assert_array_equal(fit.axes[:, :3], record["axes"].T)
-        middle = (position.min(axis=1) + position.max(axis=1)) / 2.0
-        origin = geometry.origin
-        assert np.allclose(origin, middle) or np.allclose(origin, position.mean(axis=1))
-        np.testing.assert_allclose(fit.centre[:3], record["middle"] - origin)
 
 
 def solve(rows, right):
@@ -117,39 +87,3 @@ def test_units_in_a_row_and_all_at_one_place():
             (record,) = bench.judge([{"id": 4, "members": [2, 0, 3, 1]}], 0.02)
         assert np.linalg.norm(record["motion"]) > 0.5
         assert np.any(record["rotation"]) == (spread > 0.0)
-
-
-def test_distances_of_units_are_those_from_the_middle_in_sizes_of_the_contact():
-    rng = np.random.default_rng(8)
-    geometry = posed_units(*curved_skin(3, rng), 1e-4)
-    scratch = slip_arrays(SlipData.zeros(3)).scratch
-    fit, row, size = scratch.fit, scratch.row, 0.02
-    fit.centre[:], fit.axes[:] = 0.0, np.random.default_rng(9).standard_normal(fit.axes.shape)
-    fit.centre[:3] = rng.standard_normal(3)
-    for j in range(3):
-        _design(geometry.pose[j], fit, size, 6, row, j)
-        away = np.linalg.norm(geometry.pose[j]["position"] - fit.centre[:3]) / size
-        assert row.square_distance[j] == pytest.approx(away**2)
-
-
-@pytest.mark.parametrize("motions", [2, 3, 6])
-def test_units_move_by_all_motions_of_the_body_and_out_of_the_plane_by_those_after_the_third(
-    motions,
-):
-    rng = np.random.default_rng(10)
-    row = slip_arrays(SlipData.zeros(8)).scratch.row
-    motion = rng.standard_normal(6)
-    for rows in (row.now, row.moved_out, *row.design):
-        rows[:] = rng.standard_normal(rows.shape)
-    untouched = row.now[:, 8:].copy()
-    move_units(8, motions, row, motion)
-    for c in range(2):
-        moved = row.design[c][:motions, :8] * motion[:motions, np.newaxis]
-        np.testing.assert_allclose(row.now[c, :8], moved.sum(axis=0))
-        np.testing.assert_allclose(row.moved_out[c, :8], moved[3:].sum(axis=0))
-    np.testing.assert_array_equal(row.now[:, 8:], untouched)
-
-
-@njit
-def _design(pose, fit, size, motions, row, j):
-    design_motions(pose, fit, size, motions, row, j)

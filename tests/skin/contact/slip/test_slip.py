@@ -77,7 +77,7 @@ def test_noise_of_few_units_is_not_taken_for_a_fast_body():
     variances = []
     for _ in range(200):
         watch.step(*readings(np.ones(4), np.zeros((2, 4)), rng, noise_mm), noise_mm)
-        variances.append(watch.kept.lag_variance[:4].mean() / noise_mm**2)
+        variances.append(watch.kept["lag_variance"][:4].mean() / noise_mm**2)
     assert np.mean(variances[50:]) == pytest.approx(share / (2.0 - share), rel=0.2)
 
 

@@ -1,5 +1,7 @@
 """The compiled kernel, beneath a stream, against slow algebra."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -37,12 +39,14 @@ def check(seed):
     halts = rng.integers(60, 200)
     watch = Watch(position, rotation)
     slow = NaiveSlip(position, rotation, SlipSettings())
-    given = watch.data.reading
+    units = watch.stream.data.units
+    names = "force", "force_sigma", "displacement", "displacement_sigma"
+    given = SimpleNamespace(**{name: units[name].T for name in names})
     for t in range(300):
         way = speed * (min(t, halts) - min(t, 30))
         drag = rigid(position, (way * np.cos(heading), way * np.sin(heading)), angle * way)
         record = watch.step(*readings(load, held(drag, load, 0.4), rng, noise_mm), 0.03)
-        members = watch.data.units.members[record["begin"] : record["end"]]
+        members = watch.stream.data.members[record["begin"] : record["end"]]
         (told,) = slow.cycle(DT_S, watch.now_ns, given, [(record, members)])
         compare(record, told)
-        compare_units(watch.data.slip, watch.units, slow, members)
+        compare_units(watch.stream.slip_data, slow, members)

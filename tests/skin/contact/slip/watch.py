@@ -3,9 +3,8 @@
 import numpy as np
 
 import tests.naive.contact as naive
-from skin.contact.graph import neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.data import unit_filter
 from skin.contact.stream import ContactStream
 
 AREA, DT_S = 1.1e-4, 0.004
@@ -22,8 +21,7 @@ class Watch:
             position, rotation, AREA, *neighbour_graph(position, 0.018), want={"slip"},
             dtype="float64", slip=SlipSettings(**settings),
         )  # fmt: skip
-        self.data = self.stream.data
-        self.kept = unit_filter(self.data.slip.kept)
+        self.kept = self.stream.slip_data.slips
         self.now_ns = 0
         # as those of a decoder: always the same arrays
         self.force, self.force_sigma, self.moved, self.moved_sigma = np.zeros((4, 3, n))

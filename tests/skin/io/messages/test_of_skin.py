@@ -31,6 +31,7 @@ from skin.io.publish import process, publisher
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.state import Status
+from tests.fixtures.live import over
 from tests.naive.record import fill
 
 reading = pytest.importorskip("mcap.reader", reason="mcap is not installed")
@@ -71,9 +72,7 @@ def run(tmp_path_factory):
     patch.setattr(process, "Participant", Heard)
     patch.setattr(publisher, "require", lambda *_: None)
     states = []
-    with skin.open(
-        loaded, transports=ends, record=file, deadline_s=0.001, pace=False
-    ) as strip:  # fmt: skip
+    with over(loaded, ends, record=file, deadline_s=0.001, pace=False) as strip:
         patch.setattr(sinks, "Worker", InProcess)
         node = publisher.ros(strip, rate_hz=None)
         for state in itertools.islice(strip, CYCLES):
@@ -93,7 +92,7 @@ def run(tmp_path_factory):
 class InProcess:
     """In place of the process that publishes: as it does, when it is told of a record."""
 
-    alive = True
+    status = None
 
     def __init__(self, _, ring, request, niceness):
         self.publishing = process.Publishing(request)

@@ -22,6 +22,7 @@ from skin.errors import LibraryError, OptionError, SkinError
 from skin.io.publish import ros
 from skin.io.publish.dds import LOCALHOST
 from skin.state import Status, if_wanted
+from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 from tests.fixtures.robots import write_gripper
 from tests.house.sources import ROOT
@@ -120,7 +121,7 @@ def give(node, state):
     """Let a publisher see any state, with its contacts where those of the last one are."""
     stream = node.pipeline.contacts
     for k, contact in enumerate(if_wanted(state, "contacts") or ()):
-        stream.data.slots.present[k], stream.records[k] = k, contact.record
+        stream.data.slots["present"][k], stream.records[k] = k, contact.record
     node.state(state)
 
 
@@ -232,7 +233,7 @@ def test_patches_are_told_where_the_joints_have_moved_them(tmp_path, want):
     """Fingers slide along x by the coordinate of their joint, whatever is wanted of the skin."""
     near, _ = MemoryTransport.pair()
     file = write_gripper(tmp_path)
-    with skin.open(file, transports=[near], pace=False, want=want) as gripper:
+    with over(file, [near], pace=False, want=want) as gripper:
         states, heard = iter(gripper), {}
         assert (if_wanted(next(states), "contacts") is None) == ("contacts" not in want)
         with ros(gripper, rate_hz=None):

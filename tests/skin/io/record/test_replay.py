@@ -26,7 +26,7 @@ from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.state import if_wanted
-from tests.fixtures.live import PERIOD_NS, frames_of
+from tests.fixtures.live import PERIOD_NS, frames_of, over
 from tests.fixtures.robots import write_gripper
 
 pytest.importorskip("mcap", reason="mcap is not installed")
@@ -94,8 +94,8 @@ def faulty(loaded, scene="slide", faults=FAULTS, seed=5):
 def test_a_scene_with_faults_is_replayed_to_the_bit(options, tmp_path):
     loaded, file = topology.load("strip"), tmp_path / "run.mcap"
     ends, nodes = faulty(loaded)
-    with skin.open(
-        loaded, transports=ends, record=file, deadline_s=0.001, pace=False,
+    with over(
+        loaded, ends, record=file, deadline_s=0.001, pace=False,
         options=skin.Options(**options),
     ) as strip:  # fmt: skip
         live = [state.copy() for state in itertools.islice(strip, 250)]
@@ -251,7 +251,7 @@ def test_a_pace_waits_as_long_as_it_was_between_states(monkeypatch):
 def test_units_of_a_bus_in_memory_may_be_listened_to(tmp_path):
     file = tmp_path / "run.mcap"
     near, far = MemoryTransport.pair()
-    with far, skin.open("strip", transports=[near], sync="bus", record=file) as strip:
+    with far, over("strip", [near], sync="bus", record=file) as strip:
         live = [state.copy() for state in itertools.islice(strip, 3)]
     assert not live[0].units.valid.any()
     check(file, live)
