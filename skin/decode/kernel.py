@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from types import FunctionType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from skin.decode.temperature import temperature_stage
 __all__ = ["DecodeData", "decode", "decode_python"]
 
 WITH_LOOK = WITH_SKIP = WITH_FILM = WITH_CHIP = False
-decode_block: Callable
+decode_block: Any = None
 """Constants and stages of a kernel; see `decode_python`."""
 
 
