@@ -441,8 +441,8 @@ class Pipeline:
         """The state of a cycle whose counts and flags are in `counts` and `status` already."""
         now = self.step(cycle)
         own = now.owned(self._units, self._array)
-        if self.lists_contacts:
-            own.contacts = now.contacts
+        if self.contacts is not None and self.lists_contacts:
+            own.contacts = self.contacts.contacts
         return own
 
     def catch_up(self) -> None:
@@ -461,7 +461,7 @@ class Pipeline:
         if self.contacts is not None:
             self.contacts.taken(found)
             if self.lists_contacts:
-                now.contacts = self.contacts.contacts
+                now.contacts = self.contacts.now
             now.whole, now.untracked = not flags & UNSEEN, self._untracked[0]
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)

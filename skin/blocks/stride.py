@@ -73,6 +73,8 @@ class Stride:
         while stride(cycle.stage, Assembly(place, words(bound), arrays[1].state), copies, progress):
             cycle.renew()
         gather.count, gather.contact_count = int(now["count"]), int(now["contacts"])
+        if pipeline.contacts is not None:
+            pipeline.contacts.resume()
         if pipeline.zeros is not None:
             pipeline.zeros.idle -= gather.count - first
         return int(now["row"])
