@@ -34,12 +34,12 @@ class Kept:
         SLOT.
     members : Part
         Of int32.
-    told : Part or None
+    slips : Part or None
         MEMBER; None where slip is not wanted.
     """
 
-    def __init__(self, records: Part, slots: Part, members: Part, told: Part | None) -> None:
-        self._records, self._slots, self._members, self._told = records, slots, members, told
+    def __init__(self, records: Part, slots: Part, members: Part, slips: Part | None) -> None:
+        self._records, self._slots, self._members, self._slips = records, slots, members, slips
 
     @cached_property
     def records(self) -> np.ndarray:
@@ -54,17 +54,17 @@ class Kept:
         return np.frombuffer(*self._members)
 
     @cached_property
-    def told(self) -> np.ndarray | None:
-        return None if self._told is None else np.frombuffer(*self._told)
+    def slips(self) -> np.ndarray | None:
+        return None if self._slips is None else np.frombuffer(*self._slips)
 
     def copy(self) -> Kept:
         """The same on memory of its own."""
         (records, of_records), (slots, of_slots) = self._records, self._slots
         members, of_members = self._members
-        told = None if self._told is None else (bytearray(self._told[0]), self._told[1])
+        slips = None if self._slips is None else (bytearray(self._slips[0]), self._slips[1])
         return Kept(
             (bytearray(records), of_records), (bytearray(slots), of_slots),
-            (bytearray(members), of_members), told,
+            (bytearray(members), of_members), slips,
         )  # fmt: skip
 
 
@@ -95,7 +95,7 @@ class Contact(Fields):
 
     @property
     def _told(self) -> np.ndarray | None:
-        told = self._kept.told
+        told = self._kept.slips
         return None if told is None else told[self.record["begin"] : self.record["end"]]
 
     @property
