@@ -54,11 +54,12 @@ for sample, moved in enumerate(moved_mm):
     )
     if contacts:
         one = contacts[0]
-        rows.append((sample / RATE_HZ, one.load, one.shear, one.wrench_sigma[0], one.stick_ratio))
+        shear = np.hypot(*one.wrench[:2])  # along the flat array
+        rows.append((sample / RATE_HZ, shear, np.hypot(*one.wrench_sigma[:2]), one.stick_ratio))
         if sample % 100 == 99:
             print(f"{sample / RATE_HZ:.2f} s  {one!r}")
 
-time_s, load_n, shear_n, sigma_n, stick = np.transpose(rows)
+time_s, shear_n, sigma_n, stick = np.transpose(rows)
 print(f"shear rises from {shear_n[:REST].mean():.2f} to {shear_n.max():.2f} N")
 figure, axes = plt.subplots(layout="constrained")
 axes.plot(time_s, shear_n, label="shear of the contact, N")

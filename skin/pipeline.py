@@ -417,8 +417,8 @@ class Pipeline:
         """The state of a cycle whose counts and flags are in `counts` and `status` already."""
         now = self.step(cycle)
         own = now.owned(self._units, self._array)
-        if self.lists_contacts:
-            own.contacts = now.contacts
+        if self.contacts is not None and self.lists_contacts:
+            own.contacts = self.contacts.contacts
         return own
 
     def catch_up(self) -> None:
@@ -437,7 +437,7 @@ class Pipeline:
         if contacts is not None:
             contacts.step(clock.now_ns)
             if self.lists_contacts:
-                now.contacts = contacts.contacts
+                now.contacts = contacts.now
             now.whole = not contacts.records["flags"][-1] & UNSEEN
             now.untracked = int(self._untracked[0])
         if self.zeros is not None:

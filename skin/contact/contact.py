@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,16 +16,56 @@ from skin.errors import SkinError
 if TYPE_CHECKING:
     from skin.contact.shock import Shocks
 
-__all__ = ["Contact", "Kept"]
+__all__ = ["Contact", "Kept", "Part"]
 
 
-class Kept(NamedTuple):
-    """Copies of the records of the contacts of a cycle."""
+Part = tuple[bytearray | memoryview, np.dtype]
+"""Bytes of some records, and their type."""
 
-    records: np.ndarray  # CONTACT
-    slots: np.ndarray  # SLOT
-    members: np.ndarray  # (m,), int32
-    told: np.ndarray | None  # (m,), MEMBER; None where slip is not wanted
+
+class Kept:
+    """The records of the contacts of a cycle, as bytes: arrays are made of them when they are read.
+
+    Parameters
+    ----------
+    records : Part
+        CONTACT.
+    slots : Part
+        SLOT.
+    members : Part
+        Of int32.
+    slips : Part or None
+        MEMBER; None where slip is not wanted.
+    """
+
+    def __init__(self, records: Part, slots: Part, members: Part, slips: Part | None) -> None:
+        self._records, self._slots, self._members, self._slips = records, slots, members, slips
+
+    @cached_property
+    def records(self) -> np.ndarray:
+        return np.frombuffer(*self._records)
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        return np.frombuffer(*self._slots)
+
+    @cached_property
+    def members(self) -> np.ndarray:
+        return np.frombuffer(*self._members)
+
+    @cached_property
+    def slips(self) -> np.ndarray | None:
+        return None if self._slips is None else np.frombuffer(*self._slips)
+
+    def copy(self) -> Kept:
+        """The same on memory of its own."""
+        (records, of_records), (slots, of_slots) = self._records, self._slots
+        members, of_members = self._members
+        slips = None if self._slips is None else (bytearray(self._slips[0]), self._slips[1])
+        return Kept(
+            (bytearray(records), of_records), (bytearray(slots), of_slots),
+            (bytearray(members), of_members), slips,
+        )  # fmt: skip
 
 
 class Contact(Fields):
@@ -34,14 +75,18 @@ class Contact(Fields):
     frame.
     """
 
-    __slots__ = ("_kept", "_names", "_shocks", "_slot", "record")
+    __slots__ = ("_kept", "_names", "_shocks", "_slot")
 
     def __init__(
         self, kept: Kept, slot: int, shocks: Shocks | None, names: Sequence[str] | None
     ) -> None:
         self._kept, self._slot = kept, slot
-        self.record = kept.records[slot]
         self._shocks, self._names = shocks, names
+
+    @property
+    def record(self) -> np.void:
+        """All of its numbers, of `CONTACT`."""
+        return self._kept.records[self._slot]
 
     @property
     def units(self) -> np.ndarray:
@@ -50,7 +95,7 @@ class Contact(Fields):
 
     @property
     def _told(self) -> np.ndarray | None:
-        told = self._kept.told
+        told = self._kept.slips
         return None if told is None else told[self.record["begin"] : self.record["end"]]
 
     @property
@@ -128,10 +173,7 @@ class Contact(Fields):
 
     def copy(self) -> Contact:
         """The same contact with writable data of its own."""
-        records, slots, members, told = self._kept
-        told = None if told is None else told.copy()
-        kept = Kept(records.copy(), slots.copy(), members.copy(), told)
-        return Contact(kept, self._slot, self._shocks, self._names)
+        return Contact(self._kept.copy(), self._slot, self._shocks, self._names)
 
     def _wanted_shocks(self) -> Shocks:
         if self._shocks is None:

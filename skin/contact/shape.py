@@ -125,7 +125,7 @@ def _eigen(m, v, values):
     """Eigenvalues of the symmetric m, an upper triangle, and eigenvectors into the columns of v, by
     Jacobi rotations, which start from v if it has axes, such as those of the cycle before.
 
-    numpy's `eigh` allocates, and takes ten times as long in a kernel.
+    numpy's `eigh` allocates, and takes twenty times as long in a kernel, 2.5 us for 0.12 us.
     """
     xx, xy, xz, yy, yz, zz = _start(m, v)
     small = 1e-11 * (xx + yy + zz)
@@ -192,10 +192,12 @@ def orient(s, record):
     _eigen(_second_moments(s), v, values)
     large, middle, small = _sorted_axes(values)
     first, second = max(values[large], 0.0), max(values[middle], 0.0)
-    condition = np.sqrt(second / first) if first > 0.0 else 0.0
     length = -np.sqrt(_dot(s["load_z"], s["load_z"]))
+    condition = np.sqrt(second / first) if first > 0.0 else 0.0
+    # depths that differ along a row of units are no second direction of their face
+    deep = _dot(v[:, middle], s["load_z"]) / length
     sign = 1.0 if _dot(v[:, small], s["load_z"]) / length >= 0.0 else -1.0
-    planar = s["units"] >= 3.0 and condition > ROUND
+    planar = s["units"] >= 3.0 and condition * np.sqrt(max(1.0 - deep * deep, 0.0)) > ROUND
     for a in range(3):
         normal[a] = sign * v[a, small] if planar else s["load_z"][a] / length
     if not planar:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from skin.contact.cluster import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
-from skin.contact.contact import Contact, Kept
+from skin.contact.contact import Contact, Kept, Part
 from skin.contact.model import (
     Readings,
     check_poses,
@@ -25,7 +25,7 @@ from skin.contact.shared_field import Common, set_common
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.slip.state import slip_data
-from skin.contact.step import EARLY, Steps
+from skin.contact.step import EARLY, SAME, Steps
 from skin.errors import OptionError, SkinError, check_choice, check_number, check_numbers, shown
 from skin.options import DTYPES, MOST_CONTACTS, wanted
 
@@ -85,6 +85,8 @@ class ContactStream:
         As given, or as follows from the units.
     contacts : list of Contact
         Of the last cycle, oldest first.
+    now : list of Contact
+        The same on the memory of the stream, which the next cycle overwrites.
     total : Contact
         All contacts together in the last cycle, always the same object; identity, path, arm and
         slip are empty.
@@ -171,9 +173,15 @@ class ContactStream:
         self._present = self.data.slots["present"]
         names = "present", "in_use", "touching_units"
         self._counts = [self._clock[name].data for name in names]
-        told = None if self.slip_data is None else _Memory(self.slip_data.told)
-        self._memory = _Memory(self.records), _Memory(self.data.slots), told
-        none = Kept(self.records, self.data.slots, self.data.members[:0], None)
+        told = None if self.slip_data is None else _part(self.slip_data.told)
+        records, slots = _part(self.records), _part(self.data.slots)
+        self._parts = records, slots, _part(self.data.members), told
+        none = Kept(records, slots, _part(self.data.members[:0]), None)
+        live = Kept(*self._parts)
+        self._views = [
+            Contact(live, slot, self.shocks, unit_names) for slot in range(self.records.size - 1)
+        ]
+        self.now: list[Contact] = []
         self.total = Contact(none, -1, self.shocks, unit_names)
         self._own = no_readings(n, self._dtype)
         self.bound: Steps | None = None
@@ -275,7 +283,7 @@ class ContactStream:
                 own.valid[:] = True
             self._give(displacement_mm, temperature, None)
             self._now_ns[0] = stamp_ns
-            self._check_later(self._step())
+            self._take(self._step())
             return self.contacts
         finally:
             self._alone.release()
@@ -340,7 +348,7 @@ class ContactStream:
         """Process the next cycle from the arrays of the last `bind`."""
         assert self.bound is not None
         self._now_ns[0] = now_ns
-        self._check_later(self.bound())
+        self._take(self.bound())
 
     def _give(self, displacement: object, temperature: object, common: object) -> None:
         """Note which readings are given."""
@@ -364,11 +372,15 @@ class ContactStream:
                 "got None"
             )
 
-    def _check_later(self, count: int) -> None:
-        """Raise where the stamp of a cycle was not later, by what its kernels return."""
+    def _take(self, count: int) -> None:
+        """Renew `now` after a cycle, by what its kernels return; raises SkinError where the stamp
+        was not later."""
+        if count == SAME:
+            return
         if count == EARLY:
             last = self._clock["last_ns"][0]
             raise SkinError(f"stamp_ns: must be after the last one, {last}; got {self._now_ns[0]}")
+        self.now = [self._views[slot] for slot in self._present[:count].tolist()]
 
     @property
     def contacts(self) -> list[Contact]:
@@ -376,24 +388,24 @@ class ContactStream:
         count, in_use, touching = (number[0] for number in self._counts)
         if count == 0:
             return []
-        records, slots, told = self._memory
-        kept = Kept(records.first(in_use), slots.first(in_use), self.data.members[:touching].copy(),
-                    None if told is None else told.first(touching))  # fmt: skip
+        records, slots, members, told = self._parts
+        kept = Kept(
+            _first(records, in_use), _first(slots, in_use), _first(members, touching),
+            None if told is None else _first(told, touching),
+        )  # fmt: skip
         present = self._present[:count].tolist()
         return [Contact(kept, slot, self.shocks, self._names) for slot in present]
 
 
-class _Memory:
-    """Records, to be copied byte by byte: numpy's own way goes field by field, which takes ten
-    times as long."""
+def _part(array: np.ndarray) -> Part:
+    """The bytes of records, and their type."""
+    return array.view(np.uint8).data, array.dtype
 
-    def __init__(self, records: np.ndarray) -> None:
-        self._dtype, self._bytes = records.dtype, records.view(np.uint8).data
 
-    def first(self, count: int) -> np.ndarray:
-        """A copy of so many."""
-        size = count * self._dtype.itemsize
-        return np.frombuffer(bytearray(self._bytes[:size]), self._dtype)
+def _first(part: Part, count: int) -> Part:
+    """A copy of so many records."""
+    data, dtype = part
+    return bytearray(data[: count * dtype.itemsize]), dtype
 
 
 def _check_array(name: str, array: np.ndarray, like: np.ndarray) -> None:

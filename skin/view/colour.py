@@ -95,8 +95,10 @@ class Scale:
         values = values[np.isfinite(values)]
         if not values.size:
             return
-        self._lowest = min(self._lowest, float(values.min()))
-        self._highest = max(self._highest, float(values.max()))
+        lowest, highest = float(values.min()), float(values.max())
+        if self._lowest <= lowest and highest <= self._highest:
+            return
+        self._lowest, self._highest = min(self._lowest, lowest), max(self._highest, highest)
         if self._from_zero:
             self.high = round_above(max(self._highest, self._least))
             return

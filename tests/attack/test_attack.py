@@ -111,8 +111,7 @@ OPTIONS = {
     "Pipeline": (lambda **options: skin.Pipeline(STRIP, **options), "deadline_s"),
     "ContactStream": (
         streamed,
-        "want dtype slip start_sigma keep_sigma capacity memory_s settle_s rate_hz "
-        "false_alarms_per_hour false_contacts_per_day",
+        "want dtype slip capacity rate_hz false_alarms_per_hour false_contacts_per_day",
     ),
     "SlipSettings": (
         skin.SlipSettings,

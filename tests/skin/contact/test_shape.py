@@ -133,8 +133,9 @@ def test_axes_go_on_from_those_before_as_what_touches_turns_and_tumbles():
         before = contact.axes[:, 0].copy()
 
 
-@pytest.mark.parametrize(("share", "spans"), [(0.049, False), (0.051, True)])
+@pytest.mark.parametrize(("share", "spans"), [(0.049, False), (0.06, True)])
 def test_points_span_a_plane_above_a_twentieth_of_their_length(share, spans):
+    """Across the units' own normals, which are not those of the plane."""
     turn = Rotation.from_rotvec([0.4, -0.2, 0.1]).as_matrix()
     corners = [[1, 1, -1, -1, 0], [share, -share, share, -share, 0], [0] * 5]
     across = turn @ (0.01 * np.array(corners))
@@ -145,6 +146,15 @@ def test_points_span_a_plane_above_a_twentieth_of_their_length(share, spans):
     normal = turn[:, 2] if spans else mean / np.linalg.norm(mean)
     assert contact["normal"] == pytest.approx(normal, abs=1e-9)
     check_axes(contact, across, load, mean)
+
+
+@pytest.mark.parametrize("depth", [0.5, 1.0, 2.0])
+def test_depths_along_a_row_of_units_span_no_plane(depth):
+    """They would turn the normal of a deep press into the skin."""
+    row = np.array([[-0.012, 0.0, 0.012], [0.0] * 3, [0.0, -1e-3 * depth, 0.0]])
+    contact = touch(row)
+    assert contact["flags"] & Flag.NORMAL_ASSUMED
+    assert contact["normal"].tolist() == [0.0, 0.0, 1.0]
 
 
 def test_two_units_span_no_plane_and_three_do():

@@ -139,8 +139,9 @@ def test_an_open_skin_is_moved_by_its_joints(gripper):
         position, _ = pads.pipeline.poses
         shift = position - gripper.position
         assert shift[0] == pytest.approx([0.01] * 4 + [-0.01] * 4)
-        contacts = pads.pipeline.contacts.model.geometry
-        assert np.allclose(contacts.pose["position"].T + contacts.origin[:, None], position)
+        contacts = pads.pipeline.contacts.model
+        about_middle, origin = contacts.poses["position"].T, contacts.settings["origin"].T
+        assert np.allclose(about_middle + origin, position)
         pads.move_joints(np.array([0.02]))
         assert pads.link_pose("left")[1] == pytest.approx([-0.03, 0.0, 0.03])
         seen = pads.wrench_in("left", np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]))
