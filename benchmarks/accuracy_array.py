@@ -69,7 +69,7 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
         sweeps=0,
         ambient=False,
     )
-    background = np.zeros((4, skin.true.n))
+    background = np.zeros((5, skin.true.n))
     off, force = np.empty(depth.shape), np.empty(depth.shape)
     true = skin.force(displacement, depth)
     for i in range(count):
@@ -77,7 +77,8 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
         background[:] = 0.0
         reading = decoder(counts[i], None, background)
         for _ in range(sweeps):
-            talk.predict(reading.displacement_mm, reading.valid, background[1:])
+            talk.predict(reading.displacement_mm, reading.valid, background)
+            background[4] = 0.0
             reading = decoder(counts[i], None, background, advance=False)
         off[i] = np.hypot(*(reading.displacement_mm[:2] - displacement[i]))
         force[i] = np.linalg.norm(reading.force - true[i], axis=0)

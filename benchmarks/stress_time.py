@@ -58,6 +58,5 @@ def aged(skin: Topology, dtype: str, counts: np.ndarray) -> Decoder:
     decoder(counts[1])
     decoder(counts[0])
     longest_s = float(skin.parameters["film_lag_s"].max())
-    decoder.set_elapsed(AGES[dtype] * longest_s)
-    decoder(counts[0])
+    decoder(counts[0], elapsed_s=AGES[dtype] * longest_s)
     return decoder

@@ -81,6 +81,17 @@ class Layout:
         array: np.ndarray = np.ndarray(place[0], place[1], block, place[2])
         return array.copy() if array.nbytes <= SMALL else array
 
+    def rows(self, blocks: memoryview, count: int) -> dict[str, np.ndarray]:
+        """Arrays of copies that follow one another, with a leading axis; they own their memory."""
+        found = {}
+        for name, place in self.places.items():
+            if place is not None:
+                shape, dtype, offset = place
+                strides = self.size, *np.empty(shape, dtype).strides
+                array = np.ndarray((count, *shape), dtype, blocks, offset, strides)
+                found[name] = array.copy()
+        return found
+
 
 class Lazy:
     """Attributes that are made from a copy when they are first read.

@@ -19,7 +19,6 @@ import numpy as np
 from bus.assemble import Assembler
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from skin.clock import Clock
-from skin.contact.record import UNSEEN
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, check_kind, check_number
 from skin.options import Options
@@ -115,7 +114,6 @@ class Pipeline:
         self.lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status
-        self._area_share = topology.area / topology.area.sum()
         self.decoder = self._make_decoder()
         self.contacts = self._make_contacts()
         self._total = (UNWANTED, UNWANTED, UNWANTED, UNWANTED)
@@ -137,7 +135,7 @@ class Pipeline:
         self._units = self.decoder.layout
         shown: dict[str, Any] = dict(self.shown)
         self.now = State(
-            -1, 0, self.decoder.reading, 0.0, ClosedBy.END, self.counters, **shown,
+            -1, 0, self.decoder.reading, ClosedBy.END, self.counters, **shown,
             sampled_ns=self.assembler.sampled_ns, topology=topology,
         )  # fmt: skip
         if options.auto_tare and self._lacks_zeros():
@@ -246,7 +244,8 @@ class Pipeline:
         if "slip" in want:
             self._slip = stream.unit_slip
         self._label = stream.label
-        self._untracked = stream.data.cycle["untracked"].data
+        cycle = stream.data.cycle
+        self._whole, self._untracked = cycle["whole"].data, cycle["untracked"].data
 
     @property
     def contact_capacity(self) -> int:
@@ -432,19 +431,15 @@ class Pipeline:
         self.catch_up()
         now, clock, contacts = self.now, self.clock, self.contacts
         clock.tick(cycle.number, cycle.stamp_ns)
-        self.decoder.set_elapsed(1e-9 * clock.elapsed_ns)
-        self.decoder.step(self._inputs)
+        self.decoder.step(self._inputs, 1e-9 * clock.elapsed_ns)
         if contacts is not None:
             contacts.step(clock.now_ns)
             if self.lists_contacts:
                 now.contacts = contacts.now
-            now.whole = not contacts.records["flags"][-1] & UNSEEN
-            now.untracked = int(self._untracked[0])
+            now.whole, now.untracked = bool(self._whole[0]), self._untracked[0]
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
-        valid = now.units.valid
-        now.coverage = 1.0 if valid.all() else float(self._area_share.dot(valid))
         now.counters, now.overruns = cycle.counters, clock.overruns
         now.sampled_ns = cycle.sampled_ns
         if self.sinks.live:

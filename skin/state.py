@@ -150,8 +150,6 @@ class State(_Wanted):
         Time stamp of the SYNC.
     units : Reading
         All units.
-    coverage : float
-        Share of the sensing area whose units are valid.
     closed_by : ClosedBy
         Reason for the end of the cycle.
     counters : FrameCounters
@@ -203,7 +201,6 @@ class State(_Wanted):
     cycle: int
     stamp_ns: int
     units: Reading
-    coverage: float
     closed_by: ClosedBy
     counters: FrameCounters
     wrench: np.ndarray = UNWANTED
@@ -256,6 +253,11 @@ class State(_Wanted):
         return 1e-9 * self.stamp_ns
 
     @property
+    def coverage(self) -> float:
+        """Share of the sensing area whose units are valid."""
+        return valid_share(self.topology, self.units.valid)
+
+    @property
     def slips(self) -> list[Contact]:
         """Contacts that began to slip in this cycle."""
         if self.slip is None:
@@ -268,7 +270,7 @@ class State(_Wanted):
         reading.take(units)
         own.take(array)
         own.cycle, own.stamp_ns, own.units = self.cycle, self.stamp_ns, reading
-        own.coverage, own.closed_by, own.counters = self.coverage, self.closed_by, self.counters
+        own.closed_by, own.counters = self.closed_by, self.counters
         own.overruns, own.topology = self.overruns, self.topology
         if self.whole is not None:
             own.whole, own.untracked = self.whole, self.untracked
@@ -283,6 +285,12 @@ class State(_Wanted):
         if (contacts := if_wanted(self, "contacts")) is not None:
             others["contacts"] = [contact.copy() for contact in contacts]
         return _copied(self, **others)
+
+
+def valid_share(topology: Topology, valid: np.ndarray) -> float:
+    """Share of the sensing area whose units are valid."""
+    area = topology.area
+    return float(area.dot(valid) / area.dot(np.ones_like(valid)))
 
 
 T = TypeVar("T", Reading, State)

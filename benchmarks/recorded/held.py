@@ -136,7 +136,7 @@ def _gestures(fingers: Topology, force: np.ndarray, sigma: np.ndarray) -> dict[s
         )  # fmt: skip
         stamp_ns = round(cycle * 1e9 / RATE_HZ)
         gesture = gestures.update(
-            State(cycle, stamp_ns, reading, 1.0, ClosedBy.COMPLETE, FrameCounters())
+            State(cycle, stamp_ns, reading, ClosedBy.COMPLETE, FrameCounters())
         )
         disturbed = disturbed or gestures.disturbance.active
         if gesture is not None:

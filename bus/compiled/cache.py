@@ -5,6 +5,9 @@
 are made of and of the versions of Python, numba, llvmlite and numpy: an edit or an upgrade never
 finds old code. Folders of other digests go when nobody has used them for 30 days.
 
+Numba needs a folder that it can write. One that is only to be read, as in an image of a container,
+is copied to the next that can be written.
+
 What is read from there is run. So a folder is used only if it belongs to the user or to root and
 nobody else may write into it; the logger "bus" says which is not, and why.
 """
@@ -23,7 +26,7 @@ from contextlib import contextmanager
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
-from stat import S_IMODE, S_ISDIR, S_IWGRP, S_IWOTH
+from stat import S_IMODE, S_ISDIR, S_IWGRP, S_IWOTH, S_IWUSR
 from typing import Any
 
 import llvmlite
@@ -66,9 +69,11 @@ def digest(text: str) -> str:
 @cache
 def folder() -> Path | None:
     """The folder of this code, made if it is not there; None where none can be written."""
+    only_read = None
     for base in _bases():
         place = base / sources()
         try:
+            is_new = not place.exists()
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
             fault = fault_of(base) or fault_of(place)
         except OSError:
@@ -76,9 +81,14 @@ def folder() -> Path | None:
         if fault is not None:
             _log.warning("f3t-skin: compiled kernels in %s are not used: %s", base, fault)
         elif os.access(place, os.W_OK | os.X_OK):
+            if only_read is not None and is_new:
+                shutil.copytree(only_read, place, dirs_exist_ok=True)
+                _allow_writing(place)
             os.utime(place)
             _remove_old(base, place)
             return place
+        else:
+            only_read = place
     _log.warning("f3t-skin: compiled kernels are not kept: no folder can be written; set "
                  "NUMBA_CACHE_DIR to one that can")  # fmt: skip
     return None
@@ -150,6 +160,12 @@ def _bases() -> Iterator[Path]:
             yield Path(home, ".cache", NAME)
     user = os.getuid() if os.name == "posix" else 0
     yield Path(tempfile.gettempdir(), f"{NAME}-{user}")
+
+
+def _allow_writing(place: Path) -> None:
+    """Let the owner write what was copied with its modes."""
+    for path in (place, *place.rglob("*")):
+        path.chmod(S_IMODE(path.stat().st_mode) | S_IWUSR)
 
 
 def _remove_old(base: Path, place: Path) -> None:

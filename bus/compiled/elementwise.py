@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numba.extending import overload
 
-from bus.compiled import nested
-
 __all__ = ["above_zero", "anywhere", "choose", "lesser"]
 
 
@@ -39,11 +37,8 @@ def choose(condition: Any, yes: Any, no: Any) -> Any:
 
 def _in_kernels(of_arrays: Callable[..., Any], of_numbers: Callable[..., Any]) -> None:
     """Let kernels run another function in place of one of arrays; its code is put into theirs."""
-    options: Any = {"forceinline": True}
-    if nested.pipeline is not None:
-        options["pipeline_class"] = nested.pipeline
 
-    @overload(of_arrays, jit_options=options, strict=False)
+    @overload(of_arrays, jit_options={"forceinline": True}, strict=False)
     def _overload(*_arguments: object) -> Callable[..., Any]:
         return of_numbers
 

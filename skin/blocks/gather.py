@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.blocks.block import CLOSED_BY, Block
-from skin.contact.record import CONTACT, Flag
-from skin.state import UNWANTED, Reading, if_wanted
+from skin.contact.record import CONTACT
+from skin.owned import Layout
+from skin.state import UNWANTED, Reading, valid_share
 
 if TYPE_CHECKING:
     from skin.pipeline import Pipeline
@@ -20,8 +21,7 @@ BLOCK_BYTES = 16 << 20
 """Bytes of a block [assumed: a part of a laptop's third-level cache]."""
 MOST_CYCLES, LEAST_CYCLES = 4096, 16
 READING = "reading."
-FLAGS = "flags of the total"
-UNTRACKED = "contacts beyond the capacity"
+CLOSED_BY_INDEX = {reason: index for index, reason in enumerate(CLOSED_BY)}
 
 
 class Gather:
@@ -37,96 +37,90 @@ class Gather:
     ----------
     count, contact_count : int
         Cycles and contacts in the current block.
-    most_contacts : int
-        Of one cycle.
-    sources : dict of str to ndarray
-        Arrays that are copied each cycle; they stay the same.
-    rows : dict of str to ndarray
-        Their destinations, with a leading axis of cycles.
     """
 
     def __init__(self, pipeline: Pipeline, most: int | None = None) -> None:
-        self._pipeline = pipeline
-        self.sources = _sources(pipeline)
+        self._pipeline, self._contacts = pipeline, pipeline.contacts
         self._lists = pipeline.lists_contacts
-        self._present = np.zeros(0, np.int32)
-        if pipeline.contacts is not None:
-            self._present = pipeline.contacts.data.slots["present"]
-        row_bytes = sum(array.nbytes for array in self.sources.values()) + 64
-        capacity = int(np.clip(BLOCK_BYTES // row_bytes, LEAST_CYCLES, MOST_CYCLES))
-        self.capacity = capacity if most is None else max(1, min(most, capacity))
-        self.most_contacts = pipeline.contact_capacity if self._lists else 0
-        self.contact_capacity = 2 * self.capacity + self.most_contacts if self._lists else 0
-        topology = pipeline.topology
-        self._area_share = topology.area / topology.area.sum()
+        wholes = pipeline.decoder.shown
+        if self._contacts is not None:
+            wholes = *wholes, self._contacts.records[-1:], self._contacts.data.cycle
+        self._layout = layout = Layout(_sources(pipeline), wholes)
+        capacity = int(np.clip(BLOCK_BYTES // layout.size, LEAST_CYCLES, MOST_CYCLES))
+        self._capacity = capacity if most is None else max(1, min(most, capacity))
+        self._most_contacts = pipeline.contact_capacity if self._lists else 0
+        self._room = 2 * self._capacity + self._most_contacts if self._lists else 0
+        if self._lists:
+            data = self._contacts.data
+            self._records = memoryview(data.contacts.view(np.uint8))
+            self._present, self._found = data.slots["present"], data.cycle["present"]
         self._renew()
 
     def _renew(self) -> None:
-        """Allocate arrays for the next block."""
-        t = self.capacity
+        """Allocate memory for the next block."""
         self.count = self.contact_count = 0
-        self.rows = {
-            name: np.empty((t, *array.shape), array.dtype) for name, array in self.sources.items()
-        }
-        self.cycle, self.stamp_ns, self.overruns = np.empty((3, t), np.int64)
-        self.closed_by = np.empty(t, np.uint8)
-        self.contact_start = np.zeros(t + 1, np.int64)
-        self.contacts = np.empty(self.contact_capacity, CONTACT)
-        self.contact_slot = np.empty(self.contact_capacity, np.int32)
+        self._rows = memoryview(bytearray(self._capacity * self._layout.size))
+        self._heads: list[tuple[int, int, int, int]] = []
+        self._slots: list[int] = []
+        self._ends = [0]
+        self._listed = memoryview(bytearray(self._room * CONTACT.itemsize))
 
     @property
     def is_full(self) -> bool:
         """Whether there may be no room for another cycle."""
-        room = self.contact_capacity - self.contact_count
-        return self.count == self.capacity or room < self.most_contacts
+        room = self._room - self.contact_count
+        return self.count == self._capacity or room < self._most_contacts
 
     def add(self, state: State) -> None:
         """Copy a state of the pipeline."""
-        t, k = self.count, self.contact_count
-        for name, array in self.sources.items():
-            self.rows[name][t] = array
-        self.cycle[t], self.stamp_ns[t] = state.cycle, state.stamp_ns
-        self.overruns[t] = state.overruns
-        self.closed_by[t] = CLOSED_BY.index(state.closed_by)
-        for slot, contact in zip(self._present, if_wanted(state, "contacts") or (), strict=False):
-            self.contacts[k], self.contact_slot[k] = contact.record, slot
-            k += 1
-        self.count, self.contact_count = t + 1, k
-        self.contact_start[t + 1] = k
+        size, t = self._layout.size, self.count
+        self._rows[t * size : (t + 1) * size] = self._layout.copy()
+        closed_by = CLOSED_BY_INDEX[state.closed_by]
+        self._heads.append((state.cycle, state.stamp_ns, state.overruns, closed_by))
+        if self._lists:
+            each, k = CONTACT.itemsize, self.contact_count
+            slots = self._present[: self._found[0]].tolist()
+            for slot in slots:
+                record = self._records[slot * each : (slot + 1) * each]
+                self._listed[k * each : (k + 1) * each] = record
+                k += 1
+            self._slots += slots
+            self.contact_count = k
+            self._ends.append(k)
+        self.count = t + 1
 
     def block(self) -> Block | None:
         """The gathered block, which owns its arrays; None if it is empty."""
         t = self.count
         if not t:
             return None
-        rows = {name: array[:t] for name, array in self.rows.items()}
-        read = {
-            name[len(READING) :]: rows.pop(name) for name in [*rows] if name.startswith(READING)
+        cycle, stamp_ns, overruns, closed_by = np.array(self._heads, np.int64).T.copy()
+        found = self._layout.rows(self._rows, t)
+        shown: dict[str, Any] = {
+            name: found.pop(READING + name, UNWANTED) for name in Reading.__slots__
         }
-        shown: dict[str, Any] = {name: read.get(name, UNWANTED) for name in Reading.__slots__}
         units = Reading(**shown)
-        listed = {}
-        if (flags := rows.pop(FLAGS, None)) is not None:
-            listed["whole"] = flags[:, 0] & int(Flag.UNSEEN) == 0
-        if (untracked := rows.pop(UNTRACKED, None)) is not None:
-            listed["untracked"] = untracked[:, 0]
+        if "whole" in found:
+            found["whole"] = found["whole"][:, 0].astype(bool)
+            found["untracked"] = found["untracked"][:, 0]
         if self._lists:
-            listed["contacts"] = self.contacts[: self.contact_count].copy()
-            listed["contact_start"] = self.contact_start[: t + 1]
-            listed["contact_slot"] = self.contact_slot[: self.contact_count].copy()
+            k = self.contact_count
+            found["contacts"] = np.frombuffer(self._listed, CONTACT, k).copy()
+            found["contact_start"] = np.array(self._ends, np.int64)
+            found["contact_slot"] = np.array(self._slots, np.int32)
         block = Block(
-            topology=self._pipeline.topology, cycle=self.cycle[:t], stamp_ns=self.stamp_ns[:t],
-            units=units, coverage=self._coverage(units.valid), closed_by=self.closed_by[:t],
-            overruns=self.overruns[:t], **listed, **rows,
+            topology=self._pipeline.topology, cycle=cycle, stamp_ns=stamp_ns, units=units,
+            coverage=self._coverage(units.valid), closed_by=closed_by.astype(np.uint8),
+            overruns=overruns, **found,
         )  # fmt: skip
         self._renew()
         return block
 
     def _coverage(self, valid: np.ndarray) -> np.ndarray:
-        """Computed as in `Pipeline.state`, for the same bits."""
+        """Computed as in `State.coverage`, for the same bits."""
         coverage = np.ones(len(valid))
         for t in np.flatnonzero(~valid.all(axis=1)):
-            coverage[t] = float(self._area_share.dot(valid[t]))
+            coverage[t] = valid_share(self._pipeline.topology, valid[t])
         return coverage
 
 
@@ -136,8 +130,8 @@ def _sources(pipeline: Pipeline) -> dict[str, np.ndarray]:
     found = {f"{READING}{name}": getattr(reading, name) for name in Reading.__slots__}
     found |= pipeline.shown
     if pipeline.contacts is not None and pipeline.contacts.model.settings["total"][0]:
-        found[FLAGS] = pipeline.contacts.records["flags"][-1:]
-        found[UNTRACKED] = pipeline.contacts.data.cycle["untracked"]
+        cycle = pipeline.contacts.data.cycle
+        found["whole"], found["untracked"] = cycle["whole"], cycle["untracked"]
     found |= {
         "totals": pipeline.assembler.totals,
         "sampled_ns": pipeline.assembler.sampled_ns,

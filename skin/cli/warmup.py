@@ -13,7 +13,9 @@ from skin.cli.table import end
 __all__ = ["warmup"]
 
 
-def warmup(file: options.File = "palm", /, *, json: options.Json = False) -> int:
+def warmup(
+    file: options.File = "palm", /, *, clear: bool = False, json: options.Json = False
+) -> int:
     """Compile the kernels that a skin needs on its buses, simulated and recorded, so that its first
     start takes seconds.
 
@@ -21,15 +23,23 @@ def warmup(file: options.File = "palm", /, *, json: options.Json = False) -> int
     processes as there are cores, and kept in the folder of NUMBA_CACHE_DIR, else of the user's
     caches; processors with other features compile their own. Exits with 1 if they could not be
     kept.
+
+    Parameters
+    ----------
+    clear : bool
+        Only remove all kernels of this user.
     """
-    from bus.compiled import cache, places
+    from bus.compiled import cache
     from bus.linux import has_batches
     from skin.errors import LibraryError
 
+    if clear:
+        end({"removed": [str(base) for base in cache.clear()]}, json)
+        return 0
     loaded = options.load(file)
-    compiled: list[str] = []
-    began = time.monotonic()
-    with cache.watch(compiled.append), tempfile.TemporaryDirectory() as folder:
+    began, kept = time.monotonic(), cache.folder()
+    before = _kernels(kept)
+    with tempfile.TemporaryDirectory() as folder:
         if has_batches() and any(bus.interface == "socketcan" for bus in loaded.buses):
             import bus.socketcan  # noqa: F401 # compiles what reads them
         _run(loaded.on(interface="memory"))  # on which nobody answers
@@ -37,15 +47,19 @@ def warmup(file: options.File = "palm", /, *, json: options.Json = False) -> int
             _run(loaded, simulate=True, record=Path(folder, "warmup.mcap"))
         except LibraryError:  # nothing is recorded here
             _run(loaded, simulate=True)
-    kept = places.written()
     report = {
         "topology": loaded.name,
-        "compiled": sorted(compiled),
+        "compiled": sorted(_kernels(kept) - before),
         "seconds": time.monotonic() - began,
         "folder": None if kept is None else str(kept),
     }
     end(report, json)
     return 0 if kept is not None else 1
+
+
+def _kernels(folder: Path | None) -> set[str]:
+    """Names of the kernels in a folder, as numba names their files."""
+    return set() if folder is None else {path.stem for path in folder.rglob("*.nbc")}
 
 
 def _run(topology: Any, **how: Any) -> None:

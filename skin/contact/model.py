@@ -144,6 +144,7 @@ CYCLE = _record(
     ("slips", _L),  # contacts of this one whose slip is to be detected
     ("present", _L),  # contacts now
     ("untracked", _L),  # clusters beyond the capacity
+    ("whole", _B),  # whether no silent unit may bear some of the load
     ("ended", _L),  # identities that ended in this cycle
     ("last_id", _L),
     ("touching_units", _L),  # in any cluster

@@ -10,7 +10,7 @@ from bus.compiled.jit import bound, compiled
 from skin.contact.describe import describe
 from skin.contact.identity import find_contacts
 from skin.contact.model import ContactData, ContactModel, Readings
-from skin.contact.record import OPEN
+from skin.contact.record import OPEN, UNSEEN
 from skin.contact.shock import follow_shocks
 from skin.contact.silent_units import nothing_touches, remember
 from skin.contact.slip.detector import SlipData, detect_slip
@@ -59,6 +59,7 @@ def step_python(readings, model, data):
             cycle["slips"] = count
         if wants["shocks"]:
             follow_shocks(count, data)
+    cycle["whole"] = data.contacts[-1]["flags"] & UNSEEN == 0
     same = count == before
     for k in range(count):
         same &= slots[k]["before"] == slots[k]["present"]

@@ -70,7 +70,7 @@ NOT_NEGATIVE = 2**31 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end."""
 
 
-@jitable(inline=True)
+@jitable
 def opened(model, data):
     """Model and data with the rows of units and memory by their names."""
     units, memory = units_of(model.units), memory_of(data.memory)
@@ -84,13 +84,13 @@ def opened(model, data):
     )  # fmt: skip
 
 
-@jitable(inline=True)
+@jitable
 def range_of(run):
     """First unit of a run, and the one after the last."""
     return int(run["first"]) & NOT_NEGATIVE, int(run["last"]) & NOT_NEGATIVE
 
 
-@jitable(inline=True)
+@jitable
 def _clamped(value, most):
     return min(max(value, -most), most)
 
@@ -112,7 +112,7 @@ def _invert(m):
     m[1, 2] = m[2, 1] = e
 
 
-@jitable(inline=True)
+@jitable
 def _axial(i, z, units, memory):
     """Bz of a unit beyond that at rest, its film as warm as it is now; all of it while the rest is
     not known, and 0 where it is not on the wire."""
@@ -123,7 +123,7 @@ def _axial(i, z, units, memory):
     return beyond if units.axial_information[i] > 0.0 else 0.0
 
 
-@jitable(inline=True)
+@jitable
 def _average(model, data, long_ut):
     """Low-passes of every unit, which restart after it could not be used, and who is loaded."""
     assume_noalias()
@@ -170,7 +170,7 @@ def _average(model, data, long_ut):
         marks[i] = LOADED if (abs(load) > LOADED_SIGMAS * units.sigma_hz[i]) & (age > 0.0) else 0
 
 
-@jitable(inline=True)
+@jitable
 def _mark(model, memory, marks, near):
     """Which units are near a loaded one, and which others may vote."""
     assume_noalias()
@@ -191,7 +191,7 @@ def _mark(model, memory, marks, near):
             marks[i] = mark | (VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0)
 
 
-@jitable(inline=True)
+@jitable
 def _refuse(marks, units, which):
     """Take the vote of the units of which `which` is marked."""
     for i in units:
@@ -199,7 +199,7 @@ def _refuse(marks, units, which):
         marks[i] = TOUCHED | marks[i] ^ VOTES if refused else marks[i]
 
 
-@jitable(inline=True)
+@jitable
 def _pool(model, data):
     """Take the vote of units that may be touched, each alone, then together.
 
@@ -253,7 +253,7 @@ def _pool(model, data):
             _refuse(marks, range(first, last), 0)
 
 
-@jitable(inline=True)
+@jitable
 def _vote(model, data, run):
     """Add up what the units of a run measure of the field of its body.
 
@@ -386,7 +386,7 @@ def _filter(bodies, g, dt_s, delay_s):
     _keep(bodies, g, dt_s, delay_s)
 
 
-@jitable(inline=True)
+@jitable
 def _follow(model, data, long_ut, zero):
     """Zeros of the units that are provably unloaded."""
     assume_noalias()
@@ -440,7 +440,7 @@ def _follow(model, data, long_ut, zero):
         marks[i] |= FOLLOWED if follows else 0
 
 
-@jitable(inline=True)
+@jitable
 def _compose(model, data):
     """What is to be taken off the next cycle's counts, and how well that is known.
 
@@ -459,7 +459,7 @@ def _compose(model, data):
         _take_off(model.units, data, rows, ambient, bodies[g]["covariance_ut2"], first, last)
 
 
-@jitable(inline=True)
+@jitable
 def _take_off(units, data, rows, ambient, covariance, first, last):
     """`_compose` for the units of a run."""
     assume_noalias()

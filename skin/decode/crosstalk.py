@@ -17,24 +17,18 @@ the skin is refused. `sine` gains less: near its crest no sweep helps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from bus.compiled.aligned import zeros
-from bus.compiled.jit import bound
-from skin.decode import crosstalk_kernels as kernels
 from skin.decode.crosstalk_kernels import (
-    Background,
-    FieldData,
     FieldModel,
-    FilmData,
     FilmModel,
-    Films,
-    Known,
-    PairData,
     PairModel,
+    StrayData,
+    StrayModel,
+    add_stray,
 )
 from skin.decode.crosstalk_placement import films_ut2, placement_ut2
 from skin.decode.density import sparse_enough
@@ -54,8 +48,6 @@ IDLE_DISPLACEMENT_MM = 0.5
 """Displacement that a film at rest never reads as [derived: the noise of its field is 0.07 mm]."""
 FRICTION = 3.0
 """A film is displaced by this many times its depth at most, before it slips [assumed]."""
-BACKGROUND_ROWS = 5
-"""Of a whole background: Hz, the field's three axes, and a variance."""
 
 
 class CrossTalk:
@@ -129,10 +121,7 @@ class CrossTalk:
             check_stencil(topology, stencil)
         self.stencil, self.contraction = stencil, _ = sparse_enough(topology, stencil)
         real = np.dtype(dtype)
-        self._field_model = _fields_of(stencil, real)
         self.strength = stencil.strength.astype(real)
-        self._films = Films(*(zeros(topology.n, real) for _ in Films._fields))
-        self._film_model = self._films_of(topology, idle_mm)
         always = self._residues()
         self.residue_ut = np.sqrt(always)
         self._films_seen = FilmsSeen(topology, stencil) if stencil.drawn else None
@@ -140,10 +129,12 @@ class CrossTalk:
         if stencil.drawn:
             self._by_tare_ut2 = self._by_tare_ut2 + placement_ut2(topology, stencil)
         self._off_ut2, self.axial_ut2 = self._off_by(topology)
-        self._pair_model = self._pairs_of(always + self._off_ut2)
-        self.residue_ut2 = self._pair_model.always_ut2.copy()
-        stale, self._todo = np.zeros((2, topology.n), np.uint8)
-        self._known = Known(np.ones(topology.n, real), stale, self.residue_ut2)
+        self._model = StrayModel(
+            self._films_of(topology, idle_mm), self._pairs_of(always + self._off_ut2),
+            _fields_of(stencil, real),
+        )  # fmt: skip
+        self._data = _data_of(self._model, real)
+        self.residue_ut2 = self._data.residue_ut2
         self.idle_ut = self._idle_bound(idle_mm)
 
     def predict(
@@ -163,10 +154,10 @@ class CrossTalk:
             looked at since at rest; NaN in H: not known.
         usable : ndarray, shape (n,), bool
             Units whose displacement may be believed.
-        out : ndarray, shape (3, n) or (5, n)
-            Written: microtesla, axes of the chips. Of five rows, as of a decoder's background,
-            these are rows 1 to 3; row 0 is that of `base`, and `residue_ut2` is added to row 4.
-        base : ndarray, shape (3, n) or (5, n) as `out`, optional
+        out : ndarray, shape (5, n)
+            Written: a background as of a decoder, the fields in rows 1 to 3, µT in the axes of the
+            chips; row 0 is that of `base`, and `residue_ut2` is added to row 4.
+        base : ndarray, shape (5, n), optional
             Added: the rest of the background.
         film_above : ndarray, shape (n,), optional
             Temperature of each film above that of its calibration, kelvin: its field, and that of
@@ -174,72 +165,34 @@ class CrossTalk:
 
         Returns
         -------
-        ndarray, shape (3, n) or (5, n)
+        ndarray, shape (5, n)
             `out`. All arrays have the type of this object and are contiguous.
         """
-        return self.bound(displacement_mm, usable, out, base, film_above)()
+        kernel, *given = self.call(displacement_mm, usable, out, base, film_above)
+        kernel(*given)
+        return out
 
-    def bound(
+    def call(
         self,
         displacement_mm: np.ndarray,
         usable: np.ndarray,
         out: np.ndarray,
         base: np.ndarray | None = None,
         film_above: np.ndarray | None = None,
-    ) -> Callable[[], np.ndarray]:
-        """`predict` with arrays that stay the same, for a call each cycle: they are looked at once.
-
-        Parameters
-        ----------
-        displacement_mm, usable, out, base, film_above : ndarray
-            As of `predict`.
-        """
-        calls = self.calls(displacement_mm, usable, out, base, film_above)
-        films, unknown, fields = (bound(*call) for call in calls)
-
-        def predict() -> np.ndarray:
-            moved, changed = films()
-            if changed:
-                unknown()
-            if moved:
-                fields()
-            return out
-
-        return predict
-
-    def calls(
-        self,
-        displacement_mm: np.ndarray,
-        usable: np.ndarray,
-        out: np.ndarray,
-        base: np.ndarray | None = None,
-        film_above: np.ndarray | None = None,
-    ) -> list[tuple[Any, ...]]:
-        """The kernels of a prediction, with their arguments: which films count; what is not known,
-        where that has changed; and, where any counts, what they add."""
-        if base is None:
-            base = np.zeros_like(out)
-        if film_above is None:
-            film_above = np.zeros_like(self.strength)
-        given, written, known = _rows(base), _rows(out), self._known
-        data = FilmData(
-            displacement_mm, usable, film_above, given, self._films, known, written
+    ) -> tuple[Any, ...]:
+        """The kernel of a prediction, with its arguments; as of `predict`."""
+        data = self._data._replace(
+            displacement_mm=displacement_mm, usable=usable, out=out,
+            base=self._data.base if base is None else base,
+            film_above_k=self._data.film_above_k if film_above is None else film_above,
         )  # fmt: skip
-        pairs = PairData(known, self._todo, given.variance_ut2, written.variance_ut2)
-        model = self._field_model
-        most = 3 * int(np.diff(model.start).max(initial=0))
-        term, sums = zeros(1 + model.parent.size, out.dtype), zeros(most, out.dtype)
-        added = FieldData(self._films, written.field_ut, term, sums)
-        return [
-            (kernels.films, self._film_model, data), (kernels.unknown, self._pair_model, pairs),
-            (kernels.fields, model, added),
-        ]  # fmt: skip
+        return add_stray, self._model, data
 
     def retare(self, topology: Topology) -> None:
         """Count what films and places at rest are off by only in units that are not tared now, and
         what films may be off by as they move as the tare has shown it."""
         now, self.axial_ut2 = self._off_by(topology)
-        for variance in (self._pair_model.always_ut2, self.residue_ut2):
+        for variance in (self._model.pairs.always_ut2, self.residue_ut2):
             np.add(variance, (now - self._off_ut2).astype(variance.dtype), out=variance)
         self._off_ut2 = now
 
@@ -325,9 +278,14 @@ def _fields_of(stencil: Stencil, real: np.dtype) -> FieldModel:
     )  # fmt: skip
 
 
-def _rows(background: np.ndarray) -> Background:
-    """The rows of a background, shape (5, n); of its field alone, shape (3, n), and others."""
-    if len(background) == BACKGROUND_ROWS:
-        return Background(background[0], background[1:4], background[4])
-    frequency, variance = np.zeros_like(background[:2])
-    return Background(frequency, background, variance)
+def _data_of(model: StrayModel, real: np.dtype) -> StrayData:
+    """Buffers; what a prediction reads and writes is zero."""
+    n, fields = model.films.strength.size, model.fields
+    most = 3 * int(np.diff(fields.start).max(initial=0))
+    stale, todo = np.zeros((2, n), np.uint8)
+    return StrayData(
+        displacement_mm=zeros((3, n), real), usable=np.zeros(n, bool), film_above_k=zeros(n, real),
+        base=zeros((5, n), real), films=zeros((4, n), real), known=np.ones(n, real), stale=stale,
+        residue_ut2=model.pairs.always_ut2.copy(), out=zeros((5, n), real), todo=todo,
+        term=zeros(1 + fields.parent.size, real), sums=zeros(most, real),
+    )  # fmt: skip

@@ -7,29 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
-from bus.compiled.jit import compiled
+from bus.compiled.jit import compiled, jitable
 
 __all__ = [
-    "Background", "FieldData", "FieldModel", "FilmData", "FilmModel", "Films", "Known", "PairData",
-    "PairModel", "fields", "fields_python", "films", "films_python", "unknown", "unknown_python",
+    "FieldModel", "FilmModel", "PairModel", "StrayData", "StrayModel", "add_stray",
+    "add_stray_python",
 ]  # fmt: skip
 
-
-class Background(NamedTuple):
-    """Rows of what a decoder takes off."""
-
-    frequency_hz: np.ndarray  # (n,)
-    field_ut: np.ndarray  # (3, n), axes of the chips
-    variance_ut2: np.ndarray  # (n,), of an axis
-
-
-class Films(NamedTuple):
-    """Where the films are that count, shape (n,) each: zero for those that do not."""
-
-    dx_mm: np.ndarray
-    dy_mm: np.ndarray
-    depth_mm: np.ndarray
-    weight: np.ndarray  # the film's strength as warm as it is, in the unit of the stencil
+FREQUENCY, FIELD, VARIANCE = 0, 1, 4
+"""Rows of a background: Hz, three of the field in the axes of the chips, variance of an axis."""
+DX, DY, DEPTH, WEIGHT = range(4)
+"""Rows of films."""
 
 
 class FilmModel(NamedTuple):
@@ -68,55 +56,39 @@ class PairModel(NamedTuple):
     always_ut2: np.ndarray  # (n,) variance of an axis where all neighbours are known
 
 
-class Known(NamedTuple):
-    """Which films are known, and what is not known of the fields."""
+class StrayModel(NamedTuple):
+    """All that does not change."""
 
-    known: np.ndarray  # (n,) 1 for films that are usable and within the range, else 0
-    stale: np.ndarray  # (n,) uint8, 1 where `known` has changed
-    residue_ut2: np.ndarray  # (n,) variance of an axis
+    films: FilmModel
+    pairs: PairModel
+    fields: FieldModel
 
 
-class FilmData(NamedTuple):
-    """One cycle: what is read, what is kept, what is written."""
+class StrayData(NamedTuple):
+    """One cycle: what is read, what is kept, what is written, and scratch."""
 
     displacement_mm: np.ndarray  # (3, n); NaN in dx or dy alone: not looked at since at rest
     usable: np.ndarray  # (n,) bool
     film_above_k: np.ndarray  # (n,) temperature of each film above that of its calibration
-    base: Background  # what the result begins with
-    films: Films
-    known: Known
-    out: Background
-
-
-class FieldData(NamedTuple):
-    """What is read, what is added to, and scratch."""
-
-    films: Films
-    field_ut: np.ndarray  # (3, n), added to
-    term: np.ndarray  # (1 + terms,)
-    sums: np.ndarray  # three axes of the units of the film that most are near to
-
-
-class PairData(NamedTuple):
-    """The same of the pairs."""
-
-    known: Known
+    base: np.ndarray  # (5, n), background that the result begins with
+    films: np.ndarray  # (4, n), where the films are that count, and their strength as warm as they
+    # are, in the unit of the stencil: zero for those that do not count
+    known: np.ndarray  # (n,) 1 for films that are usable and within the range, else 0
+    stale: np.ndarray  # (n,) uint8, 1 where `known` has changed
+    residue_ut2: np.ndarray  # (n,) variance of an axis
+    out: np.ndarray  # (5, n), written: the background with what the films add
     todo: np.ndarray  # (n,) uint8, scratch, zero before and after
-    base_ut2: np.ndarray  # (n,) variance that the result begins with
-    out_ut2: np.ndarray  # (n,) of the result
+    term: np.ndarray  # (1 + terms,), scratch
+    sums: np.ndarray  # scratch, three axes of the units of the film that most are near to
 
 
-def films_python(model, data):
+@jitable
+def find_films(model, data):
     """Take over the displacements of the films that count, and begin the result.
 
     A film whose depth is known, but whose dx or dy is NaN, counts as not displaced: it has not been
     looked at since nothing touches it. The field of neighbours at rest changes with their
     temperature, taken to be that of the unit's own film.
-
-    Parameters
-    ----------
-    model : FilmModel
-    data : FilmData
 
     Returns
     -------
@@ -126,7 +98,7 @@ def films_python(model, data):
     assume_noalias()
     films, known, above = data.films, data.known, data.film_above_k
     base, out = data.base, data.out
-    real = out.field_ut.dtype.type
+    real = out.dtype.type
     nothing, one = real(0.0), real(1.0)
     far, highest = real(model.displacement_max_mm), real(model.depth_min_mm)
     deepest, idle_depth = real(model.depth_max_mm), real(model.idle_depth_mm)
@@ -145,44 +117,39 @@ def films_python(model, data):
         # NaN: a unit that has not been heard of
         warmer = above[i] if above[i] == above[i] else nothing
         gain = one + model.drift_per_k[i] * warmer
-        films.dx_mm[i] = min(max(x, -far), far) if counts else nothing
-        films.dy_mm[i] = min(max(y, -far), far) if counts else nothing
-        films.depth_mm[i] = min(max(h, highest), deepest) if counts else nothing
-        films.weight[i] = model.strength[i] * gain if counts else nothing
+        films[DX, i] = min(max(x, -far), far) if counts else nothing
+        films[DY, i] = min(max(y, -far), far) if counts else nothing
+        films[DEPTH, i] = min(max(h, highest), deepest) if counts else nothing
+        films[WEIGHT, i] = model.strength[i] * gain if counts else nothing
         within = (max(abs(x), abs(y)) <= far) & (h >= highest) & (h <= deepest)
         now = one if finite & within else nothing
-        other = known.known[i] != now
-        known.known[i] = now
-        known.stale[i] = other
+        other = known[i] != now
+        known[i] = now
+        data.stale[i] = other
         moved = np.int32(moved | np.int32(counts))
         changed = np.int32(changed | np.int32(other))
     for axis in range(3):
         for i in range(n):
             warmer = above[i] if above[i] == above[i] else nothing
             more = model.rest_ut[axis, i] * (model.drift_per_k[i] * warmer)
-            out.field_ut[axis, i] = base.field_ut[axis, i] + more
+            out[FIELD + axis, i] = base[FIELD + axis, i] + more
     for i in range(n):
-        out.frequency_hz[i] = base.frequency_hz[i]
+        out[FREQUENCY, i] = base[FREQUENCY, i]
     for i in range(n):
-        out.variance_ut2[i] = base.variance_ut2[i] + known.residue_ut2[i]
+        out[VARIANCE, i] = base[VARIANCE, i] + data.residue_ut2[i]
     return moved != 0, changed != 0
 
 
-def fields_python(model, data):
-    """Add the fields of the films that count, sum(c w dx^i dy^j H^k), film by film.
-
-    Parameters
-    ----------
-    model : FieldModel
-    data : FieldData
-    """
-    films, field, term, sums = data
+@jitable
+def add_fields(model, data):
+    """Add the fields of the films that count, sum(c w dx^i dy^j H^k), film by film."""
+    films, out, term, sums = data.films, data.out, data.term, data.sums
     parent, factor, coefficients = model.parent, model.factor, model.coefficients
-    for film in range(films.weight.size):
-        weight, first, last = films.weight[film], model.start[film], model.start[film + 1]
+    for film in range(films.shape[1]):
+        weight, first, last = films[WEIGHT, film], model.start[film], model.start[film + 1]
         if weight == 0.0 or first == last:
             continue
-        moved = films.dx_mm[film], films.dy_mm[film], films.depth_mm[film]
+        moved = films[DX, film], films[DY, film], films[DEPTH, film]
         term[0] = weight
         for k in range(parent.size):
             term[1 + k] = term[parent[k]] * moved[factor[k]]
@@ -197,18 +164,13 @@ def fields_python(model, data):
             at += lanes
         for p in range(first, last):
             for axis in range(3):
-                field[axis, model.receiver[p]] += sums[3 * (p - first) + axis]
+                out[FIELD + axis, model.receiver[p]] += sums[3 * (p - first) + axis]
 
 
-def unknown_python(model, data):
-    """Add up the variances of what is not known, of the units near a film that is stale.
-
-    Parameters
-    ----------
-    model : PairModel
-    data : PairData
-    """
-    known, stale, residue = data.known
+@jitable
+def add_unknown(model, data):
+    """Add up the variances of what is not known, of the units near a film that is stale."""
+    known, stale, residue = data.known, data.stale, data.residue_ut2
     one = residue.dtype.type(1.0)
     for film in range(stale.size):
         if stale[film]:
@@ -221,9 +183,22 @@ def unknown_python(model, data):
             for p in range(model.start[i], model.start[i + 1]):
                 total += model.prior_ut2[p] * (one - known[model.neighbour[p]])
             residue[i] = total
-            data.out_ut2[i] = data.base_ut2[i] + total
+            data.out[VARIANCE, i] = data.base[VARIANCE, i] + total
 
 
-films = compiled(films_python, fastmath={"contract"})
-fields = compiled(fields_python, fastmath={"contract"})
-unknown = compiled(unknown_python, fastmath={"contract"})
+def add_stray_python(model, data):
+    """Add the fields of neighbours' films to a background.
+
+    Parameters
+    ----------
+    model : StrayModel
+    data : StrayData
+    """
+    moved, changed = find_films(model.films, data)
+    if changed:
+        add_unknown(model.pairs, data)
+    if moved:
+        add_fields(model.fields, data)
+
+
+add_stray = compiled(add_stray_python, fastmath={"contract"})

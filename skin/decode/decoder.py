@@ -43,13 +43,14 @@ class Inputs:
 
     Attributes
     ----------
-    calls : dict of bool to callable
-        The kernel on them, with a background and without; made when they are first needed.
+    calls : dict of bool to pair of callables
+        With a background that the caller gives, and without: what predicts the fields of
+        neighbours (None where nothing does), and the kernel; made when they are first needed.
     """
 
     def __init__(self, counts: np.ndarray, status: np.ndarray) -> None:
         self.counts, self.status = counts, status
-        self.calls: dict[bool, Callable[..., None]] = {}
+        self.calls: dict[bool, tuple[Callable[[], None] | None, Callable[..., None]]] = {}
 
 
 class Decoder:
@@ -59,7 +60,7 @@ class Decoder:
     tangential displacement from the field at that depth and temperature, the tangential force from
     the displacement. The magnetic film follows the gel with a lag, so a decoder remembers
     temperatures from one cycle to the next: use one for each stream of cycles, from one thread at a
-    time. Cycles are a period apart, unless `set_elapsed` says otherwise.
+    time.
 
     Parameters
     ----------
@@ -86,6 +87,8 @@ class Decoder:
         not relaxed.
     creep : Creep or None
         What adds to forces what has not relaxed.
+    shown : tuple of ndarray
+        Arrays of which those of `reading` are views.
     layout : Layout
         What a copy of `reading` is made of.
 
@@ -131,7 +134,6 @@ class Decoder:
 
         refuse_impossible(topology)
         self.crosstalk, self.ambient = _estimators(topology, plan, stencil)
-        self._loops = plan.sweeps > 0 or plan.ambient
         if self.crosstalk is not None:
             stencil = self.crosstalk.stencil
         self._alone = threading.Lock()
@@ -168,8 +170,7 @@ class Decoder:
         self._scratch = {
             "flag": zeros(records.LANES, np.int16), "tile": zeros(1, records.tile(real)),
         }  # fmt: skip
-        self._background = zeros((1, 5, n), real)
-        self._taken, self._base = self._background[0], zeros((5, n), real)
+        self._background, self._given = zeros((2, 1, 5, n), real)
         self._out = self._shown = Results(self.plan.results, 1, n, real)
         self.creep: Creep | None = None
         if self.plan.creep:
@@ -179,12 +180,11 @@ class Decoder:
             self._shown = self.creep.borne
         self.whole = self._out.reading(0, {*self.plan.results} - {"film_above"})
         self._reading = self._shown.reading(0, self.plan.quantities)
-        self.layout = Layout(
-            {name: getattr(self._reading, name) for name in Reading.__slots__}, self._shown.arrays
-        )
+        self.shown = self._shown.arrays
+        arrays = {name: getattr(self._reading, name) for name in Reading.__slots__}
+        self.layout = Layout(arrays, self.shown)
         self._own = Inputs(zeros((1, len(CHANNELS), n), np.int16), zeros((1, n), np.uint16))
         self._inputs = [self._own]
-        self._predict: Callable[[], object] | None = None
         self._look: Callable[[], None] | None = None
 
     @property
@@ -209,8 +209,8 @@ class Decoder:
         for name in records.WATCHED:
             self._state[name] = 0.0
         self._phase, self._missing, self._unseen_s = 0, 0.0, 0.0
-        self._elapsed_s = self._period_s = 1.0 / self.topology.cycle_rate_hz
-        self._background[:] = 0.0
+        self._period_s = 1.0 / self.topology.cycle_rate_hz
+        self._background[:] = self._given[:] = 0.0
         for array in (*self._out.arrays, self._shown.values):
             array[:] = 0
         for part in (self.ambient, self.creep):
@@ -236,41 +236,40 @@ class Decoder:
             self.ambient.retare(topology)
         self.topology = topology
 
-    def set_elapsed(self, seconds: float) -> None:
-        """Say how long after the last cycle the next one is, if that is not a period.
-
-        Parameters
-        ----------
-        seconds : float
-            Second.
-        """
-        self._elapsed_s = seconds
-
-    def warmup(self, *, background: bool = False) -> None:
-        """Compile what a cycle needs, or load it: one of a call with a `background`, or another;
-        the state stays as it is."""
-        self._call(self._own, background)
-        self._make_calls()
+    def warmup(self) -> None:
+        """Compile what a cycle needs, or load it; the state stays as it is."""
+        self._bind(self._own, given=False)
 
     def calls(self) -> list[tuple[Any, ...]]:
         """The kernels of a cycle, with arguments of their types."""
-        background = self._background if self._loops else None
-        data = self._data(self._own.counts, self._own.status, background, self._out)
+        data = self._data(self._own.counts, self._own.status, self._taken(given=False), self._out)
         found: list[tuple[Any, ...]] = [(self._kernel, self._model, data, 0, True, 0.0)]
         if self.ambient is not None:
             found.append(self.ambient.call(self.whole))
         if self.crosstalk is not None:
-            found += self.crosstalk.calls(*self._films)
+            found.append(self._stray(given=False))
         if self.creep is not None:
             found += self.creep.calls()[:1]
         return found
 
-    @property
-    def _films(self) -> tuple[np.ndarray | None, ...]:
-        """What the cross-talk is predicted from, and where it goes."""
+    def _taken(self, *, given: bool) -> np.ndarray | None:
+        """Background of the kernel, shape (1, 5, n)."""
+        if self.crosstalk is not None:
+            return self._background
+        if given or self.ambient is None:
+            return self._given if given else None
+        return self.ambient.taken[np.newaxis]
+
+    def _stray(self, *, given: bool) -> tuple[Any, ...]:
+        """What predicts the fields of neighbours, with its arguments."""
+        base = None if self.ambient is None else self.ambient.taken
         warmer = self._out.values[0, -1] if "film_above" in self.plan.results else None
         whole = self.whole
-        return whole.displacement_mm, whole.valid, self._taken, self._base, warmer
+        assert self.crosstalk is not None
+        return self.crosstalk.call(
+            whole.displacement_mm, whole.valid, self._background[0],
+            self._given[0] if given else base, warmer,
+        )  # fmt: skip
 
     def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
         """A call for each cycle, on arrays that the caller overwrites.
@@ -306,7 +305,14 @@ class Decoder:
         self._inputs.append(found := Inputs(counts[np.newaxis], status[np.newaxis]))
         return found
 
-    def step(self, inputs: Inputs, *, given: bool = False, advance: bool = True) -> None:
+    def step(
+        self,
+        inputs: Inputs,
+        elapsed_s: float | None = None,
+        *,
+        given: bool = False,
+        advance: bool = True,
+    ) -> None:
         """Decode the cycle that stands in the inputs: predict what is not the units' own, decode,
         relax, in each sweep; then look at the ambient field.
 
@@ -315,30 +321,27 @@ class Decoder:
         inputs : Inputs
         given : bool
             Whether the caller has set a background.
-        advance : bool
+        elapsed_s, advance
             As of a call.
         """
-        decode = self._call(inputs, given)
-        if self._loops and self._look is None and self._predict is None:
-            self._make_calls()
-        missing = self._pass_time() if advance else 0.0
-        looks = advance and self.ambient is not None and self._phase % self.plan.look_every == 0
+        predict, decode = inputs.calls.get(given) or self._bind(inputs, given=given)
+        creep, phase = self.creep, self._phase
+        missing = self._pass_time(elapsed_s) if advance else 0.0
         for sweep in range(self.plan.sweeps or 1):
             goes_on = advance and sweep == 0
-            if self._loops:
-                self._predict_background(given)
+            if predict is not None:
+                predict()
             decode(self._phase, goes_on, missing if goes_on else 0.0)
             self._phase += goes_on
-            if self.creep is not None:
-                self.creep.relax(advance=goes_on)
-        if looks:
-            assert self._look is not None
+            if creep is not None:
+                creep.relax(advance=goes_on)
+        if advance and self._look is not None and phase % self.plan.look_every == 0:
             self.ambient.elapsed_s[0], self._unseen_s = max(self._unseen_s, 0.0), 0.0
             self._look()
 
-    def _pass_time(self) -> float:
+    def _pass_time(self, elapsed_s: float | None) -> float:
         """Go on by the time since the last cycle; returns the periods that lags are to age by."""
-        elapsed_s, self._elapsed_s = self._elapsed_s, self._period_s
+        elapsed_s = self._period_s if elapsed_s is None else elapsed_s
         periods = elapsed_s / self._period_s
         self._unseen_s += elapsed_s
         self._missing += periods - 1.0
@@ -349,15 +352,6 @@ class Decoder:
         missing, self._missing = self._missing, 0.0
         return missing
 
-    def _predict_background(self, given: bool) -> None:
-        """What is not the units' own: of the films near them, of the ambient field, and given."""
-        if not given:
-            self._base[:] = self._known
-        if self._predict is None:
-            self._taken[:] = self._base
-        else:
-            self._predict()
-
     def __call__(
         self,
         raw: np.ndarray,
@@ -365,6 +359,7 @@ class Decoder:
         background: np.ndarray | None = None,
         *,
         advance: bool = True,
+        elapsed_s: float | None = None,
     ) -> Reading:
         """Decode.
 
@@ -381,6 +376,8 @@ class Decoder:
         advance : bool
             False to decode the cycle before once more, with another background: what lags behind
             the gel does not move on.
+        elapsed_s : float, optional
+            Second, since the cycle before; a period if not given.
 
         Returns
         -------
@@ -399,26 +396,22 @@ class Decoder:
             )
         try:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
-                return self._batch(raw, status, background, advance)
-            self._one(raw, status, background, advance)
+                return self._batch(raw, status, background, advance, elapsed_s)
+            self._one(raw, status, background, advance, elapsed_s)
             reading = Reading.__new__(Reading)
             reading.take(self.layout)
             return reading
         finally:
             self._alone.release()
 
-    def _one(self, raw, status, background, advance: bool) -> None:
+    def _one(self, raw, status, background, advance: bool, elapsed_s: float | None) -> None:
         """Decode one cycle."""
         check_call(self.topology, self.dtype, raw, status, background)
         self._own.counts[0], self._own.status[0] = raw, 0 if status is None else status
         if background is not None:
-            target = self._taken
-            if self._loops:
-                target, self._base[:] = self._base, self._known
-            else:
-                target[:] = 0.0
-            target[: len(background)] += background
-        self.step(self._own, given=background is not None, advance=advance)
+            self._given[:] = 0.0 if self.ambient is None else self.ambient.taken
+            self._given[0, : len(background)] += background
+        self.step(self._own, elapsed_s, given=background is not None, advance=advance)
 
     def _data(self, counts, status, background, out: Results) -> DecodeData:
         """What changes between cycles."""
@@ -427,19 +420,19 @@ class Decoder:
             values=out.values, flags=out.flags, valid=out.valid, **self._scratch,
         )  # fmt: skip
 
-    @property
-    def _known(self) -> np.ndarray | float:
-        """Background that cycles have shown, shape (5, n)."""
-        return 0.0 if self.ambient is None else self.ambient.taken
+    def _bind(
+        self, inputs: Inputs, *, given: bool
+    ) -> tuple[Callable[[], None] | None, Callable[..., None]]:
+        """The calls of a cycle on some inputs."""
+        from bus.compiled.jit import bound
 
-    def _call(self, inputs: Inputs, given: bool) -> Callable[..., None]:
-        """The kernel on some inputs; with a background, `given` by the caller or not, or bare."""
-        found = inputs.calls.get(given)
-        if found is None:
-            background = self._background if given or self._loops else None
-            found = inputs.calls[given] = self._bound(inputs.counts, inputs.status, background,
-                                                      self._out)  # fmt: skip
-        return found
+        if self.ambient is not None and self._look is None:
+            self._look = bound(*self.ambient.call(self.whole))
+        predict = None if self.crosstalk is None else bound(*self._stray(given=given))
+        taken = self._taken(given=given)
+        decode = self._bound(inputs.counts, inputs.status, taken, self._out)
+        inputs.calls[given] = predict, decode
+        return predict, decode
 
     def _bound(self, counts, status, background, out: Results) -> Callable[..., None]:
         """The kernel on arrays; takes the phase, whether it goes on, and periods to age by."""
@@ -449,23 +442,17 @@ class Decoder:
         kernel = direct(self._kernel, self._model, data, 0, True, 0.0)
         return functools.partial(kernel, self._model, data)
 
-    def _make_calls(self) -> None:
-        """What runs beside the kernel."""
-        if self.crosstalk is not None:
-            self._predict = self.crosstalk.bound(*self._films)
-        if self.ambient is not None:
-            self._look = self.ambient.bound(self.whole)
-
-    def _batch(self, raw, status, background, advance: bool) -> Reading:
+    def _batch(self, raw, status, background, advance: bool, elapsed_s: float | None) -> Reading:
         """Decode consecutive cycles into new arrays."""
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
         check_call(self.topology, self.dtype, raw, status, background, cycles)
         known = (*cycles, self.topology.n)
         status = np.zeros(known, np.uint16) if status is None else status
         out = Results(self.plan.results, raw.shape[0], self.topology.n, self.dtype)
-        if self._loops or self.creep is not None:
+        if self.crosstalk or self.ambient or self.creep:
             for t in range(raw.shape[0]):
-                self._one(raw[t], status[t], None if background is None else background[t], advance)
+                given = None if background is None else background[t]
+                self._one(raw[t], status[t], given, advance, elapsed_s)
                 for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
                     whole[t] = array[0]
             return out.reading(slice(None), self.plan.quantities)
@@ -474,7 +461,7 @@ class Decoder:
             taken[:, : background.shape[1]] = background
             background = taken
         decode = self._bound(plain(raw), plain(status), background, out)
-        decode(self._phase, advance, self._pass_time() if advance else 0.0)
+        decode(self._phase, advance, self._pass_time(elapsed_s) if advance else 0.0)
         self._phase += raw.shape[0] if advance else 0
         return out.reading(slice(None), self.plan.quantities)
 

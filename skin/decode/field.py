@@ -62,7 +62,7 @@ def field_law(parts: Parts) -> Callable:
     with_chip = parts.chip_compensation
     with_z = parts.angle or parts.consistency or parts.field
 
-    @jitable(inline=True)
+    @jitable
     def field(unit, counts, background, j, chip_above):
         """Lateral field and Bz of a unit, and the chip's gain, which is left in them."""
         real = type(chip_above)
@@ -89,7 +89,7 @@ def field_law(parts: Parts) -> Callable:
     return field
 
 
-@jitable(inline=True)
+@jitable
 def octaves(depth, unit, j):
     """log2(M0 / µT) at a depth, without the gains of film and chip."""
     real = type(depth)
@@ -99,7 +99,7 @@ def octaves(depth, unit, j):
     return min(max(x, real(-OCTAVES_MAX)), real(OCTAVES_MAX))
 
 
-@jitable(inline=True)
+@jitable
 def amplitude_variance(depth, sigma, unit, j):
     """Relative variance of M0 at a depth that has a sigma."""
     real = type(depth)
@@ -109,7 +109,7 @@ def amplitude_variance(depth, sigma, unit, j):
     return unit["amplitude_variance"][j] + change * change
 
 
-@jitable(inline=True)
+@jitable
 def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     """S against M0 sin(k R), R from the angle: the miss and what a reading may miss, both squared
     and relative, but times `whole`, the model and the field squared, so that one division does;
@@ -137,7 +137,7 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     return miss2, single2, whole, above if miss2 <= single2 else real(0.0)
 
 
-@jitable(inline=True)
+@jitable
 def film_variance(solid, radius, depth, unit, j):
     """Variance of an axis of the field, for a film that is not as its model is."""
     real = type(radius)
@@ -152,7 +152,7 @@ def strength_law(parts: Parts) -> Callable:
     """R by the strength of the lateral field, R = asin(S / M0) / k [paper, eq. 1]."""
     with_sigma = parts.sigma
 
-    @jitable(inline=True)
+    @jitable
     def by_strength(solid, variance, depth, depth_sigma, gain, weakest, unit, j):
         """R, its sigma, its flags, 1 / S, 1 / M0 and the variance of the field.
 
@@ -184,7 +184,7 @@ def strength_law(parts: Parts) -> Callable:
     return by_strength
 
 
-@jitable(inline=True)
+@jitable
 def _cubic(factor, i, h, j):
     """Factor of psi^(2 i + 1) in R(psi, H), a cubic in H, and its derivative by H."""
     real = type(h)
@@ -197,7 +197,7 @@ def angle_law(parts: Parts) -> Callable:
     """R by the angle psi of the field: a polynomial of psi and H, fitted to the film's field."""
     with_sigma = parts.sigma
 
-    @jitable(inline=True)
+    @jitable
     def by_angle(solid, z, variance, depth, depth_sigma, unit, j):
         """R(psi, H), psi = atan2(S, Bz), its sigma, its flags, 1 / S and the variance of the
         field."""
@@ -240,7 +240,7 @@ def inversion(parts: Parts) -> Callable:
     with_angle = parts.angle
     by_angle, by_strength = angle_law(parts), strength_law(parts)
 
-    @jitable(inline=True)
+    @jitable
     def invert(field, normal, variance, unit, j):
         """An `Inverted`, flags, and the gain of chip and film; with `sine` 1 / M0 over it."""
         depth, gain = normal.depth, field.gain
@@ -259,7 +259,7 @@ def inversion(parts: Parts) -> Callable:
     return invert
 
 
-@jitable(inline=True)
+@jitable
 def doubt(beyond2, tile, unit, j):
     """Widen the sigmas of a unit whose relative miss is `beyond2` more, squared, than allowed.
 
@@ -296,7 +296,7 @@ def anomaly_stage(parts: Parts) -> Callable:
     with_angle, with_ratio, by_angle = parts.angle, parts.test_ratio, angle_law(parts)
     with_sigma, row = parts.sigma, parts.row("test_ratio")
 
-    @jitable(inline=True)
+    @jitable
     def check(unit, size, tile, flag, state, out, advance):
         assume_noalias()
         size = min(size, LANES)

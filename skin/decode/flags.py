@@ -22,13 +22,13 @@ from skin.decode.records import (  # isort: skip
 __all__ = ["flags_stage", "judge"]
 
 
-@jitable(inline=True)
+@jitable
 def outside(count, limits, j):
     """Whether a count is outside a range: one comparison modulo 2^16."""
     return (int(count) - int(limits["low"][j])) & 0xFFFF > int(limits["width"][j]) & 0xFFFF
 
 
-@jitable(inline=True)
+@jitable
 def judge(status, count, limits, j):
     """Flags of a unit from its counts alone, before anything is clamped.
 
@@ -72,7 +72,7 @@ def flags_stage(parts: Parts) -> Callable:
     """The stage that flags units by their counts."""
     with_skip = parts.skip
 
-    @jitable(inline=True)
+    @jitable
     def flags(counts, status, limits, size, flag):
         """All flags that units of a block have by their counts or from the bus, in one, and whether
         any unit is under load."""

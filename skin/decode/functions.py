@@ -168,7 +168,7 @@ def _asin_poly_double(x):
 _asin_poly = _by_type(_asin_poly_single, _asin_poly_double)
 
 
-@jitable(inline=True)
+@jitable
 def asin(x):
     """asin(x) for 0 <= x <= 1."""
     real = type(x)
@@ -226,7 +226,7 @@ def _atan_double(x):
 atan = _by_type(_atan_single, _atan_double)
 
 
-@jitable(inline=True)
+@jitable
 def atan2(y, x):
     """atan2(y, x); 0 at the origin, +pi on the negative x axis for either sign of y's zero."""
     real = type(x)
@@ -263,7 +263,7 @@ def _sin_cos_tails_double(x):
 _sin_cos_tails = _by_type(_sin_cos_tails_single, _sin_cos_tails_double)
 
 
-@jitable(inline=True)
+@jitable
 def sin_cos(x):
     """sin(x) and cos(x) for abs(x) <= 1."""
     real = type(x)
@@ -274,7 +274,7 @@ def sin_cos(x):
     return x + x * (z * sine), real(1.0) + z * cosine
 
 
-@jitable(inline=True)
+@jitable
 def sinc(x):
     """sin(x) / x for abs(x) <= 2.5, within 1e-6."""
     real = type(x)

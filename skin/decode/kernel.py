@@ -69,7 +69,7 @@ class DecodeData(NamedTuple):
     valid: np.ndarray
 
 
-@jitable(inline=True)
+@jitable
 def hide(flag, size, out, rows):
     """Show nothing of units that are UNKNOWN."""
     assume_noalias()
@@ -84,7 +84,7 @@ def clear_stage(parts: Parts) -> Callable:
     """The stage that shows nothing tangential."""
     rows = parts.tangential_rows
 
-    @jitable(inline=True)
+    @jitable
     def clear(size, out):
         assume_noalias()
         nothing = out.values.dtype.type(np.nan)
@@ -95,7 +95,7 @@ def clear_stage(parts: Parts) -> Callable:
     return clear
 
 
-@jitable(inline=True)
+@jitable
 def background_of(values, cycle, first):
     """Rows of a background, where there is one."""
     if values is None:
@@ -111,7 +111,7 @@ def block_stage(parts: Parts) -> Callable:
     units, rest = units_stage(parts, loaded=True), units_stage(parts, loaded=False)
     temperature = temperature_stage(parts)
 
-    @jitable(inline=True)
+    @jitable
     def decode_block(model, data, cycle, block, size, look, advance):
         """`look`: at units without load as well; `advance` as of `decode`."""
         assume_noalias()
@@ -137,7 +137,7 @@ def block_stage(parts: Parts) -> Callable:
     return decode_block
 
 
-@jitable(inline=True)
+@jitable
 def write_flags(flag, limits, size, flags, valid):
     """Show the flags of a block, and what they mean."""
     assume_noalias()

@@ -27,7 +27,7 @@ class Normal(NamedTuple):
     push_sigma: float
 
 
-@jitable(inline=True)
+@jitable
 def law_variance(force, relative2, absolute2):
     """What a law is off by that is not the unit's: a share of the force, and as much for all loads;
     but never more than the force itself, for the law goes through zero as the unit does."""
@@ -39,7 +39,7 @@ def normal_law(parts: Parts) -> Callable:
     """Depth and normal force of a unit, and their one-sigma."""
     with_sigma, push_of = parts.sigma, force if parts.cubes else lines
 
-    @jitable(inline=True)
+    @jitable
     def normal(unit, counts, background, j):
         real = unit["depth_scale"].dtype.type
         depth = unit["depth_scale"][j] * real(read(counts, FREQUENCY, j))

@@ -31,7 +31,7 @@ class Rows(NamedTuple):
     first: int
 
 
-@jitable(inline=True)
+@jitable
 def rows_of(values, cycle, first):
     """Rows of a cycle, of an array of shape (t, r, n)."""
     rows, units = values.shape[1], values.shape[2]
@@ -39,13 +39,13 @@ def rows_of(values, cycle, first):
     return Rows(values.reshape(values.size), np.uintp(units), place)
 
 
-@jitable(inline=True)
+@jitable
 def read(rows, row, lane):
     """The number of a lane in a row."""
     return rows.values[rows.first + np.uintp(row) * rows.units + np.uintp(lane)]
 
 
-@jitable(inline=True)
+@jitable
 def write(rows, row, lane, value):
     """Set the number of a lane in a row."""
     rows.values[rows.first + np.uintp(row) * rows.units + np.uintp(lane)] = value

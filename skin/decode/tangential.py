@@ -54,7 +54,7 @@ def shear_variance_of(parts: Parts) -> Callable:
     """Variance of the tangential force along its direction."""
     push_of = force if parts.cubes else lines
 
-    @jitable(inline=True)
+    @jitable
     def shear_variance(shear, along, depth_sigma, unit, j):
         law = law_at(unit["shear_law"], j)
         half = push_of(shear.radius + along, law)
@@ -68,13 +68,13 @@ def shear_variance_of(parts: Parts) -> Callable:
     return shear_variance
 
 
-@jitable(inline=True)
+@jitable
 def component(part, along2, across2):
     """Sigma of a component whose share of the direction is `part`; both are equal at R = 0."""
     return np.sqrt(across2 + part * part * (along2 - across2))
 
 
-@jitable(inline=True)
+@jitable
 def correct(x, y, unit, j):
     """Correct a direction by the unit's table, linear in theta between knots: a sum of ramps."""
     real = type(x)
@@ -97,7 +97,7 @@ def shear_of(parts: Parts) -> Callable:
     theta_row, row = parts.row("theta"), parts.row("displacement")
     push_of = force if parts.cubes else lines
 
-    @jitable(inline=True)
+    @jitable
     def shear(field, inverted, depth, unit, out, j):
         real = type(depth)
         zero, one = real(0.0), real(1.0)
@@ -138,7 +138,7 @@ def sigma_of(parts: Parts) -> Callable:
     theta_row, row = parts.row("theta_sigma"), parts.row("displacement_sigma")
     shear_variance = shear_variance_of(parts)
 
-    @jitable(inline=True)
+    @jitable
     def sigma(shear, inverted, depth_sigma, unit, out, j):
         real = type(depth_sigma)
         limit = unit["displacement_max"][j]
@@ -176,7 +176,7 @@ def field_of(parts: Parts) -> Callable:
     )  # fmt: skip
     row, law = parts.row("field"), field_law(parts)
 
-    @jitable(inline=True)
+    @jitable
     def field_at(unit, counts, background, j, above, out):
         real = unit["x_bx"].dtype.type
         chip_above = above["chip_above"][j] if with_chip else real(0.0)
@@ -198,7 +198,7 @@ def keep_of(parts: Parts) -> tuple[Callable, Callable]:
     """What writes a unit down between two stages, and what reads it."""
     with_sigma = parts.sigma
 
-    @jitable(inline=True)
+    @jitable
     def keep(tile, j, field, inverted, normal, gain):
         tile["strength"][j] = field.strength
         tile["z"][j] = field.z
@@ -215,7 +215,7 @@ def keep_of(parts: Parts) -> tuple[Callable, Callable]:
             tile["depth_sigma"][j] = normal.depth_sigma
             tile["push_sigma"][j] = normal.push_sigma
 
-    @jitable(inline=True)
+    @jitable
     def kept(tile, j):
         strength = tile["strength"][j]
         field = Field(tile["x"][j], tile["y"][j], tile["z"][j], strength, strength)
@@ -238,7 +238,7 @@ def show_of(parts: Parts, loaded: bool) -> Callable:
     depth_row, depth_sigma_row = parts.row("displacement") + 2, parts.row("displacement_sigma") + 2
     shear_from, sigma_from = shear_of(parts), sigma_of(parts)
 
-    @jitable(inline=True)
+    @jitable
     def show(field, inverted, normal, unit, out, j):
         if loaded:
             shear = shear_from(field, inverted, normal.depth, unit, out, j)
@@ -265,7 +265,7 @@ def units_stage(parts: Parts, loaded: bool) -> Callable:
     normal_of, field_at, invert = normal_law(parts), field_of(parts), inversion(parts)
     (keep, kept), show, check = keep_of(parts), show_of(parts, loaded), anomaly_stage(parts)
 
-    @jitable(inline=True)
+    @jitable
     def invert_units(unit, counts, background, size, tile, flag, out):
         assume_noalias()
         for j in range(min(size, LANES)):
@@ -290,14 +290,14 @@ def units_stage(parts: Parts, loaded: bool) -> Callable:
             if not loaded:
                 flag[j] = flags if flags & SILENT else flags | IDLE
 
-    @jitable(inline=True)
+    @jitable
     def show_units(unit, size, tile, out):
         assume_noalias()
         for j in range(min(size, LANES)):
             field, inverted, normal = kept(tile, j)
             show(field, inverted, normal, unit, out, j)
 
-    @jitable(inline=True)
+    @jitable
     def units(unit, counts, background, size, tile, flag, state, out, advance):
         invert_units(unit, counts, background, size, tile, flag, out)
         if with_check:

@@ -27,7 +27,7 @@ EXTRAPOLATION = 0.2
 for a law that goes on otherwise than it is taken to is wrong the same way in every reading."""
 
 
-@jitable(inline=True)
+@jitable
 def gel_law(gel, unit, j):
     """Gel temperature from the logarithm of its current (`topology.gel`), and its current."""
     real = type(gel)
@@ -43,7 +43,7 @@ def lag_law(parts: Parts, calm: bool) -> Callable:
     with_film, with_chip = parts.film_compensation, parts.chip_compensation
     with_lag = parts.chip_lags
 
-    @jitable(inline=True)
+    @jitable
     def follow(t, chip_count, unit, state, j, keep, advance):
         """A unit that is not to `keep` leaves no trace in the state. Without `advance`, the state
         is already that of this cycle."""
@@ -75,7 +75,7 @@ def lag_law(parts: Parts, calm: bool) -> Callable:
     return follow
 
 
-@jitable(inline=True)
+@jitable
 def sigma_law(t, current, unit, j):
     """One-sigma of the gel's temperature."""
     real = type(t)
@@ -93,7 +93,7 @@ def temperature_stage(parts: Parts) -> Callable:
     with_compensation = parts.film_compensation or parts.chip_compensation
     calmly, carefully = gel_stage(parts, calm=True), gel_stage(parts, calm=False)
 
-    @jitable(inline=True)
+    @jitable
     def temperature(unit, counts, size, state, above, flag, out, found, advance):
         """`found` are all flags of the block's units, in one; with `advance` the state goes on by a
         cycle."""
@@ -113,7 +113,7 @@ def gel_stage(parts: Parts, calm: bool) -> Callable:
     row, sigma_row = parts.row("temperature"), parts.row("temperature_sigma")
     film_row = parts.row("film_above")
 
-    @jitable(inline=True)
+    @jitable
     def gel(unit, counts, size, state, above, flag, out, advance):
         assume_noalias()
         real = unit["gel_scale"].dtype.type

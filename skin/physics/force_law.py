@@ -45,13 +45,13 @@ TINY = 1e-37
 """Keeps a divisor from zero where there is no cube [numeric: a normal number of float32]."""
 
 
-@jitable(inline=True)
+@jitable
 def at(laws, i):
     """The law of one unit, of an array of shape (terms, n)."""
     return laws[0, i], laws[1, i], laws[2, i], laws[3, i]
 
 
-@jitable(inline=True)
+@jitable
 def force(x, law):
     """Force at a displacement."""
     soft, knee, stiffer, cubic = law
@@ -59,13 +59,13 @@ def force(x, law):
     return soft * x + (stiffer + cubic * beyond * beyond) * beyond
 
 
-@jitable(inline=True)
+@jitable
 def lines(x, law):
     """`force` of a law that is two lines, for kernels whose units all have such."""
     return law[0] * x + law[2] * above_zero(x - law[1])
 
 
-@jitable(inline=True)
+@jitable
 def slope(x, law):
     """Derivative of `force`; at the knee that of the first line."""
     soft, knee, stiffer, cubic = law
@@ -73,7 +73,7 @@ def slope(x, law):
     return choose(beyond > 0.0, soft + stiffer + 3.0 * cubic * beyond * beyond, soft)
 
 
-@jitable(inline=True)
+@jitable
 def energy(x, law):
     """Integral of `force` from 0."""
     soft, knee, stiffer, cubic = law
@@ -81,7 +81,7 @@ def energy(x, law):
     return 0.5 * soft * x * x + (0.5 * stiffer + 0.25 * cubic * beyond2) * beyond2
 
 
-@jitable(inline=True)
+@jitable
 def inverse(y, law):
     """Displacement at a force: the inverse of `force`."""
     soft, knee, stiffer, cubic = law
@@ -97,7 +97,7 @@ def inverse(y, law):
     return lesser(y, at_knee) / soft + beyond
 
 
-@jitable(inline=True)
+@jitable
 def in_series(law, compliance):
     """The law from the force's displacement to that of a unit with a compliance in series, both of
     the same form: ``x + compliance F(x)``."""
@@ -105,14 +105,14 @@ def in_series(law, compliance):
     return 1.0 + compliance * soft, knee, compliance * stiffer, compliance * cubic
 
 
-@jitable(inline=True)
+@jitable
 def scaled(law, factor):
     """The law of forces that are so many times as large."""
     soft, knee, stiffer, cubic = law
     return factor * soft, knee, factor * stiffer, factor * cubic
 
 
-@jitable(inline=True)
+@jitable
 def secant(square, law):
     """Force over displacement at a vector of this squared length, and how much the slope along the
     vector is above that; across it the slope is the secant."""
@@ -125,7 +125,7 @@ def secant(square, law):
     return (across, steeper) if bent else (soft, 0.0)
 
 
-@jitable(inline=True)
+@jitable
 def stiffening(depth_mm, gain_per_mm, reference_mm):
     """Factor of the tangential force at a depth (eq. 2)."""
     return 1.0 + gain_per_mm * (depth_mm - reference_mm)

@@ -26,7 +26,7 @@ NEAR, FAR = 0, 1
 _0, _1, _2, _3 = (np.uint64(i) for i in range(4))
 
 # the arguments are dozens of words each: a call would cost more than most functions here
-_inlined = jitable(inline=True)
+_inlined = jitable
 
 
 class Tables(NamedTuple):

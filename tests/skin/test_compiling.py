@@ -8,18 +8,55 @@ import re
 import time
 
 import pytest
+from numba.core import event
 
+from bus.compiled import warm
 from skin import compiling
 from tests.fixtures.patience import LONG_S
 
 LINE = "f3t-skin: compiling kernels for this machine, once …"
 
 
-@pytest.fixture
-def announcer(monkeypatch, caplog):
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch, caplog):
     monkeypatch.setattr(compiling, "PATIENCE_S", 0.1)
     caplog.set_level(logging.INFO, "skin")
-    return compiling.Announcer()
+    for once in (compiling.announce, compiling._say_begun):
+        once.cache_clear()
+    yield
+    compiling._watching.close()
+    for once in (compiling.announce, compiling._say_begun):
+        once.cache_clear()
+
+
+@pytest.fixture
+def two_jobs(monkeypatch):
+    """Two kernels that other processes compile at once."""
+    jobs = [warm.Job("module", name, (), ()) for name in ("step", "films")]
+    monkeypatch.setattr(warm, "jobs_of", lambda calls: jobs)
+
+    def side_by_side(jobs, done):
+        for job in jobs:
+            done(job)
+
+    monkeypatch.setattr(warm, "side_by_side", side_by_side)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+class Kernel:
+    """What numba's events carry."""
+
+    def py_func(self):
+        """A kernel."""
+
+
+def compiles(seconds):
+    with event.trigger_event("numba:compile", data={"dispatcher": Kernel()}):
+        time.sleep(seconds)
 
 
 def until(condition):
@@ -29,65 +66,51 @@ def until(condition):
     assert condition()
 
 
-def test_a_quick_kernel_is_not_worth_a_word(announcer, caplog, monkeypatch):
+def test_a_quick_kernel_is_not_worth_a_word(monkeypatch, caplog):
     monkeypatch.setattr(compiling, "PATIENCE_S", LONG_S)  # quick on any machine
-    announcer.begins("quick")
-    announcer.ends("quick")
-    announcer.finish()
+    compiling.announce()
+    compiles(0.0)
     time.sleep(0.2)
     assert caplog.messages == []
 
 
-def test_a_long_compilation_is_announced_while_it_goes_on_and_once(announcer, caplog):
-    announcer.begins("outer")
-    announcer.begins("inner")
-    announcer.ends("inner")
-    until(lambda: caplog.messages)
-    announcer.ends("outer")
-    announcer.begins("another")
-    until(lambda: not announcer._timer.is_alive())
-    announcer.ends("another")
+def test_a_long_compilation_is_announced_while_it_goes_on_and_once(caplog):
+    compiling.announce()
+    with event.trigger_event("numba:compile", data={"dispatcher": Kernel()}):
+        compiles(0.0)
+        until(lambda: caplog.messages)
+    compiles(0.3)
     assert caplog.messages == [LINE]
-    announcer.finish()
-    announcer.finish()
-    assert len(caplog.messages) == 2
-    assert re.fullmatch(r"f3t-skin: compiled in \d+\.\d+ s", caplog.messages[1])
 
 
-def test_many_quick_kernels_are_long_together(announcer, caplog):
-    for _ in range(20):
-        announcer.begins("one")
-        time.sleep(0.02)
-        announcer.ends("one")
-    announcer.finish()
-    assert len(caplog.messages) == 2
-
-
-def test_a_terminal_has_a_bar_that_goes_when_all_is_compiled(monkeypatch, caplog):
-    monkeypatch.setattr(compiling, "PATIENCE_S", 0.05)
-    terminal = io.StringIO()
-    announcer = compiling.Announcer(terminal)
-    for kernel in ("step", "films"):
-        announcer.plans(kernel, 300)
-    announcer.begins("step")
-    announcer.begins("films")
-    until(terminal.getvalue)
-    announcer.ends("films")
-    announcer.ends("step")
-    announcer.finish()
-    assert terminal.getvalue().split("\r\x1b[K")[1:] == [
-        f"f3t-skin: compiling for this machine, once [{'.' * 24}] 0 of 2 kernels",
-        f"f3t-skin: compiling for this machine, once [{'#' * 12}{'.' * 12}] 1 of 2 kernels",
-        "",
-    ]
+def test_nothing_is_said_where_nothing_is_to_be_compiled(monkeypatch, caplog):
+    monkeypatch.setattr(warm, "jobs_of", lambda calls: [])
+    compiling.compile_calls([])
     assert caplog.messages == []
 
 
-def test_a_bar_is_for_terminals_and_not_where_no_colours_are_wanted(monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
+def test_a_log_has_two_lines(two_jobs, monkeypatch, caplog):
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    compiling.compile_calls([])
+    begun, done = caplog.messages
+    assert begun == LINE
+    assert re.fullmatch(r"f3t-skin: compiled in \d+\.\d+ s", done)
 
+
+def test_a_terminal_has_a_bar_that_goes_when_all_is_compiled(two_jobs, monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    compiling.compile_calls([])
+    bars = [f"{'#' * full}{'.' * (24 - full)}] {done} of 2" for full, done in
+            ((0, 0), (12, 1), (24, 2))]  # fmt: skip
+    *drawn, last = terminal.getvalue().split("\r\x1b[K")[1:]
+    assert last == ""
+    for bar, text in zip(bars, drawn, strict=True):
+        assert text.startswith(f"f3t-skin: compiling for this machine, once [{bar} kernels")
+
+
+def test_a_bar_is_for_terminals_and_not_where_no_colours_are_wanted(monkeypatch):
     for file, no_color, has_bar in (
         (Terminal(), "", True), (Terminal(), "1", False), (io.StringIO(), "", False)
     ):  # fmt: skip

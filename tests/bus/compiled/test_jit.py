@@ -57,7 +57,7 @@ def test_divisions_are_those_of_numpy():
         assert compiled(divide_python)(np.array([1.0, 0.0])) == np.inf
 
 
-@jitable(inline=True)
+@jitable
 def twice(x):
     return 2.0 * x
 

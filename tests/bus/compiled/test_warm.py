@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 
-import numpy as np
 import pytest
 
+import topology
 from bus.compiled import cache
 from bus.compiled.warm import Job, jobs_of, side_by_side
 from bus.compiled.watch import watch
-from skin.decode import crosstalk_kernels as kernels
+from skin.decode.decoder import Decoder
 
 pytestmark = pytest.mark.skipif(
     bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="kernels are interpreted"
@@ -27,15 +27,13 @@ def fresh(monkeypatch, tmp_path):
 
 def call():
     """A kernel, and arguments of its types."""
-    known = kernels.Known(np.zeros(2), np.zeros(2, np.uint8), np.zeros(2))
-    pairs = np.zeros(3, np.int32), np.zeros(0, np.int32), np.zeros(0)
-    model = kernels.PairModel(*pairs, np.zeros(3, np.int32), np.zeros(0, np.int32), np.zeros(2))
-    return kernels.unknown, model, kernels.PairData(known, np.zeros(2, np.uint8), *np.zeros((2, 2)))
+    decoder = Decoder(topology.load("strip"), {"force"}, ambient=False, sweeps=0)
+    return decoder.creep.calls()[0]
 
 
 def test_a_kernel_is_compiled_once_by_another_process(fresh):
     (job,) = jobs_of([call()])
-    assert (job.module, job.name) == ("skin.decode.crosstalk_kernels", "unknown")
+    assert (job.module, job.name) == ("skin.decode.creep", "relax")
     done, here = [], []
     with watch(here.append):
         side_by_side([job], done.append)
@@ -45,7 +43,7 @@ def test_a_kernel_is_compiled_once_by_another_process(fresh):
 
 def test_what_cannot_be_compiled_is_left_to_who_needs_it(fresh):
     done = []
-    job = Job("skin.decode.crosstalk_kernels", "nothing", (), ())
+    job = Job("skin.decode.creep", "nothing", (), ())
     side_by_side([job], done.append)
     assert done == [job]
     assert job.mark is not None

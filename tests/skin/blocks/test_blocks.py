@@ -97,16 +97,8 @@ def test_blocks_are_the_states_whatever_is_decoded(logs, options):
     compare(logs / "whole.log", **options)
 
 
-def test_single_cycles_are_blocks_as_well(logs):
-    """Shocks are told in Python: no cycle of theirs is in a compiled call of many."""
+def test_blocks_are_the_states_with_shocks(logs):
     assert compare(logs / "whole.log", want=(*WANT, "shocks"), auto_tare=False) > 50
-
-
-def test_where_blocks_end_does_not_depend_on_how_they_are_made(logs):
-    log = logs / "holed.log"
-    fast = [len(one) for one in skin.decode_log("palm", log, want=WANT).blocks()]
-    slow = [len(one) for one in skin.decode_log("palm", log, want=WANT).blocks(fast=False)]
-    assert fast == slow
 
 
 def test_a_unit_tells_the_identity_of_its_contact(logs):

@@ -1,5 +1,5 @@
-"""The commands as in a container: a read-only package, an unprivileged user that nobody knows, no
-home, no folder for compiled code."""
+"""The commands as in a container: an unprivileged user that nobody knows, no home, compiled code
+that may only be read, or none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import skin
-from bus.compiled import places
+from bus.compiled import cache
 from tests.fixtures.topology import PAIR
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
@@ -78,36 +78,26 @@ def user():
 
 @pytest.fixture
 def container():
-    """A folder with a read-only copy of the packages, and two that everybody can write."""
+    """A folder with two that everybody can write."""
     folder = Path(tempfile.mkdtemp(prefix="container-"))
     folder.chmod(0o755)
-    for package in ("topology", "bus", "skin"):
-        leave_out = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(ROOT / package, folder / "package" / package, ignore=leave_out)
     for name in ("work", "temporary"):
         folder.joinpath(name).mkdir()
         folder.joinpath(name).chmod(0o777)
     folder.joinpath("work/pair.toml").write_text(PAIR)
     yield folder
-    for path in (folder / "package", *folder.glob("package/**/")):
+    for path in (folder, *folder.glob("kernels/**/")):
         path.chmod(0o755)
     shutil.rmtree(folder)
 
 
 def contained(container, user, **environment):
-    """What the commands tell in the container."""
-    for path in (container / "package", *container.glob("package/**/")):
+    """What the commands tell in the container: numba looks for kernels by the path of their files,
+    so the packages are those of this project."""
+    for path in container.glob("kernels/**/"):
         path.chmod(0o555)
     bare = {"PATH": os.environ["PATH"], "TMPDIR": str(container / "temporary")}
-    package = {"PYTHONPATH": str(container / "package")}
-    return ran(container / "work", bare | package | environment, user)
-
-
-def spoil(container, user):
-    """Let the user's folder among temporary files be one that others can write."""
-    uid = NOBODY if any("reuid" in word for word in user) else os.getuid()
-    container.joinpath(f"temporary/f3t-skin-{uid}").mkdir()
-    container.joinpath(f"temporary/f3t-skin-{uid}").chmod(0o777)
+    return ran(container / "work", bare | {"PYTHONPATH": str(ROOT)} | environment, user)
 
 
 def assert_same(container, reports, normal):
@@ -126,10 +116,9 @@ def assert_same(container, reports, normal):
 
 
 def test_commands_run_in_a_read_only_image_with_its_code_compiled(container, user, normal):
-    kept = container / "package/kernels"
+    kept = container / "kernels"
     passing = shutil.ignore_patterns("*.nb?.*")  # locks and unfinished files of other processes
-    shutil.copytree(places.wanted(), kept / "f3t-skin", ignore=passing)
-    spoil(container, user)
+    shutil.copytree(cache.folder(), kept / "f3t-skin" / cache.sources(), ignore=passing)
     reports, said = contained(container, user, NUMBA_CACHE_DIR=str(kept))
     assert_same(container, reports, normal)
     assert "f3t-skin" not in said

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import skin
-from bus.compiled import places
+from bus.compiled import cache
 from skin.cli import main
 from tests.fixtures.topology import PAIR
 
@@ -38,11 +38,11 @@ def test_what_is_compiled_is_found_the_second_time(capsys):
     found = report(capsys)
     assert found["topology"] == "palm"
     assert found["compiled"] == []
-    assert found["folder"] == str(places.written())
+    assert found["folder"] == str(cache.folder())
     assert main(["warmup"]) == 0
     said = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["compiled", "none"] in said
-    assert ["folder", str(places.written())] in said
+    assert ["folder", str(cache.folder())] in said
 
 
 def test_a_start_finds_all_that_was_compiled_for_it(tmp_path, capsys):
@@ -74,6 +74,15 @@ def test_what_reads_sockets_is_compiled_and_no_bus_is_opened(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="needs modes of files")
 def test_where_nothing_can_be_kept_it_says_so(monkeypatch, capsys):
-    monkeypatch.setattr(places, "written", lambda: None)
+    monkeypatch.setattr(cache, "folder", lambda: None)
     assert main(["warmup", "fingertip"]) == 1
     assert ["folder", "none"] in [line.split() for line in capsys.readouterr().out.splitlines()]
+
+
+def test_the_folder_can_be_cleared(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(cache, "_bases", lambda: [tmp_path / "f3t-skin"])
+    (tmp_path / "f3t-skin/old").mkdir(parents=True, mode=0o700)
+    (tmp_path / "f3t-skin").chmod(0o700)
+    assert main(["warmup", "--clear", "--json"]) == 0
+    assert report(capsys)["removed"] == [str(tmp_path / "f3t-skin")]
+    assert not (tmp_path / "f3t-skin").exists()

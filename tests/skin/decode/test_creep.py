@@ -77,9 +77,8 @@ def run(decoder, raw, gaps=None):
     """What single cycles show; `gaps` in periods before each."""
     found = []
     for i, counts in enumerate(raw):
-        if gaps is not None and i:
-            decoder.set_elapsed(gaps[i] / RATE_HZ)
-        found.append(decoder(counts).force.copy())
+        elapsed_s = None if gaps is None or i == 0 else gaps[i] / RATE_HZ
+        found.append(decoder(counts, elapsed_s=elapsed_s).force.copy())
     return np.array(found)
 
 
@@ -183,7 +182,6 @@ def test_reset_forgets():
     raw = counts_at(SKIN, np.array([[0.0], [1.5], [1.5]]), 1.0, DIRECTION)
     decoder = Decoder(SKIN, sweeps=0, ambient=False)
     first = run(decoder, raw)
-    decoder.set_elapsed(7.3 / RATE_HZ)
     decoder.reset()
     np.testing.assert_array_equal(run(decoder, raw), first)
 
@@ -201,10 +199,8 @@ def test_a_run_that_starts_under_load_shows_what_it_cannot_know():
     noise = plain.force_sigma[2, RELAXING]
     assert (reading.force_sigma[2, RELAXING] >= np.hypot(spread, noise)).all()
     decoder = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)
-    for _ in range(3):
-        decoder(raw)
-        decoder.set_elapsed(5.0 * TIMES_S.max())
-    later = decoder(raw)
+    for _ in range(4):
+        later = decoder(raw, elapsed_s=5.0 * TIMES_S.max())
     np.testing.assert_allclose(later.force[2, RELAXING], elastic, rtol=1e-2)
     assert (later.force_sigma[2, RELAXING] < 1.2 * noise).all()
 
@@ -216,8 +212,7 @@ def test_sigma_holds_what_a_gap_hides():
     raw = counts_at(skin, np.array([[0.0], [1.5]]), 0.0, DIRECTION)
     decoder = Decoder(skin, dtype="float64", sweeps=0, ambient=False)
     decoder(raw[0])
-    decoder.set_elapsed(gap_s)
-    reading = decoder(raw[1])
+    reading = decoder(raw[1], elapsed_s=gap_s)
     elastic = Decoder(skin, creep=False, dtype="float64", sweeps=0, ambient=False)(raw[1])
     went = (
         elastic.force[2, 0]

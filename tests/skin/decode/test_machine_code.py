@@ -5,10 +5,8 @@ from __future__ import annotations
 import platform
 import re
 
-import numpy as np
 import pytest
 
-from skin.decode.bound import arrays_of
 from skin.decode.decoder import Decoder
 from tests.fixtures.decode import row_of
 
@@ -27,12 +25,11 @@ def assembly():
     decoder = Decoder(
         row_of(3), {"force"}, "field-angle", consistency=False, sweeps=0, ambient=False
     )
-    decoder(np.zeros((6, 3), np.int16))
-    plain = decoder._kernel.py_func
-    fresh = njit(plain, nogil=True, error_model="numpy", fastmath={"contract"})
-    fresh(*decoder._kernel_on(*arrays_of(3), False).arguments)
+    kernel, *arguments = decoder.calls()[0]
+    fresh = njit(kernel.py_func, nogil=True, error_model="numpy", fastmath={"contract"})
+    fresh(*arguments)
     (text,) = fresh.inspect_asm().values()
-    names = re.findall(r"^([A-Za-z_]\S*decode_python\S*):$", text, re.MULTILINE)
+    names = re.findall(r"^([A-Za-z_]\S*decode\S*):$", text, re.MULTILINE)
     body = text[text.index(f"\n{names[0]}:") :]
     return body[: body.index("\n.Lfunc_end")]
 

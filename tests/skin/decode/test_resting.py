@@ -137,9 +137,9 @@ def test_what_films_add_as_they_move_is_known_as_films_at_rest_show_it(skin):
     true = added(skin.plant, touch) - added(skin.plant, Touch.none(1, skin.n))
     decoder, before = Decoder(tare(skin.known, untouched(skin, 7)).applied()), Decoder(skin.known)
     moved = np.concatenate([touch.moved_mm, touch.depth_mm[:, np.newaxis]], axis=1)
-    seen, out = np.ones(skin.n, bool), np.empty((3, skin.n), np.float32)
+    seen, out = np.ones(skin.n, bool), np.empty((5, skin.n), np.float32)
     off = np.array([
-        decoder.crosstalk.predict(each, seen, out)[2] - row
+        decoder.crosstalk.predict(each, seen, out)[3] - row
         for each, row in zip(moved.astype(np.float32), true, strict=True)
     ])  # fmt: skip
     # errors of places and fits are not in it

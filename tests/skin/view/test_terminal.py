@@ -47,9 +47,9 @@ def state_of(palm, status=None, load=0.0):
         units=reading,
         wrench=wrench,
         centroid=np.full(3, np.nan),
-        coverage=1.0,
         closed_by=ClosedBy.COMPLETE,
         counters=FrameCounters(data=13, lost=2),
+        topology=palm,
     )
 
 
