@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 
 import numpy as np
@@ -86,8 +86,8 @@ class RawCycle:
         Last sequence number of the frame that carries the unit.
     fault_code : ndarray, shape (n,), uint8
         The unit's own status field.
-    counters : FrameCounters
-        Totals up to this cycle.
+    totals : ndarray, shape (15,), int64
+        Counts of frames by outcome up to this cycle, in the order of `FrameCounters`.
     stuck : ndarray, shape (n,), uint8
         Bit c: channel c is stuck, so the unit is FROZEN; see `bus.assemble.stuck_channels`.
     sampled_ns : ndarray, shape (n,), int64
@@ -104,6 +104,13 @@ class RawCycle:
     age: np.ndarray
     sequence: np.ndarray
     fault_code: np.ndarray
-    counters: FrameCounters = field(default_factory=FrameCounters)
+    totals: np.ndarray = field(
+        default_factory=lambda: np.zeros(len(fields(FrameCounters)), np.int64)
+    )
     stuck: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))
     sampled_ns: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    @property
+    def counters(self) -> FrameCounters:
+        """`totals` by name."""
+        return FrameCounters(*self.totals.tolist())

@@ -131,7 +131,8 @@ class Pipeline:
         absent: tuple[str, ...] = () if self.lists_contacts else ("contacts",)
         absent += ("whole", "untracked") if self.contacts is None else ()
         whole = [] if self.contacts is None else [self.contacts.records[-1:]]
-        self._array = Layout(self.shown | dict.fromkeys(absent), whole)
+        others = {"sampled_ns": self.assembler.sampled_ns}
+        self._array = Layout(self.shown | others | dict.fromkeys(absent), whole)
         self._units = self.decoder.layout
         shown: dict[str, Any] = dict(self.shown)
         self.now = State(
@@ -416,6 +417,7 @@ class Pipeline:
         """The state of a cycle whose counts and flags are in `counts` and `status` already."""
         now = self.step(cycle)
         own = now.owned(self._units, self._array)
+        own.counters = cycle.counters
         if self.contacts is not None and self.lists_contacts:
             own.contacts = self.contacts.contacts
         return own
@@ -440,8 +442,9 @@ class Pipeline:
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
-        now.counters, now.overruns = cycle.counters, clock.overruns
+        now.overruns = clock.overruns
         now.sampled_ns = cycle.sampled_ns
         if self.sinks.live:
+            now.counters = cycle.counters
             self.sinks.tell("state", now)
         return now

@@ -270,11 +270,10 @@ class State(_Wanted):
         reading.take(units)
         own.take(array)
         own.cycle, own.stamp_ns, own.units = self.cycle, self.stamp_ns, reading
-        own.closed_by, own.counters = self.closed_by, self.counters
+        own.closed_by = self.closed_by
         own.overruns, own.topology = self.overruns, self.topology
         if self.whole is not None:
             own.whole, own.untracked = self.whole, self.untracked
-        own.sampled_ns = self.sampled_ns.copy()
         return own
 
     def copy(self) -> State:

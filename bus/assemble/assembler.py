@@ -255,7 +255,7 @@ class Assembler:
             int(state["closed_stamp"]),
             _CLOSED_BY[state["closed_by"]],
             *shown[:-2],
-            self.counters,
+            self._memory.totals,
             shown.stuck,
             shown.sampled_ns,
         )

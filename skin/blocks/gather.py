@@ -54,16 +54,16 @@ class Gather:
             data = self._contacts.data
             self._records = memoryview(data.contacts.view(np.uint8))
             self._present, self._found = data.slots["present"], data.cycle["present"]
+        self._rows = memoryview(bytearray(self._capacity * layout.size))
+        self._listed = memoryview(bytearray(self._room * CONTACT.itemsize))
         self._renew()
 
     def _renew(self) -> None:
-        """Allocate memory for the next block."""
+        """Begin the next block."""
         self.count = self.contact_count = 0
-        self._rows = memoryview(bytearray(self._capacity * self._layout.size))
         self._heads: list[tuple[int, int, int, int]] = []
         self._slots: list[int] = []
         self._ends = [0]
-        self._listed = memoryview(bytearray(self._room * CONTACT.itemsize))
 
     @property
     def is_full(self) -> bool:

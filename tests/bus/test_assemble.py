@@ -42,7 +42,6 @@ def snapshot(cycle):
             for field in fields(cycle)
             if isinstance(getattr(cycle, field.name), np.ndarray)
         },
-        counters=replace(cycle.counters),
     )
 
 

@@ -72,7 +72,7 @@ def test_cycles_of_another_assembler_give_the_same_states(fed):
     for cycle in assembler.feed(np.concatenate(batches)):
         copy = RawCycle(cycle.number, cycle.stamp_ns, cycle.closed_by, cycle.counts.copy(),
                         cycle.valid, cycle.status.copy(), cycle.age, cycle.sequence,
-                        cycle.fault_code, cycle.counters)  # fmt: skip
+                        cycle.fault_code, cycle.totals.copy())  # fmt: skip
         states.append(seen(pipeline(copy)))
     assert_same(states, live)
 
