@@ -300,7 +300,6 @@ FIGURES = (
     Figure("record", "mb_per_minute_250_hz", "size of a recording of 64 units at 250 Hz", "MB a minute"),
     # recorded logs
     Figure("cold", "seconds/2", "time to the first state of the palm from an empty cache of kernels, two processes that compile on two cores", "s", "<= 30"),
-    Figure("cold", "busiest_cpu_s", "CPU time of the busier of two processes that compile for the first state of the palm", "s"),
     Figure("cold", "seconds/1", "time to the first state of the palm from an empty cache of kernels, one process", "s"),
     Figure("cold", "cpu_s/1", "CPU time to the first state of the palm from an empty cache of kernels, one process", "s"),
     Figure("cold", "warm_cpu_s", "CPU time to the first state of the palm with all kernels in the cache", "s"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -104,9 +104,7 @@ class RawCycle:
     age: np.ndarray
     sequence: np.ndarray
     fault_code: np.ndarray
-    totals: np.ndarray = field(
-        default_factory=lambda: np.zeros(len(fields(FrameCounters)), np.int64)
-    )
+    totals: np.ndarray = field(default_factory=lambda: np.zeros(15, np.int64))
     stuck: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))
     sampled_ns: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
 
