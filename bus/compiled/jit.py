@@ -95,15 +95,14 @@ def bound(kernel: Any, *arguments: Any) -> Callable[..., Any]:
 def direct(kernel: Any, *arguments: Any) -> Callable[..., Any]:
     """A kernel compiled for the types of some arguments, without its dispatcher.
 
-    Who calls it answers for the types. Without arguments it is that of the only signature that the
-    kernel has.
+    Who calls it answers for the types. Without arguments it is that of the first signature that the
+    kernel was made with.
     """
     if not hasattr(kernel, "compile"):
         return kernel
     if arguments:
         return kernel.compile(tuple(map(typeof, arguments)))
-    (signature,) = kernel.signatures
-    return kernel.compile(signature)
+    return kernel.compile(kernel.signatures[0])
 
 
 def jitable(

@@ -238,7 +238,7 @@ class NaiveAmbient:
 def state_of(ambient):
     """A copy of what an `Ambient` remembers."""
     data = ambient._data
-    bodies = {name: getattr(data.bodies, name) for name in BODIES}
-    memory = {name: getattr(data.memory, name) for name in MEMORY}
+    bodies = {name: data.bodies[name] for name in BODIES}
+    memory = {name: getattr(ambient._memory, name) for name in MEMORY}
     touched = data.marks & kernels.TOUCHED != 0
     return copy.deepcopy(SimpleNamespace(zero=data.zero, touched=touched, **bodies, **memory))

@@ -22,7 +22,7 @@ def each_python(x, y, out):
 def test_numbers_of_a_kernel_are_those_of_arrays(dtype):
     x, y = (a.ravel().astype(dtype) for a in np.meshgrid(VALUES, VALUES))
     out = np.empty((3, x.size), dtype)
-    compiled(each_python, cache=False)(x, y, out)
+    compiled(each_python)(x, y, out)
     known = ~(np.isnan(x) | np.isnan(y))
     np.testing.assert_array_equal(out[0, known], np.where(x > 0, x, 0)[known])
     np.testing.assert_array_equal(out[1, known], np.where(x < y, x, y)[known])

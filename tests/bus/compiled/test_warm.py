@@ -27,13 +27,13 @@ def fresh(monkeypatch, tmp_path):
 
 def call():
     """A kernel, and arguments of its types."""
-    decoder = Decoder(topology.load("strip"), {"force"}, ambient=False, sweeps=0)
-    return decoder.creep.calls()[0]
+    decoder = Decoder(topology.load("palm"), {"force"}, ambient=False, sweeps=1)
+    return decoder.calls()[-1]
 
 
 def test_a_kernel_is_compiled_once_by_another_process(fresh):
     (job,) = jobs_of([call()])
-    assert (job.module, job.name) == ("skin.decode.creep", "relax")
+    assert (job.module, job.name) == ("skin.decode.crosstalk_kernels", "add_stray")
     done, here = [], []
     with watch(here.append):
         side_by_side([job], done.append)

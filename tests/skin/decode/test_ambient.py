@@ -238,6 +238,8 @@ def test_kernel_does_as_its_python(dtype):
     ours, theirs = (arrays_of(data._replace(background=0, residue_ut2=0))
                     for data in (plain, ambient._data))  # fmt: skip
     for one, other in zip(ours, theirs, strict=True):
+        if isinstance(one, np.ndarray) and one.dtype.names:  # of bodies, all float64
+            one, other = one.view(float), other.view(float)  # noqa: PLW2901
         assert np.allclose(one, other, rtol=1e-9, atol=1e-9, equal_nan=True)
 
 

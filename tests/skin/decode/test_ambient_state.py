@@ -60,7 +60,7 @@ def test_units_whose_zero_has_gone_to_its_end_want_a_tare():
 def test_the_report_is_of_each_body():
     ambient, _ = anyhow(1)
     state = state_of(ambient)
-    ambient._data.bodies.voters[:] = 3.0, 5.0
+    ambient._data.bodies["voters"][:] = 3.0, 5.0
     told = ambient.report()
     for g, body in enumerate(("a", "b")):
         assert told["ambient"][body]["field_ut"] == pytest.approx(state.field_ut[g])
