@@ -368,6 +368,8 @@ class Pipeline:
                     f"{own.shape}; got {given.dtype}, shape {given.shape}"
                 )
             own[:] = given
+        if cycle.sampled_ns.size:
+            self.assembler.sampled_ns[:] = cycle.sampled_ns
         return self.state(cycle)
 
     def move(self, position: np.ndarray, rotation: np.ndarray, q: np.ndarray | None = None) -> None:
@@ -443,7 +445,6 @@ class Pipeline:
             self.zeros.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
         now.overruns = clock.overruns
-        now.sampled_ns = cycle.sampled_ns
         if self.sinks.live:
             now.counters = cycle.counters
             self.sinks.tell("state", now)
