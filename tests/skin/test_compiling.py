@@ -101,6 +101,7 @@ def test_a_terminal_has_a_bar_that_goes_when_all_is_compiled(two_jobs, monkeypat
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("COLUMNS", "200")
     compiling.compile_calls([])
     bars = [f"{'#' * full}{'.' * (24 - full)}] {done} of 2" for full, done in
             ((0, 0), (12, 1), (24, 2))]  # fmt: skip
