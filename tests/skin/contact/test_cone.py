@@ -33,27 +33,11 @@ def test_arm_of_even_pressure_is_that_of_a_disc(radius):
     assert arm == pytest.approx(2.0 / 3.0 * radius, rel=5e-3)
 
 
-def test_arm_of_hertzian_pressure_is_that_of_a_ball():
-    # Under p = sqrt(1 - (r / a)²) the arm is 3 pi / 16 of the radius a (Lubkin 1951).
-    radius = 0.01
-    x, y = np.meshgrid(*(np.linspace(-radius, radius, 601),) * 2)
-    square = (x**2 + y**2) / radius**2
-    inside = square < 1.0
-    position = np.array([x[inside], y[inside], np.zeros(inside.sum())])
-    arm = torsion_arm(np.sqrt(1.0 - square[inside]), position)
-    assert arm == pytest.approx(3.0 * np.pi / 16.0 * radius, rel=5e-3)
-
-
-def test_arm_does_not_see_what_lies_along_the_normal():
-    position = np.array([[-1.0, 1.0], [0.0, 0.0], [5.0, -5.0]])
-    assert torsion_arm(np.ones(2), position) == pytest.approx(1.0)
-
-
 def test_contacts_tell_margin_and_grip_force_of_the_friction_they_are_given():
     position = naive.grid(5, 5)
     stream = ContactStream(
         position, naive.facing_down(25), 1e-4, *neighbour_graph(position, 0.0125),
-        want={"slip"}, dtype="float64", slip=SlipSettings(friction=0.6, safety=1.5),
+        want={"slip"}, slip=SlipSettings(friction=0.6, safety=1.5),
     )  # fmt: skip
     rng = np.random.default_rng(1)
     force = rng.uniform(0.5, 1.5, (3, 25)) * [[0.1], [0.05], [1.0]]

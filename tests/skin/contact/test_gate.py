@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import norm
 
 import tests.naive.contact as naive
-from skin.contact.cluster import start_sigma_for
 from skin.contact.model import neighbour_graph
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
@@ -24,7 +23,7 @@ class Skin:
         position = naive.grid(ROWS, ROWS)
         self.stream = ContactStream(
             position, naive.facing_down(N), 1e-4, *neighbour_graph(position, 1.5 * PITCH), want=(),
-            dtype="float64", rate_hz=RATE_HZ,
+            rate_hz=RATE_HZ,
             false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
         with_gate(self.stream, **gate)
@@ -119,12 +118,3 @@ def test_a_unit_without_neighbours_has_no_pairs_and_a_rate_of_none_is_refused():
     assert gate_of(one).pair_sigma == np.inf
     with pytest.raises(SkinError, match="false_contacts_per_day: must be a number from 1e-09 to"):
         Skin(false_contacts_per_day=0.0)
-
-
-def test_noise_starts_contacts_at_the_rate_that_was_asked_for():
-    n, rate, cycles = 64, 250.0, 1000
-    false_per_hour = 3600.0 * rate / 20.0
-    gate = start_sigma_for(false_per_hour, n, rate)
-    noise = np.random.default_rng(1).standard_normal((cycles, n))
-    count = np.count_nonzero(noise > gate)
-    assert count == pytest.approx(cycles / 20.0, abs=4.0 * np.sqrt(cycles / 20.0))

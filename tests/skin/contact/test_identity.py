@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.identity import _assign
-from skin.contact.model import PAIR, SLOT, neighbour_graph
-from skin.contact.record import CONTACT, Event, TrackState
+from skin.contact.model import neighbour_graph
+from skin.contact.record import OPEN, Event, TrackState
 from skin.contact.stream import ContactStream
 from tests.fixtures.contact_stream import identities, with_gate
 from tests.naive.tracking import NaiveTracker
@@ -24,7 +23,7 @@ class Units:
         self.graph = neighbour_graph(position, 1.01 * PITCH)
         n = rows * columns
         self.stream = ContactStream(
-            position, naive.facing_down(n), 1e-4, *self.graph, want=(), dtype="float64",
+            position, naive.facing_down(n), 1e-4, *self.graph, want=(),
             capacity=capacity,
         )  # fmt: skip
         with_gate(self.stream, start_sigma=5.0, **gate)
@@ -76,7 +75,9 @@ def test_identities_are_those_of_the_rules(shape, capacity, seed):
         for k, one in enumerate(slow.present):
             label[one.units] = k
         assert units.tracker.label.tolist() == label.tolist()
-        assert units.tracker.touching_units == np.count_nonzero(units.stream.touching)
+        assert units.tracker.touching_units == np.count_nonzero(
+            units.stream.data.units["kind"] == OPEN
+        )
         known = {one.id: one for one in slow.known if one}
         records = units.tracker.contacts
         assert set(records["id"][records["track"] != TrackState.FREE]) == set(known)
@@ -206,39 +207,6 @@ def test_a_contact_outlives_being_absorbed_once_it_has_settled(cycles, settled):
     assert units.record(2)["event"] == Event.MERGED
     assert list(units.see(9, 0, 20)) == ([1, 2] if settled else [2, 3])
     assert bool(units.record(2)["event"] & Event.SPLIT) != settled
-
-
-def dense(pairs, worth, slots, parts):
-    """Assignment by a matrix of common loads: the largest first, of equal ones the first record,
-    then the first cluster."""
-    shared = np.zeros((slots, parts))
-    for pair in pairs:
-        shared[pair["slot"], pair["part"]] = worth[pair["slot"]] * pair["load"]
-    slot_of = np.full(parts, -1)
-    while shared.max(initial=0.0) > 0.0:
-        slot, part = np.unravel_index(int(shared.argmax()), shared.shape)
-        slot_of[part] = slot
-        shared[slot], shared[:, part] = 0.0, 0.0
-    return slot_of
-
-
-@given(
-    shared=st.dictionaries(st.tuples(st.integers(0, 5), st.integers(0, 7)), st.integers(1, 6)),
-    track=st.lists(st.sampled_from([*TrackState]), min_size=8, max_size=8),
-)
-def test_pairs_are_assigned_as_by_a_matrix_with_equal_loads_too(shared, track):
-    contacts, slots = np.zeros(8, CONTACT), np.zeros(8, SLOT)
-    slots["slot_of"] = slots["part_of"] = -1
-    contacts["track"] = track
-    pairs = np.zeros(len(shared), PAIR)
-    for at, ((part, slot), load) in enumerate(sorted(shared.items())):
-        pairs[at]["part"], pairs[at]["slot"], pairs[at]["load"] = part, slot, load
-    worth = {TrackState.PRESENT: 1.0, TrackState.ABSORBED: 0.25}
-    _assign(pairs, TrackState.PRESENT, TrackState.ABSORBED, 0.25, contacts, slots)
-    expected = dense(pairs, [worth.get(one, 0.0) for one in track], 8, 6)
-    assert slots["slot_of"][:6].tolist() == expected.tolist()
-    for part, slot in enumerate(expected):
-        assert slot < 0 or slots["part_of"][slot] == part
 
 
 TILES = 191

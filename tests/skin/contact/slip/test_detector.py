@@ -91,13 +91,6 @@ def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction)
     assert (GROSS in states) == (friction < 0.4)
 
 
-def test_one_unit_of_unknown_friction_says_nothing():
-    rng = np.random.default_rng(10)
-    bench = Bench(flat_skin(1, rng), rng)
-    states, _ = drag_along(bench, np.array([1.5]), cycles=30)
-    assert set(states) == {NONE}
-
-
 def test_one_unit_of_known_friction():
     rng = np.random.default_rng(11)
     bench = Bench(curved_skin(1, rng), rng, friction=0.3)
@@ -137,10 +130,3 @@ def test_a_body_that_slides_until_its_friction_is_not_what_it_was():
     assert slides[0] < 35
     assert slides[-1] == 59
     assert set(states[60:]) >= {STICK}
-
-
-def test_a_face_that_slides_all_alike_is_seen_by_the_friction_that_is_told():
-    rng = np.random.default_rng(15)
-    bench = Bench(flat_skin(5, rng), rng, friction=0.4)
-    states, _ = drag_along(bench, np.ones(5), angle=0.0, cycles=70, sigma_mm=0.01)
-    assert INCIPIENT in states

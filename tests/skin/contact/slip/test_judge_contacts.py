@@ -147,23 +147,6 @@ def test_a_contact_that_is_back_has_kept_its_friction():
     assert np.isfinite(known[44:]).all()
 
 
-def test_another_contact_in_the_same_place_knows_nothing_of_the_one_before():
-    rng = np.random.default_rng(28)
-    bench = Bench(curved_skin(5, rng), rng)
-    load, known = np.array([1.5, 0.5, 1.7, 0.6, 1.4]), []
-    for t in range(60):
-        if t == 45:
-            bench.judge([], 0.01)
-            continue
-        way = 0.03 * max(0, t - 12) if t < 45 else 0.0
-        bench.read(load, bench.drag((way, 0.2 * way)), 0.4)
-        identity = 4 if t < 45 else 12  # the same slot
-        (record,) = bench.judge([{"id": identity, "members": range(5)}], 0.01)
-        known.append(not record["flags"] & Flag.NO_FRICTION)
-    assert known[44]
-    assert not any(known[46:])
-
-
 def test_units_that_slide_fall_to_two_and_to_none():
     rng = np.random.default_rng(29)
     bench = Bench(flat_skin(4, rng), rng, friction=0.5)
@@ -207,35 +190,6 @@ def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles):
             states.append(SlipState(record["slip"]))
     if cycles * 0.01 < PARAMETERS.rest_s:
         assert set(states[states.index(GROSS) :]) == {GROSS}
-
-
-def test_a_part_that_splits_off_a_contact_that_slides_slides_too():
-    rng = np.random.default_rng(33)
-    bench = Bench(flat_skin(8, rng), rng)
-    load = rng.uniform(0.6, 1.6, 8)
-    for t in range(70):
-        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), 0.4, sigma_mm=0.01)
-        contacts = [{"id": 1, "members": range(8)}]
-        if t >= 60:
-            part = {"id": 10, "members": [6, 5, 7, 3], "parent": 1}
-            contacts = [{"id": 1, "members": [0, 2, 4, 1]}, part]
-        told = bench.judge(contacts, 0.02 if t < 10 else 0.01)
-        if t >= 60:
-            assert [record["slip"] for record in told] == [GROSS, GROSS]
-
-
-def test_a_contact_that_slid_and_was_lifted_is_judged_anew():
-    rng = np.random.default_rng(34)
-    bench = Bench(flat_skin(5, rng), rng)
-    load = np.array([1.5, 0.5, 1.7, 0.6, 1.4])
-    for t in range(60):
-        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), 0.4, sigma_mm=0.01)
-        (record,) = bench.judge([{"id": 4, "members": range(5)}], 0.02 if t < 10 else 0.01)
-    assert record["slip"] == GROSS
-    bench.judge([], 0.01)
-    bench.read(load, bench.drag((0.0, 0.0)), sigma_mm=0.01)
-    (record,) = bench.judge([{"id": 4, "members": range(5), "event": Event.RESUMED}], 0.01)
-    assert record["slip"] < INCIPIENT
 
 
 def test_contacts_side_by_side_and_again_on_units_that_have_slid_know_nothing_of_each_other():

@@ -8,11 +8,7 @@ from hypothesis import strategies as st
 
 import tests.naive.contact as naive
 from skin.contact.record import Flag, SlipState, UnitSlip
-from skin.contact.slip import PARAMETERS, SlipSettings
-from skin.errors import SkinError
-from tests.fixtures.kernels import interpret_contacts
 from tests.skin.contact.slip.watch import (
-    DT_S,
     STIFFNESS,
     Watch,
     centred,
@@ -68,17 +64,6 @@ def test_a_body_that_comes_nearer_and_tilts_on_a_curved_skin_is_no_slip(seed):
         force = np.array([[STIFFNESS], [STIFFNESS], [2.0]]) * moved
         moved[:2] += 0.03 * rng.standard_normal(moved[:2].shape)
         assert watch.step(force, moved, 0.03)["slip"] <= SlipState.STICK, t
-
-
-def test_noise_of_few_units_is_not_taken_for_a_fast_body():
-    position, rotation = centred(2, 2)
-    rng, watch, noise_mm = np.random.default_rng(0), Watch(position, rotation), 0.06
-    share = 1.0 - np.exp(-DT_S / PARAMETERS.slow_s)
-    variances = []
-    for _ in range(200):
-        watch.step(*readings(np.ones(4), np.zeros((2, 4)), rng, noise_mm), noise_mm)
-        variances.append(watch.kept["lag_variance"][:4].mean() / noise_mm**2)
-    assert np.mean(variances[50:]) == pytest.approx(share / (2.0 - share), rel=0.2)
 
 
 def test_a_unit_of_six_that_slips_on_a_curved_skin_is_not_taken_for_a_tilt():
@@ -201,30 +186,6 @@ def test_incipient_slip_is_seen_before_gross_slip_and_light_units_slip_first():
     assert records["friction"][gross] == pytest.approx(0.4, rel=0.1)
 
 
-def test_permutation_of_units_changes_no_number():
-    position, rotation = centred(4, 5)
-    load = dome(position)
-    order = np.random.default_rng(1).permutation(20)
-    one, one_units = sliding(Watch(position, rotation), position, load, cycles=120)
-    other, other_units = sliding(
-        Watch(position[:, order], rotation), position, load, cycles=120, order=order
-    )
-    np.testing.assert_array_equal(one["slip"], other["slip"])
-    np.testing.assert_array_equal(one_units[:, order], other_units)
-    for name in ("stick_ratio", "pattern", "motion", "rotation", "friction", "margin"):
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-6, atol=1e-6)
-
-
-def test_slip_is_indifferent_to_the_scale_of_forces():
-    position, rotation = centred(4, 5)
-    load = dome(position)
-    one, one_units = sliding(Watch(position, rotation), position, load, cycles=150)
-    other, other_units = sliding(Watch(position, rotation), position, load, cycles=150, push=4.0)
-    np.testing.assert_array_equal(one["slip"], other["slip"])
-    np.testing.assert_array_equal(one_units, other_units)
-    np.testing.assert_allclose(one["stick_ratio"], other["stick_ratio"], atol=1e-9)
-
-
 def test_units_that_fall_silent_or_come_late_are_no_slip():
     position, rotation = centred(4, 5)
     load, rng = dome(position), np.random.default_rng(7)
@@ -256,33 +217,6 @@ def test_contacts_that_merge_and_part_again_and_again_are_no_slip(seed):
         assert record["slip"] <= SlipState.STICK, t
 
 
-def test_a_group_that_comes_and_goes_does_not_drag_the_body_along():
-    position, rotation = centred(1, 5)
-    false = 0
-    for seed in range(30):
-        rng = np.random.default_rng(seed)
-        watch = Watch(position, rotation)
-        for _ in range(500):
-            load = np.array([1.4, 1.2, 0.8, 1.0, 1.0])
-            load[2] *= rng.random() > 0.03  # what joins two and two
-            record = watch.step(*readings(load, np.zeros((2, 5)), rng, 0.05), 0.05)
-            if record["slip"] > SlipState.STICK:
-                false += 1
-                break
-    # a dozen, if all that have come together counted in full
-    assert false <= 5
-
-
-def test_three_units_judge_each_other():
-    position, rotation = centred(1, 3)
-    load = np.array([3.0, 1.0, 2.0])
-    records, _ = sliding(Watch(position, rotation), position, load)
-    assert not records["flags"][1:].astype(int).max() & Flag.FEW_UNITS
-    # the lightest slips at 0.8 mm, in cycle 80; the heaviest at 2.4 mm, in cycle 180
-    assert 80 < np.argmax(records["slip"] == SlipState.INCIPIENT) < 100
-    assert 150 < np.argmax(records["slip"] == SlipState.GROSS)
-
-
 def test_two_units_leave_it_to_the_friction_cone():
     position, rotation = centred(1, 2)
     load = np.array([3.0, 1.0])
@@ -310,41 +244,3 @@ def test_slip_ends_when_the_body_rests_and_units_stick_again():
     assert set(seen[300:]) == {int(SlipState.STICK)}
     assert (watch.units == UnitSlip.RE_STICK).any()
     assert not (watch.units == UnitSlip.SLIPPING).any()
-
-
-@given(seeds)
-@profile(max_examples=2)
-def test_machine_code_is_the_python_code(seed):
-    rng = np.random.default_rng(seed)
-    position, rotation = naive.cylinder(4, 4) if rng.random() < 0.5 else centred(4, 4)
-    load = dome(position - position.mean(axis=1, keepdims=True), reach_m=0.03)
-    one, one_units = sliding(Watch(position, rotation), position, load, cycles=110, seed=seed)
-    with pytest.MonkeyPatch.context() as patch, np.errstate(invalid="ignore"):
-        interpret_contacts(patch)
-        python = Watch(position, rotation)
-        other, other_units = sliding(python, position, load, cycles=110, seed=seed)
-    np.testing.assert_array_equal(one["slip"], other["slip"])
-    np.testing.assert_array_equal(one_units, other_units)
-    for name in ("stick_ratio", "pattern", "motion", "friction", "margin", "friction_lower"):
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (
-            {"false_alarms_per_hour": 0.0},
-            "false_alarms_per_hour: must be a number from 1e-09 to 100000; got 0.0",
-        ),
-        ({"friction": -0.1}, "friction: must be a number from 0.001 to 100; got -0.1"),
-        (
-            {"gross_ratio": 0.98},
-            "gross_ratio, incipient_ratio: must be gross_ratio < incipient_ratio < 1; "
-            "got 0.98 and 0.97",
-        ),
-    ],
-)
-def test_impossible_settings_are_refused(settings, message):
-    with pytest.raises(SkinError) as refused:
-        SlipSettings(**settings)
-    assert str(refused.value) == message
