@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from skin.contact.model import WAYPOINTS
-from skin.contact.record import Fields, Flag, SlipState
+from skin.contact.record import Fields, SlipState
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
@@ -70,18 +70,6 @@ class Contact(Fields):
     def _told(self) -> np.ndarray | None:
         told = self._kept.slips
         return None if told is None else told[self.record["begin"] : self.record["end"]]
-
-    @property
-    def whole(self) -> bool:
-        """Whether all its units are heard. Otherwise it has `Flag.UNSEEN`, its wrench is
-        incomplete, and the possible load of silent units is in its sigmas."""
-        return not self.flags & Flag.UNSEEN
-
-    @property
-    def friction_known(self) -> bool:
-        """Whether `friction` is one that slip has shown, or was given; where not, `friction` and
-        `margin` are lower bounds, `grip_force` an upper one."""
-        return not self.flags & Flag.NO_FRICTION and bool(np.isfinite(self.friction))
 
     @property
     def slip_began(self) -> np.ndarray:

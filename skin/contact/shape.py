@@ -166,10 +166,12 @@ def orient(s, record):
         from the axes of the cycle before, which also give the major axis its sign.
     """
     axes, normal, v, m = record["axes"], record["normal"], s["vectors"], s["moments"]
-    known = abs(np.sum(axes * axes) - 3.0) < 1e-9
+    square = _dot(axes[:, 0], axes[:, 0]) + _dot(axes[:, 1], axes[:, 1])
+    known = abs(square + _dot(axes[:, 2], axes[:, 2]) - 3.0) < 1e-9
     for a in range(3):
         for b in range(3):
-            v[a, b] = axes[a, b] if known else float(a == b)
+            v[a, b] = axes[a, b] if known else 0.0
+        v[a, a] = axes[a, a] if known else 1.0
     diagonalise(_second_moments(s), v, m)
     large, middle, small = _sorted_axes(m)
     first, second = max(m[large, large], 0.0), max(m[middle, middle], 0.0)

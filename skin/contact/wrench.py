@@ -139,7 +139,9 @@ def centre(s, record, origin):
     shifted = beside(about, force)
     moment, covariance = record["moment"], record["moment_covariance"]
     _covariance(s["wrench_covariance"], about, s["about"])
-    covariance[:] = s["about"][3:, 3:]
+    for a in range(3):
+        for b in range(3):
+            covariance[a, b] = s["about"][a + 3, b + 3]
     torsion, variance = 0.0, 0.0
     for a in range(3):
         moment[a] = shifted[a] + force[a + 3]

@@ -118,25 +118,3 @@ def test_of_a_load_that_grows_weak_nothing_about_its_centre_is_told_any_more():
             assert np.isnan(getattr(contact, name)).all() == weak, name
         assert contact.load == pytest.approx(1.0)
         assert contact.shear == pytest.approx(0.1)
-
-
-@given(seeds)
-def test_each_silent_unit_counts_once_for_every_contact_beside_it(seed):
-    """Also for those that have no identity, and in the total."""
-    rng = np.random.default_rng(seed)
-    position, n = naive.grid(3, 5), 15
-    start, index = neighbour_graph(position, 0.0175)
-    area, label = rng.uniform(0.5, 2.0, n), rng.integers(-1, 3, n)
-    label[[4, 7, 10]] = 0, 1, 2
-    silent = (label < 0) & (rng.random(n) < 0.6)
-    contacts, total = contact_features(
-        label, np.ones((3, n)), 0.01, position, naive.facing_down(n), area, silent=silent,
-        neighbour_start=start, neighbour_index=index,
-    )  # fmt: skip
-    beside = naive.rows_of(start, index).toarray() > 0
-    missing = [area[silent & beside[label == k].any(axis=0)].sum() for k in range(3)]
-    for k in range(3):
-        used = area[label == k].sum()
-        assert contacts["coverage"][k] == pytest.approx(used / (used + missing[k]))
-    used = area[label >= 0].sum()
-    assert total["coverage"] == pytest.approx(used / (used + sum(missing)))

@@ -140,34 +140,6 @@ def test_a_load_below_five_sigma_has_no_centre():
             assert record["load"] == pytest.approx(0.16)
 
 
-def test_normal_follows_what_touches_and_falls_back_on_the_units():
-    position = naive.grid(4, 5)
-    n = position.shape[1]
-    force = np.zeros((3, n))
-    force[2] = 1.0
-    slope = np.array([0.02, -0.05])
-    displacement = np.zeros((3, n))
-    displacement[2] = 1.0 + 1e3 * slope @ position[:2]
-    contacts, _ = contact_features(
-        np.zeros(n, int), force, 0.01, position, naive.facing_down(n), AREA,
-        displacement_mm=displacement,
-    )  # fmt: skip
-    normal = np.array([*slope, 1.0])
-    np.testing.assert_allclose(contacts["normal"][0], normal / np.linalg.norm(normal), atol=1e-9)
-    axes = contacts["axes"][0]
-    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
-    assert np.linalg.det(axes) == pytest.approx(1.0)
-    assert abs(axes[0, 0]) > 0.99
-    pitch = 0.012
-    np.testing.assert_allclose(contacts["extent"][0], pitch * np.sqrt([2.0, 1.25]), rtol=2e-3)
-    row = np.where(np.arange(n) < 5, 0, -1)
-    contacts, _ = contact_features(
-        row, force, 0.01, position, naive.facing_down(n), AREA, displacement_mm=displacement
-    )
-    np.testing.assert_allclose(contacts["normal"][0], [0.0, 0.0, 1.0])
-    assert contacts["flags"][0] & Flag.NORMAL_ASSUMED
-
-
 def test_torsion_is_the_moment_about_the_outward_normal():
     position = naive.grid(5, 5)
     rotation = naive.facing_down(25)
@@ -182,35 +154,6 @@ def test_torsion_is_the_moment_about_the_outward_normal():
     assert contacts["arm"][0] == pytest.approx(radius.mean())
     lever = 0.01 * np.sqrt((about**2).sum())
     assert contacts["torsion_sigma"][0] == pytest.approx(lever)
-
-
-def test_temperature_gradient_and_hot_spot_of_a_warm_slope():
-    position, rotation = naive.cylinder(4, 4)
-    n = position.shape[1]
-    force = np.zeros((3, n))
-    force[2] = np.linspace(1.0, 2.0, n)
-    slope = np.array([300.0, -200.0, 0.0])
-    temperature = 20.0 + slope @ position
-    temperature[3] = np.nan
-    contacts, _ = contact_features(
-        np.zeros(n, int), force, 0.01, position, rotation, AREA, temperature=temperature
-    )
-    contact = contacts[0]
-    assert contact["hot_unit"] == np.nanargmax(temperature)
-    assert contact["temperature"] == pytest.approx(np.nanmean(temperature))
-    across = slope - contact["normal"] * (slope @ contact["normal"])
-    np.testing.assert_allclose(contact["temperature_gradient"], across, atol=0.1 * 360.0)
-    flat = naive.grid(4, 4)
-    contacts, _ = contact_features(
-        np.zeros(n, int), force, 0.01, flat, naive.facing_down(n), AREA,
-        temperature=20.0 + slope @ flat,
-    )  # fmt: skip
-    np.testing.assert_allclose(contacts["temperature_gradient"][0], slope, atol=1e-6)
-    row = np.where(np.arange(n) < 4, 0, -1)
-    contacts, _ = contact_features(
-        row, force, 0.01, flat, naive.facing_down(n), AREA, temperature=temperature
-    )
-    assert np.isnan(contacts["temperature_gradient"][0]).all()
 
 
 def test_a_skin_far_from_the_origin_loses_no_digits():

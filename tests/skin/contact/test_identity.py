@@ -99,18 +99,6 @@ def mirrored(level, flip):
 
 
 @pytest.mark.parametrize("flip", [False, True])
-def test_what_splits_off_two_contacts_is_a_part_of_that_which_gave_it_more(flip):
-    units = Units(1, 9)
-    units.see(*mirrored([0, 0, 0, 0, 0, 10, 10, 10, 100], flip), cycles=60)
-    units.see(*mirrored([100, 20, 20, 20, 0, 10, 10, 10, 100], flip), cycles=60)
-    parted = units.see(*mirrored([100, 0, 20, 20, 10, 10, 10, 0, 100], flip))
-    assert sorted(map(len, parted.values())) == [1, 1, 5]
-    (new,) = set(parted) - {1, 2}
-    assert units.record(new)["parent"] == 2
-    assert [bool(units.record(one)["event"] & Event.SPLIT) for one in (1, 2)] == [False, True]
-
-
-@pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize(("times", "is_back"), [(3.97, False), (4.03, True)])
 def test_an_absorbed_contact_speaks_again_when_it_bears_four_times_the_other(times, is_back, flip):
     units = Units(1, 3)
@@ -136,67 +124,6 @@ def test_a_unit_counts_a_thousandth_beside_one_that_a_lost_contact_has_owned(hea
     level = mirrored([0, 10, 5, 5, heavy, 0], flip)
     assert list(units.see(*level)) == [returns]
     assert units.record(returns)["event"] == Event.RESUMED
-
-
-@pytest.mark.parametrize("flip", [False, True])
-def test_a_full_table_forgets_who_has_been_away_longest(flip):
-    units = Units(1, 7, capacity=1, memory_ns=1e9)
-    here, there, beyond = ([9, 0, 0, 0, 0, 0, 0], [0, 0, 0, 9, 0, 0, 0], [0, 0, 0, 0, 0, 0, 9])
-    nothing = [0] * 7
-    for level, identity in ((here, 1), (there, 2), (beyond, 3), (here, 4), (beyond, 3), (here, 4)):
-        assert list(units.see(*mirrored(level, flip))) == [identity]
-        assert units.see(*nothing) == {}
-        assert units.tracker.ended.tolist() == [identity]
-    assert list(units.see(*mirrored(there, flip))) == [5]
-
-
-def at(n, *places, flip=False):
-    """A row of units of which some are loaded."""
-    return mirrored([9 * (i in places) for i in range(n)], flip)
-
-
-@pytest.mark.parametrize("flip", [False, True])
-@pytest.mark.parametrize(
-    ("again", "returns", "gone"), [((), 0, 1), ((), 1, 0), ((0,), 1, 2), ((0, 1), 0, 2)]
-)
-def test_who_is_just_back_is_not_forgotten_however_long_away(again, returns, gone, flip):
-    units = Units(1, 12, capacity=2, memory_ns=1e9)
-    for k in (0, 1, 2, 3, *again):
-        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
-        units.see(*at(12))
-    assert set(units.see(*at(12, 3 * returns, 11, flip=flip))) == {returns + 1, 5}
-    for k in {0, 1, 2, 3} - {gone}:
-        units.see(*at(12))
-        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
-    units.see(*at(12))
-    assert list(units.see(*at(12, 3 * gone, flip=flip))) == [6]
-
-
-def test_who_is_lost_in_this_cycle_is_not_forgotten_before_those_it_spoke_for():
-    units = Units(1, 12, capacity=2, memory_ns=1e9, settle_ns=4e6)
-    loads = [90, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
-    for place in (2, 4, 6):
-        loads[place] = 10
-        assert 1 in units.see(*loads, cycles=2)
-        loads[place - 1] = 5
-        assert list(units.see(*loads)) == [1]
-    assert list(units.see(*at(12, 11))) == [5]
-    assert units.see(*at(12)) == {}
-    assert list(units.see(*at(12, 0))) == [1]
-
-
-def test_an_identity_returns_until_its_memory_is_over_and_absorbed_ones_as_long_as_they_are():
-    units = Units(1, 3, memory_ns=2e7)
-    units.see(9, 0, 0)
-    for away, identity in ((5, 1), (6, 2)):
-        units.see(0, 0, 0, cycles=away - 1)
-        assert list(units.see(9, 0, 0)) == [identity]
-    units = Units(1, 3, memory_ns=2e7, settle_ns=4e7)
-    units.see(9, 0, 20, cycles=11)
-    units.see(9, 5, 20, cycles=30)
-    assert units.see(9, 0, 20) == {1: [0], 2: [2]}
-    assert units.record(1)["event"] == Event.RESUMED
-    assert units.record(1)["cycles"] == 12
 
 
 @pytest.mark.parametrize(("cycles", "settled"), [(10, False), (11, True)])

@@ -10,15 +10,12 @@ import pytest
 import skin
 import topology
 from bus.cycle import ClosedBy, RawCycle
-from bus.memory import MemoryTransport
 from skin.contact.record import Event
 from skin.options import Options
 from skin.pipeline import Pipeline
-from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.live import over
 
 
 def wrench(force, position, rotation, *, valid):
@@ -72,30 +69,6 @@ def test_balls_that_merge_and_part_keep_their_identities():
     merged = [event for event in events.values() if event[1] & Event.MERGED]
     parted = [event for event in events.values() if event[1] & Event.RESUMED]
     assert len(merged) == len(parted) == 1
-
-
-def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
-    palm = topology.load("palm").exact()
-    near, far = MemoryTransport.pair()
-    nodes = SimulatedUnits(palm, seed=1)
-    nodes.attach([far])
-    send = far.send
-    with over(palm, [near], pace=False, want={"contacts"}) as opened:
-        states = iter(opened)
-        state = next(s for s in states if len(s.contacts) == 1 and s.contacts[0].units.size > 6)
-        before = state.contacts[0].id
-        silenced = int(state.contacts[0].peak_unit)
-        frame = int(np.flatnonzero((palm.frames.units == silenced).any(axis=1))[0])
-        dead = int(palm.frames.can_id[frame])
-        far.send = lambda records: send(records[records["id"] != dead])
-        *_, state = itertools.islice(states, 10)
-        (contact,) = state.contacts
-        assert not state.units.valid[silenced]
-        assert silenced not in contact.units
-        assert state.label[silenced] == -1
-        assert contact.id == before
-        assert contact.coverage < 1.0
-        assert state.coverage < 1.0
 
 
 @pytest.mark.usefixtures("few_variants")

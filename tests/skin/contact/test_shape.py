@@ -169,18 +169,6 @@ def test_one_point_has_no_extent_and_the_axes_of_its_units(seed, n):
     assert contact["axes"][:, 0] == pytest.approx(along / np.linalg.norm(along))
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_what_rounding_makes_of_one_point_is_no_extent(axis):
-    rng = np.random.default_rng(axis)
-    place = np.zeros((3, 6))
-    place[axis] = 1.1, 1.1, 1.1, -1.1, -1.1, -1.1
-    label = np.array([0, 0, 0, -1, -1, -1])
-    for load in rng.uniform(0.1, 2.0, (40, 6)):
-        force = np.array([0.0 * load, 0.0 * load, load])
-        (contact,), _ = contact_features(label, force, 1e-3, place, naive.facing_down(6), AREA)
-        assert contact["extent"].tolist() == [0.0, 0.0]
-
-
 @given(seeds, st.integers(2, 8))
 def test_arm_is_the_mean_distance_from_the_line_through_the_centre(seed, n):
     rng = np.random.default_rng(seed)

@@ -281,17 +281,6 @@ def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span, most):
     assert 0.64 < np.mean(hits) < most, np.mean(hits)
 
 
-def test_each_contact_counts_the_light_loads_beside_it():
-    stream = stream_of(naive.grid(1, 9), naive.facing_down(9))
-    force, sigma = np.zeros((3, 9)), np.full((3, 9), 0.01)
-    force[2] = 0.02  # below 3 sigma
-    force[2, [1, 7]] = 1.0
-    stream.update(force, sigma, stamp_ns=1)
-    first, second = (contact.wrench_covariance[:3, :3] for contact in stream.contacts)
-    np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-15)
-    assert np.trace(first) > 3 * 0.01**2 + 0.03**2, "two light units beside each, 0.02 N each"
-
-
 # -- what the gate leaves out, and what is silent --------------------------------------------------
 
 
@@ -346,14 +335,3 @@ def test_neighbours_bound_a_silent_unit_only_as_far_as_they_show(before, now, mo
     unseen = record.load_sigma**2 - 0.01**2 * len(now) - 0.03**2
     assert np.sqrt(unseen) == pytest.approx(most, rel=0.02, abs=0.01)
     assert record.whole == (most == 0.03)
-
-
-def test_a_press_at_the_rim_of_a_face_is_within_the_torque_and_the_centre_alike():
-    stream = stream_of(naive.grid(1, 3), naive.facing_down(3))
-    force = np.zeros((3, 3))
-    force[2, 1] = 3.0
-    (contact,) = stream.update(force, 1e-3, stamp_ns=1)
-    place = np.sqrt(np.diag(contact.centroid_covariance))
-    assert place[:2] == pytest.approx(FACE / np.sqrt(20.0), rel=1e-2)
-    assert contact.wrench_sigma[[4, 3]] == pytest.approx(3.0 * place[:2], rel=2e-2)
-    assert stream.total.wrench_sigma[3:] == pytest.approx(contact.wrench_sigma[3:])

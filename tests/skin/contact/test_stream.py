@@ -80,17 +80,6 @@ def test_contacts_are_those_of_the_plain_arrays(seed):
         assert contact.wrench_sigma**2 == pytest.approx(variance, rel=1e-12, abs=1e-15)
 
 
-@pytest.mark.parametrize("capacity", [1, 16])
-def test_wrenches_of_contacts_and_of_what_has_no_identity_add_up_to_the_total(capacity):
-    stream, everything = plate(capacity=capacity), plate()
-    for each in (stream, everything):
-        cycle(each, BOTH, 1)
-    assert len(stream.contacts) == min(capacity, 2)
-    assert stream.untracked == 2 - len(stream.contacts)
-    assert stream.total.wrench == pytest.approx(sum(c.wrench for c in everything.contacts))
-    assert stream.total.load == pytest.approx(BOTH[2].sum())
-
-
 @pytest.mark.parametrize(
     ("want", "spared"),
     [
@@ -268,17 +257,6 @@ def strided(array):
     return wide[..., ::2]
 
 
-def test_a_cycle_that_is_refused_is_forgotten():
-    stream = plate(want={"slip"})
-    force, moved = BOTH.copy(), 0.3 * BOTH
-    stream.update(force, 0.01, moved, 0.01, stamp_ns=1)
-    told = stream.total.load_sigma
-    with pytest.raises(SkinError, match="temperature: must have shape"):
-        stream.update(force, 0.02, moved, 0.01, np.zeros(3), stamp_ns=2)
-    stream.update(force, 0.01, moved, 0.01, stamp_ns=2)
-    assert stream.total.load_sigma == told
-
-
 def test_what_is_not_given_any_more_is_not_known_any_more():
     stream, valid = plate(), np.arange(N) > 3 * COLUMNS
     cycle(stream, BOTH, 1, valid=valid)
@@ -319,17 +297,6 @@ def test_bound_arrays_are_read_anew_in_each_cycle_and_may_be_given_up(dtype):
         assert told_by(bound) == told_by(other)
     with pytest.raises(SkinError, match="stamp_ns: must be after the last one"):
         bound.step(CYCLE_NS)
-
-
-def test_a_contact_whose_slip_is_not_wanted_tells_none_of_its_units():
-    stream = plate(want={"contacts"})
-    cycle(stream, press(ONE, TWO), 1)
-    for contact in stream.contacts:
-        for one in (contact, contact.copy()):
-            assert repr(one).startswith(f"<Contact {contact.id}: ")
-            assert one.noise_ratio.tolist() == [1.0] * contact.units.size
-            assert not one.noisy_units.size
-            assert not one.slip_began.size
 
 
 def test_a_new_contact_knows_nothing_of_the_one_whose_record_it_takes():

@@ -99,19 +99,6 @@ def test_margin_and_grip_are_those_of_the_ellipsoid_of_shear_and_torsion():
     assert not record["flags"] & NO_FRICTION
 
 
-def test_friction_from_the_settings_has_no_sigma_and_none_at_all_no_margin():
-    record, model = cone(friction=0.25)
-    assert friction_margin(record, model) == pytest.approx(1.5 / 8.0)
-    assert record["margin"] == pytest.approx(1.0 - 1.5 / 2.0)
-    assert np.isnan([record[k] for k in ("friction_sigma", "friction_spread")]).all()
-    assert np.isnan(record["grip_force_sigma"])
-    record, model = cone()
-    record["margin"] = record["grip_force"] = record["grip_force_sigma"] = 1.0
-    friction_margin(record, model)
-    assert np.isnan([record[k] for k in ("margin", "grip_force", "grip_force_sigma")]).all()
-    assert record["flags"] & NO_FRICTION
-
-
 @pytest.mark.parametrize(
     ("lower", "slip", "expected"),
     [
