@@ -82,7 +82,7 @@ def joint_figures(quick: bool) -> dict[str, Any]:
     data = mujoco.MjData(model)
     stream = ContactStream(
         hand.position, hand.rotation, hand.area, hand.neighbour_start, hand.neighbour_index,
-        want=("wrench",), dtype="float64",
+        want=("wrench",),
     )  # fmt: skip
     joints = Joints(hand)
     count = 100 if quick else 1000

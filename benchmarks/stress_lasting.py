@@ -179,9 +179,8 @@ def _broken(pipeline: Pipeline, touched: np.ndarray) -> int:
     for covariance in np.moveaxis(ambient.covariance_ut2, -1, 0):
         symmetric = np.allclose(covariance, covariance.T, rtol=1e-9, atol=1e-9)
         count += not (symmetric and np.linalg.eigvalsh(covariance).min() > 0.0)
-    assert stream.slip_data is not None
     for name in POSITIVE:
-        values = stream.slip_data.slips[name]
+        values = stream.data.slips[name]
         count += int((~(np.isfinite(values) & ((values > 0.0) | ~touched & (values == 0.0)))).sum())
     return count
 

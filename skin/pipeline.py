@@ -209,7 +209,7 @@ class Pipeline:
         return ContactStream(
             topology.position, topology.rotation, topology.area,
             topology.neighbour_start, topology.neighbour_index,
-            want=want, dtype=self.options.dtype, slip=self.options.slip,
+            want=want, slip=self.options.slip,
             rate_hz=topology.cycle_rate_hz,
             false_contacts_per_day=self.options.false_contacts_per_day,
             capacity=self.options.capacity,

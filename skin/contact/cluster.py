@@ -122,16 +122,16 @@ def _take_loaded(i, u, readings, cycle):
         u["force"][a] = readings.force[a, i]
         u["force_sigma"][a] = readings.force_sigma[a, i]
         if cycle["has_depth"]:
-            u["displacement"][a] = readings.displacement[a, i]
-            u["displacement_sigma"][a] = readings.displacement_sigma[a, i]
+            u["displacement"][a] = readings.displacement_mm[a, i]
+            u["displacement_sigma"][a] = readings.displacement_sigma_mm[a, i]
         if cycle["has_field"]:
-            u["field"][a] = readings.field[a, i]
-            u["field_displacement"][a] = readings.field_displacement[a, i]
+            u["field"][a] = readings.field_ut[a, i]
+            u["field_displacement"][a] = readings.field_displacement_mm[a, i]
     u["temperature"] = np.nan
     if cycle["has_temperature"]:
         u["temperature"] = readings.temperature[i]
     if cycle["has_field"]:
-        u["residue"] = readings.residue[i]
+        u["residue"] = readings.residue_ut2[i]
 
 
 @jitable

@@ -3,69 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from skin.contact.model import WAYPOINTS
-from skin.contact.record import Fields, Flag, SlipState
+from skin.contact.record import Fields, SlipState
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
 if TYPE_CHECKING:
     from skin.contact.shock import Shocks
 
-__all__ = ["Contact", "Kept", "Part"]
+__all__ = ["Contact", "Kept"]
 
 
-Part = tuple[bytearray | memoryview, np.dtype]
-"""Bytes of some records, and their type."""
+class Kept(NamedTuple):
+    """The records of the contacts of a cycle."""
 
+    records: np.ndarray  # CONTACT
+    slots: np.ndarray  # SLOT
+    members: np.ndarray  # int32
+    slips: np.ndarray | None  # MEMBER; None where slip is not wanted
 
-class Kept:
-    """The records of the contacts of a cycle, as bytes: arrays are made of them when they are read.
-
-    Parameters
-    ----------
-    records : Part
-        CONTACT.
-    slots : Part
-        SLOT.
-    members : Part
-        Of int32.
-    slips : Part or None
-        MEMBER; None where slip is not wanted.
-    """
-
-    def __init__(self, records: Part, slots: Part, members: Part, slips: Part | None) -> None:
-        self._records, self._slots, self._members, self._slips = records, slots, members, slips
-
-    @cached_property
-    def records(self) -> np.ndarray:
-        return np.frombuffer(*self._records)
-
-    @cached_property
-    def slots(self) -> np.ndarray:
-        return np.frombuffer(*self._slots)
-
-    @cached_property
-    def members(self) -> np.ndarray:
-        return np.frombuffer(*self._members)
-
-    @cached_property
-    def slips(self) -> np.ndarray | None:
-        return None if self._slips is None else np.frombuffer(*self._slips)
-
-    def copy(self) -> Kept:
-        """The same on memory of its own."""
-        (records, of_records), (slots, of_slots) = self._records, self._slots
-        members, of_members = self._members
-        slips = None if self._slips is None else (bytearray(self._slips[0]), self._slips[1])
+    def copy(self, slots: int | None = None, members: int | None = None) -> Kept:
+        """The first so many of each, or all, on memory of their own."""
         return Kept(
-            (bytearray(records), of_records), (bytearray(slots), of_slots),
-            (bytearray(members), of_members), slips,
+            _first(self.records, slots), _first(self.slots, slots),
+            _first(self.members, members),
+            None if self.slips is None else _first(self.slips, members),
         )  # fmt: skip
+
+
+def _first(array: np.ndarray, count: int | None) -> np.ndarray:
+    """A copy of the first records, as bytes: numpy copies records field by field, in 90 µs."""
+    size = None if count is None else count * array.itemsize
+    return array.view(np.uint8)[:size].copy().view(array.dtype)
 
 
 class Contact(Fields):
@@ -97,18 +70,6 @@ class Contact(Fields):
     def _told(self) -> np.ndarray | None:
         told = self._kept.slips
         return None if told is None else told[self.record["begin"] : self.record["end"]]
-
-    @property
-    def whole(self) -> bool:
-        """Whether all its units are heard. Otherwise it has `Flag.UNSEEN`, its wrench is
-        incomplete, and the possible load of silent units is in its sigmas."""
-        return not self.flags & Flag.UNSEEN
-
-    @property
-    def friction_known(self) -> bool:
-        """Whether `friction` is one that slip has shown, or was given; where not, `friction` and
-        `margin` are lower bounds, `grip_force` an upper one."""
-        return not self.flags & Flag.NO_FRICTION and bool(np.isfinite(self.friction))
 
     @property
     def slip_began(self) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.contact.model import ADDED, WAYPOINTS
 from skin.contact.record import BORN, UNSEEN
-from skin.contact.shape import ROUND, add_faces, add_first, add_second, arm, between, orient
+from skin.contact.shape import ROUND, add_faces, add_first, add_second, arm, beside, between, orient
 from skin.contact.shared_field import add_shared, spread_shared
 from skin.contact.silent_units import add_apart, add_light, add_missed, add_silent, clear
 from skin.contact.wrench import centre, total_wrench
@@ -48,44 +48,16 @@ def _add_load(i, u, pose, has_depth, s):
 
 
 @jitable
-def _add_wrench(u, pose, u_variance, v_variance, s):
-    """Add the wrench (F, p × F) of a unit and its covariance, by the variances of its tangential
-    forces and of its load.
-
-    Its force has the covariance V = R diag(v) R', which is that with its torque times P, V P', and
-    of the torque P V P', where P is the matrix of p ×.
-    """
-    p, r, f = pose["position"], pose["rotation"], u["force"]
-    px, py, pz = p[0], p[1], p[2]
-    x = f[0] * r[0, 0] + f[1] * r[0, 1] + f[2] * r[0, 2]
-    y = f[0] * r[1, 0] + f[1] * r[1, 1] + f[2] * r[1, 2]
-    z = f[0] * r[2, 0] + f[1] * r[2, 1] + f[2] * r[2, 2]
-    wrench, t = s["wrench"], s["wrench_covariance"]
-    wrench[0] += x
-    wrench[1] += y
-    wrench[2] += z
-    wrench[3] += py * z - pz * y
-    wrench[4] += pz * x - px * z
-    wrench[5] += px * y - py * x
-    w = u["force_sigma"][2] ** 2
-    a, b, c = u_variance * r[0, 0], v_variance * r[0, 1], w * r[0, 2]
-    xx = a * r[0, 0] + b * r[0, 1] + c * r[0, 2]
-    xy = a * r[1, 0] + b * r[1, 1] + c * r[1, 2]
-    xz = a * r[2, 0] + b * r[2, 1] + c * r[2, 2]
-    a, b, c = u_variance * r[1, 0], v_variance * r[1, 1], w * r[1, 2]
-    yy = a * r[1, 0] + b * r[1, 1] + c * r[1, 2]
-    yz = a * r[2, 0] + b * r[2, 1] + c * r[2, 2]
-    zz = u_variance * r[2, 0] ** 2 + v_variance * r[2, 1] ** 2 + w * r[2, 2] ** 2
-    x3, x4, x5 = py * xz - pz * xy, pz * xx - px * xz, px * xy - py * xx
-    y3, y4, y5 = py * yz - pz * yy, pz * xy - px * yz, px * yy - py * xy
-    z3, z4, z5 = py * zz - pz * yz, pz * xz - px * zz, px * yz - py * xz
-    entries = (
-        xx, xy, xz, x3, x4, x5, yy, yz, y3, y4, y5, zz, z3, z4, z5,
-        py * z3 - pz * y3, py * z4 - pz * y4, py * z5 - pz * y5,
-        pz * x4 - px * z4, pz * x5 - px * z5, px * y5 - py * x5,
-    )  # fmt: skip
-    for row in range(21):
-        t[row] += entries[row]
+def _add_force(force, variance, axis, p, s):
+    """Add a force along an axis at p to the wrench: its screw (e, p × e), and the covariance, its
+    variance times the square of that."""
+    turn, row = beside(p, axis), 0
+    screw = axis[0], axis[1], axis[2], turn[0], turn[1], turn[2]
+    for a in range(6):
+        s["wrench"][a] += force * screw[a]
+        for b in range(a, 6):
+            s["wrench_covariance"][row] += variance * screw[a] * screw[b]
+            row += 1
 
 
 @jitable
@@ -108,13 +80,16 @@ def _add(k, total, members, model, data):
     s, has_depth = data.sums[k], data.cycle[0]["has_depth"]
     for i in members:
         u, pose = data.units[i], model.poses[i]
-        x_variance, y_variance = u["force_sigma"][0] ** 2, u["force_sigma"][1] ** 2
+        x_shared, y_shared = 0.0, 0.0
         if data.cycle[0]["has_field"]:
             x_shared, y_shared = add_shared(k, u, pose, data.gain)
-            x_variance = max(x_variance - x_shared, 0.0)
-            y_variance = max(y_variance - y_shared, 0.0)
         _add_load(i, u, pose, has_depth, s)
-        _add_wrench(u, pose, x_variance, y_variance, s)
+        for axis in range(3):
+            variance = u["force_sigma"][axis] ** 2
+            if axis < 2:
+                variance = max(variance - (x_shared if axis == 0 else y_shared), 0.0)
+            along = pose["rotation"][:, axis]
+            _add_force(u["force"][axis], variance, along, pose["position"], s)
         _add_warmth(i, u, pose, s)
     add_light(k, total, members, model, data)
     add_missed(s, model.settings[0]["keep_sigma"])
@@ -268,15 +243,11 @@ def describe(count, silent, model, data):
         slot = slots[k]["present"]
         record, s = data.contacts[slot], sums[k]
         members = data.members[record["begin"] : record["end"]]
-        if model.settings[0]["each"]:
-            if record["event"] & BORN:
-                _forget(record)
-            _conclude(s, s, record, members, model, data)
-            arm(record, members, model.settings[0]["origin"], model.poses, data.units)
-            walk(record, s["step_variance"], slots[slot]["path"])
-        else:
-            orient(s, record)
-            add_faces(s, record, members, model.poses, data.units, s)
+        if record["event"] & BORN:
+            _forget(record)
+        _conclude(s, s, record, members, model, data)
+        arm(record, members, model.settings[0]["origin"], model.poses, data.units)
+        walk(record, s["step_variance"], slots[slot]["path"])
         for row in range(6):
             whole["face"][row] += s["face"][row]
             whole["face_torque"][row] += s["face_torque"][row]

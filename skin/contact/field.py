@@ -1,7 +1,7 @@
 """Declares a record once: its numbers, the attributes that users read, and their output.
 
-A class has a `Number`, a `Vector` or a `Hidden` for each field of a record; `declared` derives the
-numpy type, and the quantities of tables, arrays and messages.
+A class has a `Number`, a `Vector` or a `Hidden` for each field of a record, and a `Derived` for
+what follows from these; `declared` makes the numpy type, and the quantities of all outputs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload
 
 import numpy as np
 
-__all__ = ["Hidden", "Number", "Quantity", "Vector", "declared", "derived"]
+__all__ = ["Derived", "Hidden", "Number", "Quantity", "Vector", "declared"]
 
 T = TypeVar("T")
 
@@ -72,23 +72,19 @@ class Hidden:
     ----------
     dtype : type of numpy
     shape : tuple of int
-    yields : tuple of Quantity
-        Its output quantities.
     """
 
     name = ""
 
-    def __init__(
-        self, dtype: Any, shape: tuple[int, ...] = (), *, yields: Iterable[Quantity] = ()
-    ) -> None:
-        self.dtype, self.shape, self.yields = np.dtype(dtype), shape, tuple(yields)
+    def __init__(self, dtype: Any, shape: tuple[int, ...] = ()) -> None:
+        self.dtype, self.shape = np.dtype(dtype), shape
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Its output quantities."""
-        return self.yields
+    def quantity(self) -> Quantity | None:
+        """Its output quantity, if it has one."""
+        return None
 
     def __get__(self, one: object, owner: type) -> Any:
         if one is None:
@@ -110,31 +106,29 @@ class Number(Hidden, Generic[T]):
         float64 for float, int32 for integers if not given.
     leaves : bool
         Whether it is an output of tables, arrays and messages.
-    message, yields
-        See `Quantity` and `Hidden`. By default it is float32 in messages, or the integer type.
+    message
+        See `Quantity`. By default it is float32 in messages, or the integer type.
     """
 
     def __init__(
         self, kind: type[T], doc: str, unit: str = "", *, dtype: Any = None, leaves: bool = True,
-        message: str = "", yields: Iterable[Quantity] = (),
+        message: str = "",
     ) -> None:  # fmt: skip
         default = np.float64 if kind is float else np.int32
-        super().__init__(default if dtype is None else dtype, yields=yields)
+        super().__init__(default if dtype is None else dtype)
         self.__doc__, self._kind = doc, kind
         self._leaves = leaves, unit, message
 
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Its own output quantity and those that it yields."""
+    def quantity(self) -> Quantity | None:
         leaves, unit, message = self._leaves
         if not leaves:
-            return self.yields
+            return None
         words: tuple[str, ...] = ()
         if issubclass(self._kind, IntEnum) and not issubclass(self._kind, IntFlag):
             words = tuple(one.name.lower() for one in self._kind)
         name, kind = self.name, message or _message(self.dtype)
-        own = Quantity(name, str(self.__doc__), unit, (), self.dtype.name,
-                       lambda found: found[name], words, kind)  # fmt: skip
-        return (own, *self.yields)
+        return Quantity(name, str(self.__doc__), unit, (), self.dtype.name,
+                        lambda found: found[name], words, kind)  # fmt: skip
 
     @overload
     def __get__(self, one: None, owner: type) -> Number[T]: ...
@@ -168,14 +162,13 @@ class Vector(Hidden):
         self.__doc__ = doc
         self._leaves = unit, tuple(columns), message
 
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Its output quantity, if it has columns."""
+    def quantity(self) -> Quantity | None:
         unit, columns, message = self._leaves
         if not columns:
-            return ()
+            return None
         name, kind = self.name, message or f"float64[{len(columns)}]"
-        return (Quantity(name, str(self.__doc__), unit, columns, self.dtype.name,
-                         lambda found: found[name], (), kind),)  # fmt: skip
+        return Quantity(name, str(self.__doc__), unit, columns, self.dtype.name,
+                        lambda found: found[name], (), kind)  # fmt: skip
 
     @overload
     def __get__(self, one: None, owner: type) -> Vector: ...
@@ -185,29 +178,44 @@ class Vector(Hidden):
         return self if one is None else one.record[self.name]
 
 
-def derived(
-    name: str, doc: str, dtype: str, values: Callable[[np.ndarray], np.ndarray], *,
-    message: str = "",
-) -> Quantity:  # fmt: skip
-    """A number without a unit, computed from fields.
+class Derived:
+    """A number without a unit that follows from fields, and is an attribute as they are.
 
     Parameters
     ----------
-    name, doc, dtype
+    doc, dtype
         See `Quantity`.
     values : function
-        Records, shape (k,), to array, shape (k,).
+        Records, shape (k,) or one, to as many numbers.
     message
         See `Quantity`. By default its type in messages is that of `dtype`.
     """
-    return Quantity(name, doc, "", (), dtype, values, (), message or dtype)
+
+    name = ""
+
+    def __init__(
+        self, doc: str, dtype: str, values: Callable[[Any], Any], *, message: str = ""
+    ) -> None:
+        self.__doc__, self._leaves = doc, (dtype, values, message or dtype)
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def quantity(self) -> Quantity:
+        """Its output quantity."""
+        dtype, values, message = self._leaves
+        return Quantity(self.name, str(self.__doc__), "", (), dtype, values, (), message)
+
+    def __get__(self, one: Record | None, owner: type) -> Any:
+        return self if one is None else self._leaves[1](one.record).item()
 
 
 def declared(owner: type) -> tuple[np.dtype, tuple[Quantity, ...]]:
     """The numpy type of the record that a class declares, and its output quantities, in order."""
-    fields = [one for one in vars(owner).values() if isinstance(one, Hidden)]
-    dtype = np.dtype([(one.name, one.dtype, one.shape) for one in fields], align=True)
-    return dtype, tuple(given for one in fields for given in one.quantities())
+    members = [one for one in vars(owner).values() if isinstance(one, (Hidden, Derived))]
+    fields = [(one.name, one.dtype, one.shape) for one in members if isinstance(one, Hidden)]
+    found = [one.quantity() for one in members]
+    return np.dtype(fields, align=True), tuple(one for one in found if one is not None)
 
 
 def _message(dtype: np.dtype) -> str:

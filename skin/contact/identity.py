@@ -133,40 +133,25 @@ def _comes_first(one, other):
 
 @jitable
 def _assign(pairs, track, other, other_worth, contacts, slots):
-    """Assign slots in two states to clusters, one to one, greedily by the largest common load.
-
-    The load on units of a slot in the second state is weighted by `other_worth`. A pair that is the
-    best of its cluster and of its slot is one that the greedy choice takes: all such are taken at
-    once, and the others looked at again.
-    """
+    """Assign slots in two states to clusters, one to one, greedily by the largest common load; that
+    on units of a slot in the second state is weighted by `other_worth`."""
     for pair in pairs:
         now = contacts[pair["slot"]]["track"]
         pair["worth"] = pair["load"] if now == track else 0.0
         if now == other:
             pair["worth"] = other_worth * pair["load"]
-    found = True
-    while found:
-        found = False
-        for pair in pairs:
-            slots[pair["part"]]["best_of_part"] = -1
-            slots[pair["slot"]]["best_of_slot"] = -1
+    best = 0
+    while best >= 0:
+        best = -1
         for at in range(pairs.size):
             pair = pairs[at]
-            part, slot = slots[pair["part"]], slots[pair["slot"]]
-            if part["slot_of"] >= 0 or slot["part_of"] >= 0 or not pair["worth"] > 0.0:
-                continue
-            best = part["best_of_part"]
-            if best < 0 or _comes_first(pair, pairs[best]):
-                part["best_of_part"] = at
-            best = slot["best_of_slot"]
-            if best < 0 or _comes_first(pair, pairs[best]):
-                slot["best_of_slot"] = at
-        for at in range(pairs.size):
-            pair = pairs[at]
-            part, slot = slots[pair["part"]], slots[pair["slot"]]
-            if part["best_of_part"] == at and slot["best_of_slot"] == at:
-                part["slot_of"], slot["part_of"] = pair["slot"], pair["part"]
-                found = True
+            taken = slots[pair["part"]]["slot_of"] >= 0 or slots[pair["slot"]]["part_of"] >= 0
+            if not taken and pair["worth"] > 0.0:
+                if best < 0 or _comes_first(pair, pairs[best]):
+                    best = at
+        if best >= 0:
+            slots[pairs[best]["part"]]["slot_of"] = pairs[best]["slot"]
+            slots[pairs[best]["slot"]]["part_of"] = pairs[best]["part"]
 
 
 @jitable

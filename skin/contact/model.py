@@ -15,6 +15,7 @@ import numpy as np
 
 from skin.contact.record import CONTACT, UNTOUCHED
 from skin.contact.slip.parameters import SlipSettings
+from skin.contact.slip.state import MEMBER, SLIP, SLIP_UNIT
 from skin.errors import SkinError
 from skin.physics.force_law import TERMS
 from topology.pose import pose_fault
@@ -50,8 +51,7 @@ SETTINGS = _record(
     ("memory_ns", _F),  # how long a lost contact can return
     ("settle_ns", _F),  # how old a contact must be to outlive being absorbed
     ("needs_displacement", _B),  # whether a loaded unit without displacement counts as silent
-    ("total", _B),  # wanted: all contacts together; of the first three each needs the one before
-    ("each", _B),
+    ("total", _B),  # wanted: anything but identities, which the two below need
     ("slip", _B),
     ("shocks", _B),
     ("origin", _F, (3,)),  # m, middle of the array in the skin frame
@@ -116,8 +116,6 @@ SLOT = _record(
     ("parent", _I),  # slot that each cluster has split from, -1
     ("part_of", _I),  # cluster of each slot, -1
     ("mark", _I),  # last pair of each slot; whether it represents absorbed ones; scratch
-    ("best_of_part", _I),  # scratch
-    ("best_of_slot", _I),  # scratch
     ("ended", _L),  # identities that ended in this cycle
     ("most", _F),  # largest load in common of a cluster or slot; scratch
     # shocks, see `skin.contact.shock`
@@ -204,7 +202,8 @@ SUMS = _record(
     ("step_variance", _F),  # m², of a step of the centre from one cycle to the next
     ("hidden", _F),  # 1 where a silent unit makes the contact not whole
     ("vectors", _F, (3, 3)),  # scratch: principal axes
-    ("values", _F, (3,)),  # scratch
+    ("moments", _F, (3, 3)),  # scratch: second moments along these
+    ("about", _F, (6, 6)),  # scratch: covariance about the centre
 )
 """Sums over the units of a contact; scratch."""
 ADDED = _record(*_ADDED).itemsize // 8
@@ -226,13 +225,13 @@ class Readings(NamedTuple):
 
     force: np.ndarray  # (3, n), newton; the last row is the normal load, positive when pressed
     force_sigma: np.ndarray  # (3, n)
-    displacement: np.ndarray  # (3, n), millimetre; the last row is the pressed depth
-    displacement_sigma: np.ndarray  # (3, n)
+    displacement_mm: np.ndarray  # (3, n); the last row is the pressed depth
+    displacement_sigma_mm: np.ndarray  # (3, n)
     temperature: np.ndarray  # (n,), degree Celsius
     valid: np.ndarray  # (n,), bool
-    field: np.ndarray  # (3, n), µT, and the two below: see `skin.contact.shared_field.Common`
-    field_displacement: np.ndarray  # (3, n), mm
-    residue: np.ndarray  # (n,), µT²
+    field_ut: np.ndarray  # (3, n), and the two below: see `skin.contact.shared_field.Common`
+    field_displacement_mm: np.ndarray  # (3, n)
+    residue_ut2: np.ndarray  # (n,)
 
 
 class ContactData(NamedTuple):
@@ -240,7 +239,7 @@ class ContactData(NamedTuple):
 
     units: np.ndarray  # (n,), UNIT
     label: np.ndarray  # (n,), int32: contact of the unit, counted along `present`; -1 for none
-    slip: np.ndarray  # (n,), int32: `UnitSlip`, written by the slip detector
+    slip: np.ndarray  # (n,), int32: `UnitSlip`
     members: np.ndarray  # (n,), int32: units of the contacts: [record begin:record end]
     lists: np.ndarray  # (n + 1,), LIST
     slots: np.ndarray  # (s,), SLOT
@@ -252,6 +251,9 @@ class ContactData(NamedTuple):
     covariance_ut2: np.ndarray  # (g, 3, 3): of the ambient field of each body
     gain: np.ndarray  # (rows, 2 g, 6, 3): wrench of a row of the sums per µT of the field of each
     # body, then of that which its Bz at rest was learnt in; scratch
+    slips: np.ndarray  # (n,), SLIP_UNIT; none where slip is not wanted
+    all: np.ndarray  # (1,), SLIP
+    told: np.ndarray  # (n,), MEMBER: of the units of the contacts, along `members`
 
 
 def contact_model(
@@ -266,13 +268,13 @@ def contact_model(
     model = ContactModel(np.zeros(1, SETTINGS), np.zeros(n, POSE), *graph)
     model.settings["memory_ns"], model.settings["settle_ns"] = MEMORY_NS, SETTLE_NS
     model.poses["area"], model.poses["feels"], model.poses["most"] = area, 1.0, np.inf
-    _check_shapes(n, position, rotation)
     set_poses(model, position, rotation)
     return model
 
 
 def set_poses(model: ContactModel, position: np.ndarray, rotation: np.ndarray) -> None:
     """Set new poses, in place, as many as units; allocates nothing of size n."""
+    _check_shapes(model.poses.size, position, rotation)
     origin = model.settings["origin"][0]
     np.mean(position, axis=1, out=origin)
     np.subtract(np.transpose(position), origin, out=model.poses["position"])
@@ -370,17 +372,15 @@ def contact_capacity(n: int) -> int:
 
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     """Arrays for the readings of n units, all valid."""
+    lone = np.zeros((2, n), dtype)
     return Readings(
-        *np.zeros((4, 3, n), dtype),
-        temperature=np.zeros(n, dtype),
-        valid=np.ones(n, bool),
-        field=np.zeros((3, n), dtype),
-        field_displacement=np.zeros((3, n), dtype),
-        residue=np.zeros(n, dtype),
+        *np.zeros((4, 3, n), dtype), lone[0], np.ones(n, bool), *np.zeros((2, 3, n), dtype), lone[1]
     )
 
 
-def contact_data(n: int, capacity: int, edges: int, rate_hz: float = 250.0) -> ContactData:
+def contact_data(
+    n: int, capacity: int, edges: int, rate_hz: float = 250.0, *, slip: bool = True
+) -> ContactData:
     """Arrays for so many contacts of n units, on a graph with so many edges."""
     slots = 2 * capacity
     units, cycle = np.zeros(n, UNIT), np.zeros(1, CYCLE)
@@ -393,5 +393,6 @@ def contact_data(n: int, capacity: int, edges: int, rate_hz: float = 250.0) -> C
         np.zeros(n + 1, LIST), np.zeros(slots, SLOT), contacts, cycle,
         np.zeros(2 * n + edges, PAIR), sums,
         sums.view(np.float64).reshape(sums.size, -1), np.zeros((0, 3, 3)),
-        np.zeros((capacity + 2, 0, 6, 3)),
+        np.zeros((capacity + 2, 0, 6, 3)), np.zeros(n * slip, SLIP_UNIT), np.zeros(1, SLIP),
+        np.zeros(n * slip, MEMBER),
     )  # fmt: skip

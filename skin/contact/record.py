@@ -9,7 +9,7 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
-from skin.contact.field import Hidden, Number, Quantity, Vector, declared, derived
+from skin.contact.field import Derived, Hidden, Number, Vector, declared
 
 __all__ = ["AXES", "CONTACT", "LOADS", "LOAD_UNITS", "QUANTITIES", "UNTOUCHED", "Event", "Fields",
            "Flag", "SlipState", "TrackState", "UnitKind", "UnitSlip"]  # fmt: skip
@@ -110,10 +110,9 @@ BORN, RESUMED, MERGED, SPLIT = map(int, Event)
 WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION, NOISY, UNSEEN = map(int, Flag)
 
 
-def _happened(event: Event, doc: str) -> Quantity:
+def _happened(event: Event, doc: str) -> Derived:
     """Whether an event is one of those of a cycle."""
-    name = str(event.name).lower()
-    return derived(name, doc, "bool", lambda found: found["event"] & int(event) != 0)
+    return Derived(doc, "bool", lambda found: found["event"] & int(event) != 0)
 
 
 class Fields:
@@ -134,36 +133,30 @@ class Fields:
                 dtype=np.int64)  # fmt: skip
     parent = Number(int, "Identity of the contact that it split from, 0.", dtype=np.int64)
     track = Hidden(np.int32)  # TrackState
-    event = Number(
-        Event, "Events in this cycle.", leaves=False,
-        yields=(
-            _happened(Event.BORN, "Whether this is its first cycle."),
-            _happened(Event.RESUMED, "Whether it is back after it was lost or absorbed."),
-            _happened(Event.MERGED, "Whether another contact was absorbed by it."),
-            _happened(Event.SPLIT, "Whether a part of it went on as a contact of its own."),
-        ),
-    )  # fmt: skip
+    event = Number(Event, "Events in this cycle.", leaves=False)
+    born = _happened(Event.BORN, "Whether this is its first cycle.")
+    resumed = _happened(Event.RESUMED, "Whether it is back after it was lost or absorbed.")
+    merged = _happened(Event.MERGED, "Whether another contact was absorbed by it.")
+    split = _happened(Event.SPLIT, "Whether a part of it went on as a contact of its own.")
     into = Hidden(np.int32)  # record that absorbed this one, -1
     begin = Hidden(np.int32)  # units: members[begin:end]
-    end = Hidden(
-        np.int32,
-        yields=(derived("units", "How many units it has.", "int32",
-                       lambda found: found["end"] - found["begin"], message="uint16"),),
-    )  # fmt: skip
+    end = Hidden(np.int32)
+    units = Derived("How many units it has.", "int32",
+                    lambda found: found["end"] - found["begin"], message="uint16")  # fmt: skip
     cycles = Hidden(np.int64)
     born_ns = Hidden(np.int64)
     seen_ns = Hidden(np.int64)
     # -- load: written by describe
-    flags = Number(
-        Flag, "Limitations of its numbers.", leaves=False,
-        yields=(
-            derived("whole", "Whether no silent unit may bear some of its load.", "bool",
-                    lambda found: found["flags"] & int(Flag.UNSEEN) == 0),
-            derived("friction_known", "Whether friction is one that slip has shown, or was given. "
-                    "Where not, friction and margin are lower bounds, grip_force an upper one.",
-                    "bool", lambda found: np.isfinite(found["friction"])
-                    & (found["flags"] & int(Flag.NO_FRICTION) == 0)),
-        ),
+    flags = Number(Flag, "Limitations of its numbers.", leaves=False)
+    whole = Derived(
+        "Whether no silent unit may bear some of its load.", "bool",
+        lambda found: found["flags"] & int(Flag.UNSEEN) == 0,
+    )  # fmt: skip
+    friction_known = Derived(
+        "Whether friction is one that slip has shown, or was given. Where not, friction and margin "
+        "are lower bounds, grip_force an upper one.", "bool",
+        lambda found: np.isfinite(found["friction"])
+        & (found["flags"] & int(Flag.NO_FRICTION) == 0),
     )  # fmt: skip
     peak_unit = Number(int, "Its most loaded unit.", leaves=False)
     hot_unit = Number(int, "Its warmest unit.", leaves=False)
@@ -225,11 +218,10 @@ class Fields:
     slip = Number(SlipState, "State of the contact as a whole.", message="uint8")
     slip_units = Number(int, "Units that slip.", leaves=False)
     body_units = Hidden(np.int32)
-    onset_ns = Hidden(
-        np.int64,  # of the present slip, 0
-        yields=(derived("slip_began", "Whether it began to slip in this cycle.", "bool",
-                       lambda found: (found["onset_ns"] != 0)
-                       & (found["onset_ns"] == found["seen_ns"])),),
+    onset_ns = Hidden(np.int64)  # of the present slip, 0
+    slip_began = Derived(
+        "Whether it began to slip in this cycle.", "bool",
+        lambda found: (found["onset_ns"] != 0) & (found["onset_ns"] == found["seen_ns"]),
     )  # fmt: skip
     stick_ratio = Number(float, "Fraction of the load on units that stick.")
     pattern = Number(

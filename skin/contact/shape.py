@@ -20,6 +20,7 @@ __all__ = [
     "arm",
     "beside",
     "between",
+    "diagonalise",
     "orient",
     "swept",
 ]  # fmt: skip
@@ -81,62 +82,41 @@ def swept(q, force):
 
 
 @jitable
-def _start(m, v):
-    """The symmetric M in the axes v, an upper triangle; set v to the identity where it has none."""
-    x, y, z = v[:, 0], v[:, 1], v[:, 2]
-    square = 0.0
-    for a in range(3):
-        square += x[a] * x[a] + y[a] * y[a] + z[a] * z[a]
-    if not abs(square - 3.0) < 1e-9:
-        for a in range(3):
-            for b in range(3):
-                v[a, b] = 1.0 if a == b else 0.0
-    return (
-        between(m, x, x), between(m, x, y), between(m, x, z), between(m, y, y),
-        between(m, y, z), between(m, z, z),
-    )  # fmt: skip
-
-
-@jitable
-def _rotate(block, v, a, b, least):
-    """Rotate columns a and b of v, so that the entry between them is zero.
-
-    `block` is their diagonal entries, the one between them, and those of both with the third axis,
-    which are returned as they are afterwards; all stays as it is where that entry is at `least`.
-    """
-    p, q, between, x, y = block
-    if abs(between) <= least:
-        return block
-    half = 0.5 * (q - p) / between
-    root = np.sqrt(1.0 + half * half)
-    t = 1.0 / (abs(half) + root)
-    c = np.sqrt(0.5 + 0.5 * abs(half) / root)
-    if half < 0.0:
-        t = -t
-    sn = t * c
+def _rotate(m, v, a, b, least):
+    """Rotate columns a and b of v so that the entry of m between them is zero, unless it is at
+    `least`."""
+    if abs(m[a, b]) <= least:
+        return
+    half = 0.5 * (m[b, b] - m[a, a]) / m[a, b]
+    t = 1.0 / (abs(half) + np.sqrt(1.0 + half * half))
+    t = t if half >= 0.0 else -t
+    c = 1.0 / np.sqrt(1.0 + t * t)
+    s = t * c
     for r in range(3):
-        f, g = v[r, a], v[r, b]
-        v[r, a], v[r, b] = c * f - sn * g, sn * f + c * g
-    return p - t * between, q + t * between, 0.0, c * x - sn * y, sn * x + c * y
+        m[r, a], m[r, b] = c * m[r, a] - s * m[r, b], s * m[r, a] + c * m[r, b]
+        v[r, a], v[r, b] = c * v[r, a] - s * v[r, b], s * v[r, a] + c * v[r, b]
+    for r in range(3):
+        m[a, r], m[b, r] = c * m[a, r] - s * m[b, r], s * m[a, r] + c * m[b, r]
+    m[a, b] = m[b, a] = 0.0
 
 
 @jitable
-def _eigen(m, v, values):
-    """Eigenvalues of the symmetric m, an upper triangle, and eigenvectors into the columns of v, by
-    Jacobi rotations, which start from v if it has axes, such as those of the cycle before.
+def diagonalise(triangle, v, m):
+    """Turn the axes v into eigenvectors of a symmetric matrix, whose eigenvalues become the
+    diagonal of m, by Jacobi rotations.
 
-    numpy's `eigh` allocates, and takes twenty times as long in a kernel, 2.5 us for 0.12 us.
+    numpy's `eigh` allocates, and takes twenty times as long in a kernel.
     """
-    xx, xy, xz, yy, yz, zz = _start(m, v)
-    small = 1e-11 * (xx + yy + zz)
-    least = 1e-3 * small
+    for a in range(3):
+        for b in range(3):
+            m[a, b] = between(triangle, v[:, a], v[:, b])
+    small = 1e-11 * (m[0, 0] + m[1, 1] + m[2, 2])
     for _ in range(12):
-        if abs(xy) + abs(xz) + abs(yz) <= small:
+        if abs(m[0, 1]) + abs(m[0, 2]) + abs(m[1, 2]) <= small:
             break
-        xx, yy, xy, xz, yz = _rotate((xx, yy, xy, xz, yz), v, 0, 1, least)
-        xx, zz, xz, xy, yz = _rotate((xx, zz, xz, xy, yz), v, 0, 2, least)
-        yy, zz, yz, xy, xz = _rotate((yy, zz, yz, xy, xz), v, 1, 2, least)
-    values[0], values[1], values[2] = xx, yy, zz
+        _rotate(m, v, 0, 1, 1e-3 * small)
+        _rotate(m, v, 0, 2, 1e-3 * small)
+        _rotate(m, v, 1, 2, 1e-3 * small)
 
 
 @jitable
@@ -155,13 +135,13 @@ def _second_moments(s):
 
 
 @jitable
-def _sorted_axes(values):
-    """Columns of the eigenvectors of the largest, middle and smallest eigenvalue."""
+def _sorted_axes(m):
+    """Columns of the largest, middle and smallest number on the diagonal."""
     large, small = 0, 0
     for a in range(1, 3):
-        if values[a] > values[large]:
+        if m[a, a] > m[large, large]:
             large = a
-        if values[a] <= values[small]:
+        if m[a, a] <= m[small, small]:
             small = a
     if large == small:
         large, small = 0, 2
@@ -180,18 +160,21 @@ def orient(s, record):
     Parameters
     ----------
     s : SUMS
-        `vectors` and `values` are scratch.
+        `vectors` and `moments` are scratch.
     record : CONTACT
         `axes`, `normal`, `extent`, `normal_condition` and flags are written; the iteration starts
         from the axes of the cycle before, which also give the major axis its sign.
     """
-    axes, normal, v, values = record["axes"], record["normal"], s["vectors"], s["values"]
+    axes, normal, v, m = record["axes"], record["normal"], s["vectors"], s["moments"]
+    square = _dot(axes[:, 0], axes[:, 0]) + _dot(axes[:, 1], axes[:, 1])
+    known = abs(square + _dot(axes[:, 2], axes[:, 2]) - 3.0) < 1e-9
     for a in range(3):
         for b in range(3):
-            v[a, b] = axes[a, b]
-    _eigen(_second_moments(s), v, values)
-    large, middle, small = _sorted_axes(values)
-    first, second = max(values[large], 0.0), max(values[middle], 0.0)
+            v[a, b] = axes[a, b] if known else 0.0
+        v[a, a] = axes[a, a] if known else 1.0
+    diagonalise(_second_moments(s), v, m)
+    large, middle, small = _sorted_axes(m)
+    first, second = max(m[large, large], 0.0), max(m[middle, middle], 0.0)
     length = -np.sqrt(_dot(s["load_z"], s["load_z"]))
     condition = np.sqrt(second / first) if first > 0.0 else 0.0
     # depths that differ along a row of units are no second direction of their face

@@ -21,12 +21,14 @@ from skin.physics.force_law import scaled, secant, shear_law, stacked
 from skin.physics.halbach import CHIP_AXES
 from topology import Topology
 
-__all__ = ["Common", "add_shared", "common_field", "set_common", "spread_shared"]
+__all__ = ["COMMON", "Common", "add_shared", "common_field", "set_common", "spread_shared"]
 
 CREST = 0.1
 """Smallest cosine at which the strength of a field determines the displacement [assumed]."""
 LAW = ("body", "axes", "film", "shear", "gain", "gain_offset", "wavenumber")
 """Fields of `POSE` that say how the tangential force of a unit follows its field."""
+COMMON = ("field_ut", "field_displacement_mm", "residue_ut2")
+"""Fields of `Common` that are readings of a cycle."""
 _NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -35,9 +37,9 @@ class Common(NamedTuple):
 
     law: np.ndarray  # (n,), POSE: the fields `LAW`
     field_ut: np.ndarray  # (3, n), see `Reading`
-    displacement_mm: np.ndarray  # (3, n), see `Reading`
+    field_displacement_mm: np.ndarray  # (3, n), see `Reading`
     covariance_ut2: np.ndarray  # (g, 3, 3), float64: of the ambient field of each body
-    residue_ut2: np.ndarray  # (n,): variance of a lateral axis by both, as in the sigma of a unit
+    residue_ut2: np.ndarray  # (n,), variance of a lateral axis by both, as in the sigma of a unit
     rest_ut2: float  # of an axis of the field that Bz at rest was learnt in
 
 

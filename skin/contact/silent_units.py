@@ -1,25 +1,7 @@
 """What a wrench leaves out: loads below the gate, and possible loads of silent units.
 
-The wrench is that of heard units in contact. What else may bear load counts as an error, whose root
-mean square is in the sigmas [assumed]:
-
-- Units next to a contact: the sum of their loads below the gate, or the gate of one of them.
-- Other heard units: where nothing touches, the sum of their readings, or its noise if that is
-  larger, or the gate of one of them. Next to contacts elsewhere, that sum, or the load of one unit,
-  where it is above the gate: a touch is no reason to doubt all the others.
-- A silent unit without a neighbour in contact: the load below the gate when it was last heard,
-  since later contacts are seen by its neighbours, unless they are smaller than a unit; where no
-  neighbour is heard, or where it was last in contact, the contact is flagged `Flag.UNSEEN`.
-- A silent unit next to a contact that was there when it was last heard: its load then, which has
-  grown at most as that of its neighbours has, plus what these have gained or lost.
-- Next to a contact that came later: the load of its neighbours, where a unit farther away bears as
-  much as a neighbour of it, so that the body is not centred upon it; otherwise the maximum load.
-- Never heard: the gates of the neighbours; its maximum load if these are silent, too.
-- And at most its maximum load in any case.
-- An even load that was there when zeros were taken, as far as the zeros leave it open: the `doubt`
-  of a unit stands for its patch, and is in the total alone (`skin.calibrate.zeros`).
-
-With a friction of up to 1, the load of these along each tangential axis may be as large [assumed].
+They count as errors, whose root mean square is in the sigmas: the rules are in
+docs/explanation/derivations.md, "What a wrench leaves out".
 """
 
 from __future__ import annotations
@@ -193,30 +175,11 @@ def _bound(i, model, data):
 
 
 @jitable
-def _add(s, v, first, square):
-    """Add loads of unknown directions: the sum of their variances, equal along all axes, and its
-    moments Σ v p and Σ v p p', an upper triangle."""
-    t, (x, y, z), (xx, xy, xz, yy, yz, zz) = s["wrench_covariance"], first, square
-    s["unseen"] += v
-    for a in range(3):
-        s["unseen_position"][a] += first[a]
-    for row in range(6):
-        s["unseen_square"][row] += square[row]
-    # Σ v of the screws (e, p × e) of the axes e of the skin frame
-    screws = (
-        v, 0.0, 0.0, 0.0, z, -y, v, 0.0, -z, 0.0, x, v, y, -x, 0.0,
-        yy + zz, -xy, -xz, xx + zz, -yz, xx + yy,
-    )  # fmt: skip
-    for row in range(21):
-        t[row] += screws[row]
-
-
-@jitable
-def _add_one(s, p, v):
-    """The same of one unit at p."""
-    x, y, z = p[0], p[1], p[2]
-    square = (v * x * x, v * x * y, v * x * z, v * y * y, v * y * z, v * z * z)
-    _add(s, v, (v * x, v * y, v * z), square)
+def _add(s, p, variance):
+    """Add a possible load of a unit at p, in any direction."""
+    s["unseen"] += variance
+    add_first(s["unseen_position"], variance, p)
+    add_second(s["unseen_square"], variance, p)
 
 
 @jitable
@@ -240,7 +203,7 @@ def add_apart(s, touched, model, data):
         u = data.units[i]
         load, sigma = u["force"][2], u["force_sigma"][2]
         if poses[i]["doubt"] > 0.0:
-            _add_one(s, poses[i]["position"], poses[i]["doubt"])
+            _add(s, poses[i]["position"], poses[i]["doubt"])
         if u["counted"] != OPEN_TO_ALL or not sigma < np.inf:
             continue
         total, variance = total + load, variance + sigma * sigma
@@ -251,20 +214,12 @@ def add_apart(s, touched, model, data):
     if total > 0.0 and (not touched or total * total > keep_sigma * keep_sigma * variance):
         square = max(square, total * total)
     if touched and most * most > square:
-        _add_one(s, poses[lone]["position"], most * most)
+        _add(s, poses[lone]["position"], most * most)
     elif square > 0.0 and variance > 0.0:
-        k = square / variance
-        x = y = z = xx = xy = xz = yy = yz = zz = 0.0
         for i in range(data.units.size):
-            sigma, p = data.units[i]["force_sigma"][2], poses[i]["position"]
-            if data.units[i]["counted"] != OPEN_TO_ALL or not sigma < np.inf:
-                continue
-            v = k * sigma * sigma
-            vx, vy, vz = v * p[0], v * p[1], v * p[2]
-            x, y, z = x + vx, y + vy, z + vz
-            xx, xy, xz = xx + vx * p[0], xy + vx * p[1], xz + vx * p[2]
-            yy, yz, zz = yy + vy * p[1], yz + vy * p[2], zz + vz * p[2]
-        _add(s, square, (x, y, z), (xx, xy, xz, yy, yz, zz))
+            sigma = data.units[i]["force_sigma"][2]
+            if data.units[i]["counted"] == OPEN_TO_ALL and sigma < np.inf:
+                _add(s, poses[i]["position"], square / variance * sigma * sigma)
 
 
 @jitable
@@ -279,7 +234,7 @@ def add_silent(count, model, data):
         if felt:
             most, seen = _bound(i, model, data)
             variance, hidden = most * most, 0.0 if seen else 1.0
-            _add_one(whole, place, variance)
+            _add(whole, place, variance)
             whole["hidden"] = max(whole["hidden"], hidden)
         for at in range(model.start[i], model.start[i + 1]):
             k = label[model.neighbour[at]]
@@ -289,7 +244,7 @@ def add_silent(count, model, data):
             s["silent_area"] += poses[i]["area"]
             whole["silent_area"] += poses[i]["area"]
             if felt:
-                _add_one(s, place, variance)
+                _add(s, place, variance)
                 s["hidden"] = max(s["hidden"], hidden)
 
 

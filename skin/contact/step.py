@@ -13,7 +13,7 @@ from skin.contact.model import ContactData, ContactModel, Readings
 from skin.contact.record import OPEN, UNSEEN
 from skin.contact.shock import follow_shocks
 from skin.contact.silent_units import nothing_touches, remember
-from skin.contact.slip.detector import SlipData, detect_slip
+from skin.contact.slip.detector import detect_slip
 
 __all__ = [
     "EARLY", "SAME", "Steps", "follow_slip", "follow_slip_python", "step", "step_python",
@@ -78,7 +78,7 @@ def follow_slip_python(model, data):
     Parameters
     ----------
     model : ContactModel
-    data : SlipData
+    data : ContactData
     """
     detect_slip(model, data)
 
@@ -95,21 +95,19 @@ class Steps:
     ----------
     readings, model, data
         As of `step_python`.
-    slip : SlipData or None
-        None where slip is not wanted.
 
     Attributes
     ----------
+    readings : Readings
     calls : list of tuple
         The kernels with their arguments.
     """
 
-    def __init__(
-        self, readings: Readings, model: ContactModel, data: ContactData, slip: SlipData | None
-    ) -> None:
+    def __init__(self, readings: Readings, model: ContactModel, data: ContactData) -> None:
+        self.readings = readings
         self.calls: list[tuple[Any, ...]] = [(step, readings, model, data)]
-        if slip is not None:
-            self.calls.append((follow_slip, model, slip))
+        if model.settings["slip"][0]:
+            self.calls.append((follow_slip, model, data))
         self._slips = data.cycle["slips"]
         self._bound: list[Callable[..., int]] = []
 

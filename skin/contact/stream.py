@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from functools import cached_property
 
 import numpy as np
 
 from skin.contact.cluster import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
-from skin.contact.contact import Contact, Kept, Part
+from skin.contact.contact import Contact, Kept
 from skin.contact.model import (
-    Readings,
     check_poses,
     contact_capacity,
     contact_data,
@@ -20,24 +19,20 @@ from skin.contact.model import (
     no_readings,
     set_poses,
 )  # fmt: skip
-from skin.contact.record import BRIDGE, OPEN
-from skin.contact.shared_field import Common, set_common
+from skin.contact.record import BRIDGE
+from skin.contact.shared_field import COMMON, Common, set_common
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.state import slip_data
 from skin.contact.step import EARLY, SAME, Steps
-from skin.errors import OptionError, SkinError, check_choice, check_number, check_numbers, shown
-from skin.options import DTYPES, MOST_CONTACTS, wanted
+from skin.errors import OptionError, SkinError, check_number, check_numbers, shown
+from skin.options import MOST_CONTACTS, wanted
 
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
 
+DTYPES = np.dtype(np.float32), np.dtype(np.float64)
 CONTACT_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 """Quantities of contacts. Wrench and centroid are of the total and come together; slip and shocks
 imply contacts. With none wanted there are identities and units alone."""
-PUBLIC_NAMES = (
-    "force", "force_sigma", "displacement_mm", "displacement_sigma_mm", "temperature", "valid"
-)  # fmt: skip
-"""Public names of the fields of `Readings`, in order."""
 
 
 class ContactStream:
@@ -59,8 +54,6 @@ class ContactStream:
         Neighbour graph in compressed rows; `skin.contact.neighbour_graph` makes one.
     want : collection of str
         Of `CONTACT_WANTS`.
-    dtype : "float32" or "float64"
-        Type of the readings; others are converted. Sums are always float64.
     slip : SlipSettings, optional
     capacity : int, optional
         Maximum number of contacts; further ones, the lightest, have no identity and are counted in
@@ -68,8 +61,6 @@ class ContactStream:
         `skin.contact.model.contact_capacity`.
     rate_hz : float
         Cycles a second.
-    false_alarms_per_hour : float
-        For shocks, see `Shocks`.
     false_contacts_per_day : float
         Allowed contacts due to noise on the whole array: the normal load that starts one follows.
     unit_names : sequence of str, optional
@@ -119,28 +110,21 @@ class ContactStream:
         neighbour_index: np.ndarray,
         *,
         want: Collection[str] = ("contacts",),
-        dtype: str = "float32",
         slip: SlipSettings | None = None,
         capacity: int | None = None,
         rate_hz: float = 250.0,
-        false_alarms_per_hour: float = 1.0,
         false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY,
         unit_names: Sequence[str] | None = None,
         feels: np.ndarray | None = None,
         most_n: np.ndarray | float = np.inf,
     ) -> None:
-        self._want = wants = wanted(want, CONTACT_WANTS)
-        check_numbers(
-            1e-9, 1e9, rate_hz=rate_hz, false_alarms_per_hour=false_alarms_per_hour,
-            false_contacts_per_day=false_contacts_per_day,
-        )  # fmt: skip
+        wants = wanted(want, CONTACT_WANTS)
+        check_numbers(1e-9, 1e9, rate_hz=rate_hz, false_contacts_per_day=false_contacts_per_day)
         n = np.shape(position)[-1]
         self.capacity = capacity = contact_capacity(n) if capacity is None else capacity
         check_number("capacity", capacity, 1, MOST_CONTACTS, whole=True)
-        check_choice("dtype", dtype, DTYPES)
         if slip is not None and not isinstance(slip, SlipSettings):
             raise OptionError(f"slip: must be SlipSettings or None; got {shown(slip)}")
-        self._dtype = np.dtype(dtype)
         self._alone = threading.Lock()
         slips = "slip" in wants
         self.model = contact_model(position, rotation, area, neighbour_start, neighbour_index)
@@ -149,8 +133,7 @@ class ContactStream:
         settings = asdict(slip or SlipSettings()) | {
             "start_sigma": starts[0], "repeat_sigma": starts[1], "pair_sigma": starts[2],
             "keep_sigma": KEEP_SIGMA, "needs_displacement": slips,
-            "total": bool(wants), "each": not wants.isdisjoint(("contacts", "slip", "shocks")),
-            "slip": slips, "shocks": "shocks" in wants,
+            "total": bool(wants), "slip": slips, "shocks": "shocks" in wants,
         }  # fmt: skip
         for name, value in settings.items():
             self.model.settings[name] = value
@@ -160,11 +143,8 @@ class ContactStream:
                 f"{KEEP_SIGMA} sigmas or more; got {false_contacts_per_day:g}, {starts[0]:.2f}"
             )
         poses["feels"], poses["most"] = 1.0 if feels is None else feels, most_n
-        self.data = contact_data(n, capacity, edges, rate_hz)
-        self.slip_data = slip_data(self.data) if slips else None
-        self.shocks = None
-        if "shocks" in wants:
-            self.shocks = Shocks(rate_hz, false_alarms_per_hour=false_alarms_per_hour)
+        self.data = contact_data(n, capacity, edges, rate_hz, slip=slips)
+        self.shocks = Shocks(rate_hz) if "shocks" in wants else None
         self.records, self.label, self.unit_slip = (
             self.data.contacts, self.data.label, self.data.slip
         )  # fmt: skip
@@ -173,17 +153,14 @@ class ContactStream:
         self._present = self.data.slots["present"]
         names = "present", "in_use", "touching_units"
         self._counts = [self._clock[name].data for name in names]
-        told = None if self.slip_data is None else _part(self.slip_data.told)
-        records, slots = _part(self.records), _part(self.data.slots)
-        self._parts = records, slots, _part(self.data.members), told
-        none = Kept(records, slots, _part(self.data.members[:0]), None)
-        live = Kept(*self._parts)
+        told = self.data.told if slips else None
+        self._live = live = Kept(self.records, self.data.slots, self.data.members, told)
         self._views = [
             Contact(live, slot, self.shocks, unit_names) for slot in range(self.records.size - 1)
         ]
         self.now: list[Contact] = []
+        none = live._replace(members=live.members[:0], slips=None)
         self.total = Contact(none, -1, self.shocks, unit_names)
-        self._own = no_readings(n, self._dtype)
         self.bound: Steps | None = None
 
     @property
@@ -191,11 +168,6 @@ class ContactStream:
         """Heard fraction of the sensing area."""
         area = self.model.poses["area"]
         return float(area @ (self.data.units["kind"] < BRIDGE) / area.sum())
-
-    @property
-    def touching(self) -> np.ndarray:
-        """Units in contact, shape (n,), bool; a copy."""
-        return self.data.units["kind"] == OPEN
 
     @property
     def untracked(self) -> int:
@@ -221,13 +193,7 @@ class ContactStream:
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
-        pose = self.model.poses
-        fresh = ContactStream(
-            pose["position"].T, np.moveaxis(pose["rotation"], 0, 2), pose["area"],
-            self.model.start, self.model.neighbour, want=self._want, dtype=self._dtype.name,
-        )  # fmt: skip
-        none = np.zeros((3, pose.size), self._dtype)
-        fresh.update(none + 1, 0.01, none, 0.01, none[0], stamp_ns=0)
+        (self.bound or self._own).ready()
 
     def update(
         self,
@@ -275,15 +241,14 @@ class ContactStream:
         if not self._alone.acquire(blocking=False):
             raise SkinError("update: must be called from one thread at a time; got a second one")
         try:
-            own = self._own
-            for k, values in enumerate(given):
-                if values is not None or k < 2:
-                    _copy(PUBLIC_NAMES[k], values, own[k])
+            own = self._own.readings
+            for name, values, array in zip(own._fields, given, own, strict=False):
+                if values is not None or name in ("force", "force_sigma"):
+                    _copy(name, values, array)
             if valid is None:
                 own.valid[:] = True
             self._give(displacement_mm, temperature, None)
-            self._now_ns[0] = stamp_ns
-            self._take(self._step())
+            self._take(self._own, stamp_ns)
             return self.contacts
         finally:
             self._alone.release()
@@ -297,21 +262,16 @@ class ContactStream:
         temperature: np.ndarray | None = None,
         valid: np.ndarray | None = None,
         common: Common | None = None,
-    ) -> Callable[[int], list[Contact]]:
-        """A function that processes the next cycle from fixed arrays.
+    ) -> None:
+        """Let `step` read fixed arrays in place.
 
         Parameters
         ----------
         force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid : ndarray
-            As in `update`, of the stream's `dtype`, contiguous; overwritten in place before each
-            call, and kept.
+            As in `update`, of one type, float32 or float64, contiguous; overwritten before each
+            step, and kept.
         common : Common, optional
             Common errors of units; see `skin.contact.shared_field`.
-
-        Returns
-        -------
-        callable
-            Takes the stamp of a cycle in nanoseconds, returns its contacts.
 
         Raises
         ------
@@ -322,33 +282,26 @@ class ContactStream:
             force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid
         )  # fmt: skip
         self._check_displacement(displacement_mm, displacement_sigma_mm)
-        own, data = no_readings(self.label.size, self._dtype), self.data
+        if force.dtype not in DTYPES:
+            raise SkinError(f"force: must be float32 or float64; got {force.dtype}")
+        own, data = no_readings(self.label.size, force.dtype), self.data
         bound = {}
-        for name, field, array in zip(PUBLIC_NAMES, own._fields, given, strict=False):
+        for name, array, like in zip(own._fields, given, own, strict=False):
             if array is not None:
-                _check_array(name, array, getattr(own, field))
-                bound[field] = array
+                _check_array(name, array, like)
+                bound[name] = array
         if common is not None:
             set_common(self.model, common)
-            bound |= {"field": common.field_ut, "field_displacement": common.displacement_mm,
-                      "residue": common.residue_ut2}  # fmt: skip
+            bound |= {name: getattr(common, name) for name in COMMON}
             shape = data.sums.size, 2 * len(common.covariance_ut2), 6, 3
             data = data._replace(gain=np.zeros(shape), covariance_ut2=common.covariance_ut2)
         self._give(displacement_mm, temperature, common)
-        readings = Readings(**(own._asdict() | bound))
-        self.bound = Steps(readings, self.model, data, self.slip_data)
-
-        def take(stamp_ns: int) -> list[Contact]:
-            self.step(stamp_ns)
-            return self.contacts
-
-        return take
+        self.bound = Steps(own._replace(**bound), self.model, data)
 
     def step(self, now_ns: int) -> None:
         """Process the next cycle from the arrays of the last `bind`."""
         assert self.bound is not None
-        self._now_ns[0] = now_ns
-        self._take(self.bound())
+        self._take(self.bound, now_ns)
 
     def _give(self, displacement: object, temperature: object, common: object) -> None:
         """Note which readings are given."""
@@ -357,29 +310,28 @@ class ContactStream:
         ):  # fmt: skip
             self._clock[name] = given is not None
 
-    def __reduce_ex__(self, protocol: object) -> str:
-        raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")
-
     @cached_property
-    def _step(self) -> Steps:
-        """The kernels on this stream's own arrays."""
-        return Steps(self._own, self.model, self.data, self.slip_data)
+    def _own(self) -> Steps:
+        """The kernels on arrays of the stream's own, which `update` fills."""
+        own = no_readings(self.label.size, np.float64)
+        return Steps(own, self.model, self.data)
 
     def _check_displacement(self, displacement: object, sigma: object) -> None:
-        if self.slip_data is not None and (displacement is None or sigma is None):
+        if self.model.settings["slip"][0] and (displacement is None or sigma is None):
             raise SkinError(
                 "displacement_mm, displacement_sigma_mm: must be given where slip is wanted; "
                 "got None"
             )
 
-    def _take(self, count: int) -> None:
-        """Renew `now` after a cycle, by what its kernels return; raises SkinError where the stamp
-        was not later."""
+    def _take(self, steps: Steps, now_ns: int) -> None:
+        """Process a cycle and renew `now`; raises SkinError where its stamp is not later."""
+        self._now_ns[0] = now_ns
+        count = steps()
         if count == SAME:
             return
         if count == EARLY:
             last = self._clock["last_ns"][0]
-            raise SkinError(f"stamp_ns: must be after the last one, {last}; got {self._now_ns[0]}")
+            raise SkinError(f"stamp_ns: must be after the last one, {last}; got {now_ns}")
         self.now = [self._views[slot] for slot in self._present[:count].tolist()]
 
     @property
@@ -388,24 +340,9 @@ class ContactStream:
         count, in_use, touching = (number[0] for number in self._counts)
         if count == 0:
             return []
-        records, slots, members, told = self._parts
-        kept = Kept(
-            _first(records, in_use), _first(slots, in_use), _first(members, touching),
-            None if told is None else _first(told, touching),
-        )  # fmt: skip
+        kept = self._live.copy(in_use, touching)
         present = self._present[:count].tolist()
         return [Contact(kept, slot, self.shocks, self._names) for slot in present]
-
-
-def _part(array: np.ndarray) -> Part:
-    """The bytes of records, and their type."""
-    return array.view(np.uint8).data, array.dtype
-
-
-def _first(part: Part, count: int) -> Part:
-    """A copy of so many records."""
-    data, dtype = part
-    return bytearray(data[: count * dtype.itemsize]), dtype
 
 
 def _check_array(name: str, array: np.ndarray, like: np.ndarray) -> None:

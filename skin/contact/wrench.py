@@ -17,39 +17,40 @@ WEAK_SIGMAS = 5.0
 
 
 @jitable
-def _plus(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+def _covariance(triangle, shift, c):
+    """Covariance of a wrench about a shifted point, M' = M + shift × F, into c, shape (6, 6), from
+    its upper triangle."""
+    row = 0
+    for a in range(6):
+        for b in range(a, 6):
+            c[a, b] = c[b, a] = triangle[row]
+            row += 1
+    for b in range(6):
+        x, y, z = beside(shift, c[:3, b])
+        c[3, b] += x
+        c[4, b] += y
+        c[5, b] += z
+    for a in range(6):
+        x, y, z = beside(shift, c[a, :3])
+        c[a, 3] += x
+        c[a, 4] += y
+        c[a, 5] += z
+        for b in range(a):
+            c[a, b] = c[b, a]
 
 
 @jitable
-def _shifted(t, shift):
-    """Covariance of a wrench about a shifted point, M' = M + shift x F, of its upper triangle t:
-    the rows of force with torque, and the upper triangle of the torque."""
-    a, b, c = (t[3], t[4], t[5]), (t[8], t[9], t[10]), (t[12], t[13], t[14])
-    x = _plus(a, beside(shift, (t[0], t[1], t[2])))
-    y = _plus(b, beside(shift, (t[1], t[6], t[7])))
-    z = _plus(c, beside(shift, (t[2], t[7], t[11])))
-    # cov(M') = cov(M) + cov(M, F) by the shift + the shift by cov(F, M'), column by column
-    first = _plus(beside(shift, (a[0], b[0], c[0])), (t[15], t[16], t[17]))
-    second = _plus(beside(shift, (a[1], b[1], c[1])), (t[16], t[18], t[19]))
-    third = _plus(beside(shift, (a[2], b[2], c[2])), (t[17], t[19], t[20]))
-    p = beside(shift, (x[0], y[0], z[0]))
-    q = beside(shift, (x[1], y[1], z[1]))
-    r = beside(shift, (x[2], y[2], z[2]))
-    torque = (
-        first[0] + p[0], first[1] + q[0], first[2] + r[0],
-        second[1] + q[1], second[2] + r[1], third[2] + r[2],
+def _add_unseen(v, first, square, t):
+    """Add loads of unknown directions, of the variance v along each axis, by its moments: Σ v of
+    the screws (e, p × e) of the axes e of the skin frame."""
+    x, y, z = first[0], first[1], first[2]
+    xx, xy, xz, yy, yz, zz = square[0], square[1], square[2], square[3], square[4], square[5]
+    screws = (
+        v, 0.0, 0.0, 0.0, z, -y, v, 0.0, -z, 0.0, x, v, y, -x, 0.0,
+        yy + zz, -xy, -xz, xx + zz, -yz, xx + yy,
     )  # fmt: skip
-    return (x, y, z), torque
-
-
-@jitable
-def _write_symmetric(values, block):
-    """Write an upper triangle into a symmetric 3 by 3 block."""
-    block[0, 0], block[1, 1], block[2, 2] = values[0], values[3], values[5]
-    block[0, 1] = block[1, 0] = values[1]
-    block[0, 2] = block[2, 0] = values[2]
-    block[1, 2] = block[2, 1] = values[4]
+    for row in range(21):
+        t[row] += screws[row]
 
 
 @jitable
@@ -59,7 +60,7 @@ def total_wrench(s, record, origin):
     Parameters
     ----------
     s : SUMS
-        The torque of the faces is added to its covariance.
+        The torque of the faces and unseen loads are added to its covariance.
     record : CONTACT
     origin : ndarray, shape (3,)
         Metre, the middle of the array.
@@ -71,12 +72,8 @@ def total_wrench(s, record, origin):
         wrench[a + 3] = shifted[a] + s["wrench"][a + 3]
     for row in range(6):
         t[15 + row] += s["face_torque"][row]
-    mixed, torque = _shifted(t, origin)
-    _write_symmetric((t[0], t[1], t[2], t[6], t[7], t[11]), covariance[:3, :3])
-    _write_symmetric(torque, covariance[3:, 3:])
-    for a in range(3):
-        for b in range(3):
-            covariance[a, b + 3] = covariance[b + 3, a] = mixed[a][b]
+    _add_unseen(s["unseen"], s["unseen_position"], s["unseen_square"], t)
+    _covariance(t, origin, covariance)
     for a in range(6):
         record["wrench_sigma"][a] = np.sqrt(max(covariance[a, a], 0.0))
 
@@ -141,8 +138,10 @@ def centre(s, record, origin):
     about = -place[0] / load, -place[1] / load, -place[2] / load
     shifted = beside(about, force)
     moment, covariance = record["moment"], record["moment_covariance"]
-    _, torque = _shifted(s["wrench_covariance"], about)
-    _write_symmetric(torque, covariance)
+    _covariance(s["wrench_covariance"], about, s["about"])
+    for a in range(3):
+        for b in range(3):
+            covariance[a, b] = s["about"][a + 3, b + 3]
     torsion, variance = 0.0, 0.0
     for a in range(3):
         moment[a] = shifted[a] + force[a + 3]

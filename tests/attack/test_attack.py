@@ -111,7 +111,7 @@ OPTIONS = {
     "Pipeline": (lambda **options: skin.Pipeline(STRIP, **options), "deadline_s"),
     "ContactStream": (
         streamed,
-        "want dtype slip capacity rate_hz false_alarms_per_hour false_contacts_per_day",
+        "want slip capacity rate_hz false_contacts_per_day",
     ),
     "SlipSettings": (
         skin.SlipSettings,

@@ -238,7 +238,7 @@ def test_a_filter_that_loses_its_covariance_is_found():
     assert stress_lasting._broken(pipeline, touched) == 0
     pipeline.decoder.ambient._data.bodies.covariance_ut2[0, 0, 1] += 1.0
     assert stress_lasting._broken(pipeline, touched) == 1
-    pipeline.contacts.slip_data.slips["lag_variance"][5] = -1e-9
+    pipeline.contacts.data.slips["lag_variance"][5] = -1e-9
     assert stress_lasting._broken(pipeline, touched) == 2
     touched[7] = True
     assert stress_lasting._broken(pipeline, touched) == 2 + len(stress_lasting.POSITIVE)

@@ -36,7 +36,7 @@ from skin.pipeline import Pipeline
 if sys.argv[1] == "float64":  # first what is of this type alone: the rest is there by then
     palm = topology.load("palm")
     of = palm.position, palm.rotation, palm.area, palm.neighbour_start, palm.neighbour_index
-    ContactStream(*of, want={{"slip"}}, dtype="float64").warmup()
+    ContactStream(*of, want={{"slip"}}).warmup()
 for name in {skins!r}:
     for chosen in ({{}}, {{"sweeps": 2, "slip": SlipSettings()}}, {{"estimator": "sine"}}):
         if sys.argv[1] == "float64":

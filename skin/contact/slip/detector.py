@@ -34,14 +34,12 @@ from skin.contact.slip.rigid_fit import contact_frame, fit_motion, move_units
 from skin.contact.slip.state import (
     MOTIONS,
     PLANE,
-    SlipData,
     begin_contact,
     count_slipping,
     decide_contact,
     decide_units,
     is_kept,
     misses_units,
-    slip_data,
     still_slides,
 )
 from skin.contact.slip.unit_filter import (
@@ -54,7 +52,7 @@ from skin.contact.slip.unit_filter import (
     take_units,
 )  # fmt: skip
 
-__all__ = ["SlipData", "detect_slip", "slip_data"]
+__all__ = ["detect_slip"]
 
 LEAST_SIZE_M = 1e-4
 """[numeric] Lower bound of the size of a contact, metre."""
@@ -171,7 +169,7 @@ def detect_slip(model, data):
     Parameters
     ----------
     model : ContactModel
-    data : SlipData
+    data : ContactData
         Written: `slip`, `slips`, `all`, and the fields of `contacts` that belong to slip and
         friction.
     """

@@ -5,12 +5,9 @@ All displacements are in millimetres and in the tangent plane of each unit.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.model import ContactData
 from skin.contact.record import BORN, SlipState, UnitSlip
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, PATTERNS
 
@@ -21,14 +18,12 @@ __all__ = [
     "PLANE",
     "SLIP",
     "SLIP_UNIT",
-    "SlipData",
     "begin_contact",
     "count_slipping",
     "decide_contact",
     "decide_units",
     "is_kept",
     "misses_units",
-    "slip_data",
     "still_slides",
 ]  # fmt: skip
 
@@ -138,31 +133,6 @@ SLIP = np.dtype(
 
 MEMBER = np.dtype([("began", _L), ("noise_ratio", _F), ("noisy", _F)])
 """Slip of a unit of a contact; see `SLIP_UNIT`."""
-
-
-class SlipData(NamedTuple):
-    """What the detector works on: the fields of `ContactData`, and its own records."""
-
-    units: np.ndarray
-    label: np.ndarray
-    slip: np.ndarray
-    members: np.ndarray
-    lists: np.ndarray
-    slots: np.ndarray
-    contacts: np.ndarray
-    cycle: np.ndarray
-    slips: np.ndarray  # (n,), SLIP_UNIT
-    all: np.ndarray  # (1,), SLIP
-    told: np.ndarray  # (n,), MEMBER: of the units of the contacts, along `members`
-
-
-def slip_data(data: ContactData) -> SlipData:
-    """Records for the units of a stream."""
-    n = data.units.size
-    return SlipData(
-        data.units, data.label, data.slip, data.members, data.lists, data.slots, data.contacts,
-        data.cycle, np.zeros(n, SLIP_UNIT), np.zeros(1, SLIP), np.zeros(n, MEMBER),
-    )  # fmt: skip
 
 
 @jitable

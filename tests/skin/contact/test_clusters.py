@@ -1,7 +1,6 @@
 """Gate and clusters: against scipy, and the laws that they keep on any graph."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -9,7 +8,6 @@ import tests.naive.contact as naive
 from skin.contact.cluster import join, take_readings
 from skin.contact.model import contact_data, contact_model, neighbour_graph, no_readings
 from skin.contact.record import UnitKind
-from skin.errors import SkinError
 
 SIGMA = 0.02
 
@@ -61,26 +59,6 @@ def test_clusters_are_the_connected_components(scene):
     assert naive.sets_of(label) == expected
 
 
-@given(scenes(), st.integers(0, 2**32))
-def test_permutation_changes_nothing_but_labels(scene, seed):
-    load, (start, index), valid, touching = scene
-    n = load.size
-    order = np.random.default_rng(seed).permutation(n)
-    permuted = naive.rows_of(start, index)[order][:, order].sorted_indices()
-    label = contact_clusters(load, SIGMA, start, index, valid=valid, touching=touching)
-    moved = contact_clusters(
-        load[order],
-        SIGMA,
-        permuted.indptr,
-        permuted.indices,
-        valid=valid[order],
-        touching=touching[order],
-    )
-    back = np.empty(n, int)
-    back[order] = moved
-    assert naive.sets_of(back) == naive.sets_of(label)
-
-
 def test_shear_makes_no_contact_and_a_starting_unit_needs_five_sigma():
     graph = neighbour_graph(naive.grid(1, 3), 0.012)
     assert contact_clusters(SIGMA * np.array([4.9, 0, 0]), SIGMA, *graph).tolist() == [-1] * 3
@@ -103,16 +81,3 @@ def test_a_unit_that_falls_silent_does_not_cut_its_contact_in_two():
     was_touching = np.ones(3, bool)
     assert contact_clusters(load, SIGMA, *graph, touching=was_touching).tolist() == [0, -1, 0]
     assert contact_clusters(load, SIGMA, *graph).tolist() == [0, -1, 1]
-
-
-@pytest.mark.parametrize(
-    ("start", "index", "words"),
-    [
-        ([0, 1], [1], "neighbour_start: must be 3 numbers"),
-        ([0, 1, 2], [1], "neighbour_index: must be 2 numbers"),
-        ([0, 1, 2], [1, 2], "neighbour_index: must be units 0 to 1; got 1 to 2"),
-    ],
-)
-def test_a_wrong_graph_is_refused(start, index, words):
-    with pytest.raises(SkinError, match=words):
-        contact_clusters(np.ones(2), SIGMA, start, index)

@@ -58,59 +58,12 @@ def test_temperature_and_gradient_are_the_plane_of_least_squares(seed, n):
         assert contact["temperature_gradient"] == pytest.approx(along @ slope, abs=1e-5 * size)
 
 
-def test_below_zero_the_warmest_is_still_the_warmest():
-    cold = np.array([-30.0, -12.0, -20.0, np.nan])
-    contact = warm(naive.grid(2, 2), cold, 1e-4)
-    assert (contact["hot_unit"], contact["hot_temperature"]) == (1, -12.0)
-    force = np.ones((3, 4))
-    contacts, total = contact_features(
-        np.array([0, 1, 2, 3]), force, 0.01, naive.grid(2, 2), naive.facing_down(4), 1e-4,
-        temperature=cold,
-    )  # fmt: skip
-    assert contacts["hot_unit"].tolist() == [0, 1, 2, -1]
-    assert (total["hot_unit"], total["hot_temperature"]) == (1, -12.0)
-
-
-def test_of_units_that_are_equal_the_first_is_named():
-    contact = warm(naive.grid(1, 3), np.array([20.0, 30.0, 30.0]), 1e-4, [1.0, 2.0, 2.0])
-    assert (contact["peak_unit"], contact["hot_unit"]) == (1, 1)
-    each, total = contact_features(
-        np.arange(3), np.ones((3, 3)), 0.01, naive.grid(1, 3), naive.facing_down(3), 1e-4,
-        temperature=np.full(3, 25.0),
-    )  # fmt: skip
-    assert each["peak_unit"].tolist() == each["hot_unit"].tolist() == [0, 1, 2]
-    assert (total["peak_unit"], total["hot_unit"]) == (0, 0)
-
-
-def test_units_that_bear_nothing_have_no_most_loaded_one():
-    (contact,), total = contact_features(
-        np.zeros(2, int), np.zeros((3, 2)), 0.01, naive.grid(1, 2), naive.facing_down(2), 1e-4
-    )
-    for record in (contact, total):
-        assert (record["peak_unit"], record["peak_pressure"], record["hot_unit"]) == (-1, 0.0, -1)
-        assert record["flags"] & Flag.WEAK
-
-
 @pytest.mark.parametrize(("share", "spans"), [(0.049, False), (0.051, True)])
 def test_a_gradient_needs_units_that_span_a_plane_by_a_twentieth_of_their_length(share, spans):
     corners = 0.01 * np.array([[1, 1, -1, -1], [share, -share, share, -share], [0.0] * 4])
     contact = warm(corners, np.array([100.0, 50.0, 0.0]) @ corners, 1e-4)
     assert bool(contact["flags"] & Flag.NORMAL_ASSUMED) != spans
     assert np.isfinite(contact["temperature_gradient"]).all() == spans
-
-
-def test_a_gradient_needs_three_units_that_span_a_plane():
-    triangle = np.array([[0.0, 0.01, 0.0], [0.0, 0.0, 0.01], [0.0, 0.0, 0.0]])
-    slope = np.array([200.0, -100.0, 0.0])
-    contact = warm(triangle, slope @ triangle, 1e-4)
-    assert contact["temperature_gradient"] == pytest.approx(slope)
-    assert np.isnan(warm(triangle[:, :2], np.ones(2), 1e-4)["temperature_gradient"]).all()
-    row = naive.grid(1, 5)
-    assert np.isnan(warm(row, slope @ row, 1e-4)["temperature_gradient"]).all()
-    blind = warm(triangle, np.full(3, np.nan), 1e-4)
-    assert blind["hot_unit"] == -1
-    for name in ("temperature", "hot_temperature", "temperature_gradient"):
-        assert np.isnan(blind[name]).all()
 
 
 @given(seeds, st.integers(1, 9))
@@ -152,7 +105,7 @@ def test_of_a_load_that_grows_weak_nothing_about_its_centre_is_told_any_more():
     position = naive.grid(1, 3)
     stream = ContactStream(
         position, naive.facing_down(3), 1e-4, *neighbour_graph(position, 0.0125), want={"slip"},
-        dtype="float64", slip=SlipSettings(friction=0.5),
+        slip=SlipSettings(friction=0.5),
     )  # fmt: skip
     with_gate(stream, start_sigma=4.1)
     force = np.array([[0.0, 0.1, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -165,52 +118,3 @@ def test_of_a_load_that_grows_weak_nothing_about_its_centre_is_told_any_more():
             assert np.isnan(getattr(contact, name)).all() == weak, name
         assert contact.load == pytest.approx(1.0)
         assert contact.shear == pytest.approx(0.1)
-
-
-@given(seeds)
-def test_each_silent_unit_counts_once_for_every_contact_beside_it(seed):
-    """Also for those that have no identity, and in the total."""
-    rng = np.random.default_rng(seed)
-    position, n = naive.grid(3, 5), 15
-    start, index = neighbour_graph(position, 0.0175)
-    area, label = rng.uniform(0.5, 2.0, n), rng.integers(-1, 3, n)
-    label[[4, 7, 10]] = 0, 1, 2
-    silent = (label < 0) & (rng.random(n) < 0.6)
-    contacts, total = contact_features(
-        label, np.ones((3, n)), 0.01, position, naive.facing_down(n), area, silent=silent,
-        neighbour_start=start, neighbour_index=index,
-    )  # fmt: skip
-    beside = naive.rows_of(start, index).toarray() > 0
-    missing = [area[silent & beside[label == k].any(axis=0)].sum() for k in range(3)]
-    for k in range(3):
-        used = area[label == k].sum()
-        assert contacts["coverage"][k] == pytest.approx(used / (used + missing[k]))
-    used = area[label >= 0].sum()
-    assert total["coverage"] == pytest.approx(used / (used + sum(missing)))
-
-
-def test_a_record_tells_nothing_of_the_slip_of_the_contact_that_had_it_before():
-    position = naive.grid(1, 3)
-    stream = ContactStream(
-        position, naive.facing_down(3), 1e-4, *neighbour_graph(position, 0.001), want={"slip"},
-        dtype="float64",
-    )  # fmt: skip
-    with_gate(stream, start_sigma=4.0, memory_ns=1e6)
-    numbers = ("slip", "slip_units", "body_units", "onset_ns", "friction_lower")
-    unknown = ("stick_ratio", "pattern", "motion", "rotation", "friction", "friction_sigma",
-               "margin", "grip_force")  # fmt: skip
-    force = np.zeros((3, 3))
-    for number, (unit, load) in enumerate(((0, 9.0), (0, 9.0), (1, 0.0), (1, 0.0), (2, 0.045))):
-        force[:] = 0.0
-        force[2, unit] = load
-        found = stream.update(force, 0.01, 0.3 * force, 0.01, stamp_ns=number * 4_000_000)
-        if number == 1:
-            for name in numbers + unknown:
-                stream.records[name][0] = 2
-    (contact,) = found
-    assert contact.flags & Flag.WEAK, "too light to be judged"
-    record = stream.records[0]
-    assert (contact.id, record["id"]) == (2, 2)
-    assert [record[name] for name in numbers] == [0] * 5
-    for name in unknown:
-        assert np.isnan(record[name]).all(), name

@@ -8,10 +8,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.wrench import wrench_in_frame
-from skin.errors import SkinError
 from tests.fixtures.contact_features import contact_features
 
 AREA = 1.1e-4
@@ -106,19 +104,6 @@ def test_centre_lies_in_the_hull_and_is_indifferent_to_the_scale_of_force(seed, 
     assert outside.max() <= 1e-9
 
 
-@given(seeds)
-def test_permutation_of_units_changes_no_number(seed):
-    label, force, sigma, position, rotation = scene(seed)
-    order = np.random.default_rng(seed).permutation(label.size)
-    a, _ = contact_features(label, force, sigma, position, rotation, AREA)
-    b, _ = contact_features(
-        label[order], force[:, order], sigma[:, order], position[:, order], rotation[:, :, order],
-        AREA,
-    )  # fmt: skip
-    for name in ("wrench", "moment", "centroid", "normal", "arm", "torsion_sigma", "extent"):
-        np.testing.assert_allclose(a[name], b[name], atol=1e-9)
-
-
 def test_centre_covariance_covers():
     rng = np.random.default_rng(4)
     position = naive.grid(4, 5)
@@ -155,34 +140,6 @@ def test_a_load_below_five_sigma_has_no_centre():
             assert record["load"] == pytest.approx(0.16)
 
 
-def test_normal_follows_what_touches_and_falls_back_on_the_units():
-    position = naive.grid(4, 5)
-    n = position.shape[1]
-    force = np.zeros((3, n))
-    force[2] = 1.0
-    slope = np.array([0.02, -0.05])
-    displacement = np.zeros((3, n))
-    displacement[2] = 1.0 + 1e3 * slope @ position[:2]
-    contacts, _ = contact_features(
-        np.zeros(n, int), force, 0.01, position, naive.facing_down(n), AREA,
-        displacement_mm=displacement,
-    )  # fmt: skip
-    normal = np.array([*slope, 1.0])
-    np.testing.assert_allclose(contacts["normal"][0], normal / np.linalg.norm(normal), atol=1e-9)
-    axes = contacts["axes"][0]
-    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
-    assert np.linalg.det(axes) == pytest.approx(1.0)
-    assert abs(axes[0, 0]) > 0.99
-    pitch = 0.012
-    np.testing.assert_allclose(contacts["extent"][0], pitch * np.sqrt([2.0, 1.25]), rtol=2e-3)
-    row = np.where(np.arange(n) < 5, 0, -1)
-    contacts, _ = contact_features(
-        row, force, 0.01, position, naive.facing_down(n), AREA, displacement_mm=displacement
-    )
-    np.testing.assert_allclose(contacts["normal"][0], [0.0, 0.0, 1.0])
-    assert contacts["flags"][0] & Flag.NORMAL_ASSUMED
-
-
 def test_torsion_is_the_moment_about_the_outward_normal():
     position = naive.grid(5, 5)
     rotation = naive.facing_down(25)
@@ -199,58 +156,6 @@ def test_torsion_is_the_moment_about_the_outward_normal():
     assert contacts["torsion_sigma"][0] == pytest.approx(lever)
 
 
-def test_temperature_gradient_and_hot_spot_of_a_warm_slope():
-    position, rotation = naive.cylinder(4, 4)
-    n = position.shape[1]
-    force = np.zeros((3, n))
-    force[2] = np.linspace(1.0, 2.0, n)
-    slope = np.array([300.0, -200.0, 0.0])
-    temperature = 20.0 + slope @ position
-    temperature[3] = np.nan
-    contacts, _ = contact_features(
-        np.zeros(n, int), force, 0.01, position, rotation, AREA, temperature=temperature
-    )
-    contact = contacts[0]
-    assert contact["hot_unit"] == np.nanargmax(temperature)
-    assert contact["temperature"] == pytest.approx(np.nanmean(temperature))
-    across = slope - contact["normal"] * (slope @ contact["normal"])
-    np.testing.assert_allclose(contact["temperature_gradient"], across, atol=0.1 * 360.0)
-    flat = naive.grid(4, 4)
-    contacts, _ = contact_features(
-        np.zeros(n, int), force, 0.01, flat, naive.facing_down(n), AREA,
-        temperature=20.0 + slope @ flat,
-    )  # fmt: skip
-    np.testing.assert_allclose(contacts["temperature_gradient"][0], slope, atol=1e-6)
-    row = np.where(np.arange(n) < 4, 0, -1)
-    contacts, _ = contact_features(
-        row, force, 0.01, flat, naive.facing_down(n), AREA, temperature=temperature
-    )
-    assert np.isnan(contacts["temperature_gradient"][0]).all()
-
-
-@given(seeds)
-def test_silent_units_change_coverage_and_no_other_number(seed):
-    rng = np.random.default_rng(seed)
-    position, n = naive.grid(5, 6), 30
-    graph = neighbour_graph(position, 0.0175)
-    force = rng.normal(0.0, 0.2, (3, n))
-    force[2] = rng.uniform(0.5, 2.0, n)
-    silent = rng.random(n) < 0.3
-    silent[0] = False
-    label = np.where(silent, -1, 0)
-    broken = np.where(silent, rng.choice([np.nan, 1e6, -1e6]), force)
-    given_graph = {"neighbour_start": graph[0], "neighbour_index": graph[1], "silent": silent}
-    a, _ = contact_features(label, force, 0.01, position, naive.facing_down(n), AREA, **given_graph)
-    b, _ = contact_features(
-        label, broken, 0.01, position, naive.facing_down(n), AREA, **given_graph
-    )
-    assert a.tobytes() == b.tobytes()
-    beside = naive.rows_of(*graph)[np.flatnonzero(label == 0)].sum(0) > 0
-    missing = np.count_nonzero(silent & np.asarray(beside).ravel())
-    used = np.count_nonzero(label == 0)
-    assert a["coverage"][0] == pytest.approx(used / (used + missing))
-
-
 def test_a_skin_far_from_the_origin_loses_no_digits():
     label, force, sigma, position, rotation = scene(7)
     far = np.array([1e4, -2e4, 5e3])
@@ -258,20 +163,3 @@ def test_a_skin_far_from_the_origin_loses_no_digits():
     b, _ = contact_features(label, force, sigma, position + far[:, np.newaxis], rotation, AREA)
     np.testing.assert_allclose(b["moment"], a["moment"], atol=1e-9)
     np.testing.assert_allclose(b["torsion_sigma"], a["torsion_sigma"], rtol=1e-6)
-
-
-def test_float32_readings_are_summed_in_float64():
-    n = 1024
-    rng = np.random.default_rng(3)
-    force = rng.uniform(0.0, 8.0, (3, n)).astype(np.float32)
-    position, rotation = naive.grid(32, 32), naive.facing_down(n)
-    contacts, _ = contact_features(np.zeros(n, int), force, 0.01, position, rotation, AREA)
-    exact = np.array([1.0, -1.0, -1.0]) * force.astype(float).sum(1)
-    np.testing.assert_allclose(contacts["wrench"][0, :3], exact, rtol=1e-14)
-
-
-def test_an_area_that_is_none_is_refused():
-    with pytest.raises(SkinError, match="area: must be positive"):
-        contact_features(
-            np.zeros(1, int), np.ones((3, 1)), 0.1, np.zeros((3, 1)), naive.facing_down(1), 0.0
-        )

@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import norm
 
 import tests.naive.contact as naive
-from skin.contact.cluster import start_sigma_for
 from skin.contact.model import neighbour_graph
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
@@ -24,7 +23,7 @@ class Skin:
         position = naive.grid(ROWS, ROWS)
         self.stream = ContactStream(
             position, naive.facing_down(N), 1e-4, *neighbour_graph(position, 1.5 * PITCH), want=(),
-            dtype="float64", rate_hz=RATE_HZ,
+            rate_hz=RATE_HZ,
             false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
         with_gate(self.stream, **gate)
@@ -86,32 +85,6 @@ def test_a_lone_unit_needs_more_than_one_that_lasts_or_has_a_neighbour():
         assert elsewhere.see({FAR: 0.5 * twice + off}) == 0
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize(
-    ("pattern", "rise"),
-    [
-        ({MIDDLE: 1.0}, 0.25),
-        ({MIDDLE: 1.0}, 4.0),
-        ({MIDDLE: 1.0, NEXT: 1.0, NEXT + ROWS: 0.8}, 1.0),
-    ],
-)
-def test_light_presses_are_seen_as_early_as_by_five_sigmas(pattern, rise):
-    """Presses that rise by so many sigmas a cycle; in the mean within a third of a cycle, and the
-    slowest twentieth no later."""
-    rng = np.random.default_rng(5)
-    onsets, shares = {5.0: [], None: []}, np.array(list(pattern.values()))
-    for _ in range(150):
-        ramp = rise * np.outer(np.arange(60) + rng.random(), shares)
-        levels = ramp + rng.standard_normal(ramp.shape)
-        for start_sigma, told in onsets.items():
-            skin = Skin(**({} if start_sigma is None else {"start_sigma": start_sigma}))
-            found = (skin.see(dict(zip(pattern, level, strict=True))) for level in levels)
-            told.append(next(t for t, count in enumerate(found) if count))
-    before, now = onsets[5.0], onsets[None]
-    assert np.mean(now) < np.mean(before) + 0.34
-    assert np.percentile(now, 95) <= np.percentile(before, 95) + 0.5
-
-
 def test_a_unit_without_neighbours_has_no_pairs_and_a_rate_of_none_is_refused():
     one = ContactStream(
         np.zeros((3, 1)), naive.facing_down(1), 1e-4, [0, 0], [], want=(), rate_hz=RATE_HZ
@@ -119,12 +92,3 @@ def test_a_unit_without_neighbours_has_no_pairs_and_a_rate_of_none_is_refused():
     assert gate_of(one).pair_sigma == np.inf
     with pytest.raises(SkinError, match="false_contacts_per_day: must be a number from 1e-09 to"):
         Skin(false_contacts_per_day=0.0)
-
-
-def test_noise_starts_contacts_at_the_rate_that_was_asked_for():
-    n, rate, cycles = 64, 250.0, 1000
-    false_per_hour = 3600.0 * rate / 20.0
-    gate = start_sigma_for(false_per_hour, n, rate)
-    noise = np.random.default_rng(1).standard_normal((cycles, n))
-    count = np.count_nonzero(noise > gate)
-    assert count == pytest.approx(cycles / 20.0, abs=4.0 * np.sqrt(cycles / 20.0))

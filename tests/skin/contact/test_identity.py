@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.identity import _assign
-from skin.contact.model import PAIR, SLOT, neighbour_graph
-from skin.contact.record import CONTACT, Event, TrackState
+from skin.contact.model import neighbour_graph
+from skin.contact.record import OPEN, Event, TrackState
 from skin.contact.stream import ContactStream
 from tests.fixtures.contact_stream import identities, with_gate
 from tests.naive.tracking import NaiveTracker
@@ -24,7 +23,7 @@ class Units:
         self.graph = neighbour_graph(position, 1.01 * PITCH)
         n = rows * columns
         self.stream = ContactStream(
-            position, naive.facing_down(n), 1e-4, *self.graph, want=(), dtype="float64",
+            position, naive.facing_down(n), 1e-4, *self.graph, want=(),
             capacity=capacity,
         )  # fmt: skip
         with_gate(self.stream, start_sigma=5.0, **gate)
@@ -76,7 +75,9 @@ def test_identities_are_those_of_the_rules(shape, capacity, seed):
         for k, one in enumerate(slow.present):
             label[one.units] = k
         assert units.tracker.label.tolist() == label.tolist()
-        assert units.tracker.touching_units == np.count_nonzero(units.stream.touching)
+        assert units.tracker.touching_units == np.count_nonzero(
+            units.stream.data.units["kind"] == OPEN
+        )
         known = {one.id: one for one in slow.known if one}
         records = units.tracker.contacts
         assert set(records["id"][records["track"] != TrackState.FREE]) == set(known)
@@ -95,18 +96,6 @@ def test_identities_are_those_of_the_rules(shape, capacity, seed):
 def mirrored(level, flip):
     """Loads of a row of units, from the other end if `flip`."""
     return level[::-1] if flip else level
-
-
-@pytest.mark.parametrize("flip", [False, True])
-def test_what_splits_off_two_contacts_is_a_part_of_that_which_gave_it_more(flip):
-    units = Units(1, 9)
-    units.see(*mirrored([0, 0, 0, 0, 0, 10, 10, 10, 100], flip), cycles=60)
-    units.see(*mirrored([100, 20, 20, 20, 0, 10, 10, 10, 100], flip), cycles=60)
-    parted = units.see(*mirrored([100, 0, 20, 20, 10, 10, 10, 0, 100], flip))
-    assert sorted(map(len, parted.values())) == [1, 1, 5]
-    (new,) = set(parted) - {1, 2}
-    assert units.record(new)["parent"] == 2
-    assert [bool(units.record(one)["event"] & Event.SPLIT) for one in (1, 2)] == [False, True]
 
 
 @pytest.mark.parametrize("flip", [False, True])
@@ -137,67 +126,6 @@ def test_a_unit_counts_a_thousandth_beside_one_that_a_lost_contact_has_owned(hea
     assert units.record(returns)["event"] == Event.RESUMED
 
 
-@pytest.mark.parametrize("flip", [False, True])
-def test_a_full_table_forgets_who_has_been_away_longest(flip):
-    units = Units(1, 7, capacity=1, memory_ns=1e9)
-    here, there, beyond = ([9, 0, 0, 0, 0, 0, 0], [0, 0, 0, 9, 0, 0, 0], [0, 0, 0, 0, 0, 0, 9])
-    nothing = [0] * 7
-    for level, identity in ((here, 1), (there, 2), (beyond, 3), (here, 4), (beyond, 3), (here, 4)):
-        assert list(units.see(*mirrored(level, flip))) == [identity]
-        assert units.see(*nothing) == {}
-        assert units.tracker.ended.tolist() == [identity]
-    assert list(units.see(*mirrored(there, flip))) == [5]
-
-
-def at(n, *places, flip=False):
-    """A row of units of which some are loaded."""
-    return mirrored([9 * (i in places) for i in range(n)], flip)
-
-
-@pytest.mark.parametrize("flip", [False, True])
-@pytest.mark.parametrize(
-    ("again", "returns", "gone"), [((), 0, 1), ((), 1, 0), ((0,), 1, 2), ((0, 1), 0, 2)]
-)
-def test_who_is_just_back_is_not_forgotten_however_long_away(again, returns, gone, flip):
-    units = Units(1, 12, capacity=2, memory_ns=1e9)
-    for k in (0, 1, 2, 3, *again):
-        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
-        units.see(*at(12))
-    assert set(units.see(*at(12, 3 * returns, 11, flip=flip))) == {returns + 1, 5}
-    for k in {0, 1, 2, 3} - {gone}:
-        units.see(*at(12))
-        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
-    units.see(*at(12))
-    assert list(units.see(*at(12, 3 * gone, flip=flip))) == [6]
-
-
-def test_who_is_lost_in_this_cycle_is_not_forgotten_before_those_it_spoke_for():
-    units = Units(1, 12, capacity=2, memory_ns=1e9, settle_ns=4e6)
-    loads = [90, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
-    for place in (2, 4, 6):
-        loads[place] = 10
-        assert 1 in units.see(*loads, cycles=2)
-        loads[place - 1] = 5
-        assert list(units.see(*loads)) == [1]
-    assert list(units.see(*at(12, 11))) == [5]
-    assert units.see(*at(12)) == {}
-    assert list(units.see(*at(12, 0))) == [1]
-
-
-def test_an_identity_returns_until_its_memory_is_over_and_absorbed_ones_as_long_as_they_are():
-    units = Units(1, 3, memory_ns=2e7)
-    units.see(9, 0, 0)
-    for away, identity in ((5, 1), (6, 2)):
-        units.see(0, 0, 0, cycles=away - 1)
-        assert list(units.see(9, 0, 0)) == [identity]
-    units = Units(1, 3, memory_ns=2e7, settle_ns=4e7)
-    units.see(9, 0, 20, cycles=11)
-    units.see(9, 5, 20, cycles=30)
-    assert units.see(9, 0, 20) == {1: [0], 2: [2]}
-    assert units.record(1)["event"] == Event.RESUMED
-    assert units.record(1)["cycles"] == 12
-
-
 @pytest.mark.parametrize(("cycles", "settled"), [(10, False), (11, True)])
 def test_a_contact_outlives_being_absorbed_once_it_has_settled(cycles, settled):
     units = Units(1, 3, settle_ns=4e7)
@@ -206,39 +134,6 @@ def test_a_contact_outlives_being_absorbed_once_it_has_settled(cycles, settled):
     assert units.record(2)["event"] == Event.MERGED
     assert list(units.see(9, 0, 20)) == ([1, 2] if settled else [2, 3])
     assert bool(units.record(2)["event"] & Event.SPLIT) != settled
-
-
-def dense(pairs, worth, slots, parts):
-    """Assignment by a matrix of common loads: the largest first, of equal ones the first record,
-    then the first cluster."""
-    shared = np.zeros((slots, parts))
-    for pair in pairs:
-        shared[pair["slot"], pair["part"]] = worth[pair["slot"]] * pair["load"]
-    slot_of = np.full(parts, -1)
-    while shared.max(initial=0.0) > 0.0:
-        slot, part = np.unravel_index(int(shared.argmax()), shared.shape)
-        slot_of[part] = slot
-        shared[slot], shared[:, part] = 0.0, 0.0
-    return slot_of
-
-
-@given(
-    shared=st.dictionaries(st.tuples(st.integers(0, 5), st.integers(0, 7)), st.integers(1, 6)),
-    track=st.lists(st.sampled_from([*TrackState]), min_size=8, max_size=8),
-)
-def test_pairs_are_assigned_as_by_a_matrix_with_equal_loads_too(shared, track):
-    contacts, slots = np.zeros(8, CONTACT), np.zeros(8, SLOT)
-    slots["slot_of"] = slots["part_of"] = -1
-    contacts["track"] = track
-    pairs = np.zeros(len(shared), PAIR)
-    for at, ((part, slot), load) in enumerate(sorted(shared.items())):
-        pairs[at]["part"], pairs[at]["slot"], pairs[at]["load"] = part, slot, load
-    worth = {TrackState.PRESENT: 1.0, TrackState.ABSORBED: 0.25}
-    _assign(pairs, TrackState.PRESENT, TrackState.ABSORBED, 0.25, contacts, slots)
-    expected = dense(pairs, [worth.get(one, 0.0) for one in track], 8, 6)
-    assert slots["slot_of"][:6].tolist() == expected.tolist()
-    for part, slot in enumerate(expected):
-        assert slot < 0 or slots["part_of"][slot] == part
 
 
 TILES = 191

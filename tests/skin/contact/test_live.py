@@ -6,21 +6,16 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import skin
 import topology
 from bus.cycle import ClosedBy, RawCycle
-from bus.memory import MemoryTransport
 from skin.contact.record import Event
-from skin.errors import SkinError
 from skin.options import Options
 from skin.pipeline import Pipeline
-from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.live import over
 
 
 def wrench(force, position, rotation, *, valid):
@@ -74,94 +69,6 @@ def test_balls_that_merge_and_part_keep_their_identities():
     merged = [event for event in events.values() if event[1] & Event.MERGED]
     parted = [event for event in events.values() if event[1] & Event.RESUMED]
     assert len(merged) == len(parted) == 1
-
-
-def test_moved_patches_carry_their_forces_along():
-    hand = topology.load("hand").exact()
-    name = hand.patch_names[0]
-    units = hand.patch == 0
-    turn = Rotation.from_rotvec([0.1, 0.7, -0.2]).as_matrix()
-    shift = np.array([0.02, -0.01, 0.05])
-    with skin.open(hand, simulate=True, pace=False, want={"wrench", "contacts"}) as opened:
-        states = iter(opened)
-        opened.move_patch(name, turn, shift)
-        position, rotation = hand.position.copy(), hand.rotation.copy()
-        position[:, units] = turn @ hand.position[:, units] + shift[:, None]
-        rotation[:, :, units] = np.einsum("ij,jkn->ikn", turn, hand.rotation[:, :, units])
-        touched = 0
-        for state in itertools.islice(states, 400):
-            used = state.label >= 0
-            expected = wrench(state.units.force, position, rotation, valid=used)
-            assert state.wrench == pytest.approx(expected, abs=1e-9)
-            touched += int(used[units].any())
-        assert touched > 20
-        opened.move(hand.position, hand.rotation)
-        state = next(states)
-        used = state.label >= 0
-        expected = wrench(state.units.force, hand.position, hand.rotation, valid=used)
-        assert state.wrench == pytest.approx(expected, abs=1e-9)
-        with pytest.raises(SkinError, match=r"patch: must be one of .*; got 'toe'"):
-            opened.move_patch("toe", turn, shift)
-        with pytest.raises(SkinError, match=r"rotation, translation: must have shapes \(3, 3\)"):
-            opened.move_patch(name, turn, shift[:2])
-        with pytest.raises(SkinError, match="position, rotation: must have shapes"):
-            opened.move(position[:, 1:], rotation)
-        before = state.wrench.copy()
-        for wrong, told in (
-            (2.0 * np.eye(3), "rotation: must be orthonormal within 1e-06"),
-            (np.zeros((3, 3)), "rotation: must be orthonormal"),
-            (np.full((3, 3), np.nan), "rotation: must be orthonormal"),
-            (np.diag([1e300, 1.0, 1.0]), "rotation: must be orthonormal"),
-            (np.diag([1.0, 1.0, -1.0]), "rotation: must be right-handed"),
-        ):
-            with pytest.raises(SkinError, match=told):
-                opened.move_patch(name, wrong, shift)
-            rotation[:, :, 7] = wrong
-            with pytest.raises(SkinError, match=f"{told}.*, of unit 7"):
-                opened.move(hand.position, rotation)
-        for place in (np.nan, np.inf, 1e300):
-            with pytest.raises(SkinError, match="translation: must be within 1000 m; got "):
-                opened.move_patch(name, turn, np.array([0.0, place, 0.0]))
-        used = state.label >= 0
-        still = wrench(state.units.force, hand.position, hand.rotation, valid=used)
-        assert before == pytest.approx(still, abs=1e-9)
-        assert next(states).coverage == 1.0
-
-
-def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
-    palm = topology.load("palm").exact()
-    near, far = MemoryTransport.pair()
-    nodes = SimulatedUnits(palm, seed=1)
-    nodes.attach([far])
-    send = far.send
-    with over(palm, [near], pace=False, want={"contacts"}) as opened:
-        states = iter(opened)
-        state = next(s for s in states if len(s.contacts) == 1 and s.contacts[0].units.size > 6)
-        before = state.contacts[0].id
-        silenced = int(state.contacts[0].peak_unit)
-        frame = int(np.flatnonzero((palm.frames.units == silenced).any(axis=1))[0])
-        dead = int(palm.frames.can_id[frame])
-        far.send = lambda records: send(records[records["id"] != dead])
-        *_, state = itertools.islice(states, 10)
-        (contact,) = state.contacts
-        assert not state.units.valid[silenced]
-        assert silenced not in contact.units
-        assert state.label[silenced] == -1
-        assert contact.id == before
-        assert contact.coverage < 1.0
-        assert state.coverage < 1.0
-
-
-def test_what_is_known_of_friction_reaches_the_contacts():
-    settings = skin.SlipSettings(friction=0.4, safety=2.0)
-    with skin.open("palm", simulate=True, pace=False, want={"slip"}, slip=settings) as palm:
-        state = next(s for s in palm if s.contacts and s.contacts[0].load > 8.0)
-        (contact,) = state.contacts
-        used = np.hypot(contact.shear, contact.torsion / contact.arm)
-        assert contact.grip_force == pytest.approx(2.0 * used / contact.friction)
-        assert contact.margin == pytest.approx(1.0 - used / (contact.friction * contact.load))
-        assert (state.slip[contact.units] != skin.UnitSlip.NO_CONTACT).all()
-        assert contact.slip in tuple(skin.SlipState)
 
 
 @pytest.mark.usefixtures("few_variants")

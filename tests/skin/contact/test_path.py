@@ -52,9 +52,7 @@ def test_a_new_contact_has_not_gone_anywhere():
 @pytest.mark.parametrize("steps", [WAYPOINTS - 1, WAYPOINTS, WAYPOINTS + 1, 2 * WAYPOINTS + 3])
 def test_path_holds_the_last_waypoints_oldest_first(steps):
     position = naive.grid(1, 2)
-    stream = ContactStream(
-        position, naive.facing_down(2), 1e-4, *neighbour_graph(position, 0.02), dtype="float64"
-    )
+    stream = ContactStream(position, naive.facing_down(2), 1e-4, *neighbour_graph(position, 0.02))
     ways = np.arange(steps) * 1e-3
     for number, x in enumerate(ways):
         stream.move(position + np.array([[x], [0.0], [0.0]]), naive.facing_down(2))

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from skin.contact.model import contact_data, contact_model
 from skin.contact.record import Event, Flag, SlipState, UnitKind
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.detector import detect_slip, slip_data
+from skin.contact.slip.detector import detect_slip
 from tests.naive.slip import NaiveSlip
 
 STIFFNESS = 0.5
@@ -63,7 +63,7 @@ class Bench:
         for name, value in asdict(settings).items():
             self.model.settings[name] = value
         self.naive = NaiveSlip(self.position, self.rotation, settings)
-        self.data = slip_data(contact_data(self.n, 4, 0))
+        self.data = contact_data(self.n, 4, 0)
         units = self.data.units
         self.reading = SimpleNamespace(**{
             name: units[name].T

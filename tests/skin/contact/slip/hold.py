@@ -26,7 +26,7 @@ class Hold:
         graph = neighbour_graph(self.place, 0.018)
         self.stream = ContactStream(
             self.place, naive.facing_down(self.n), 1.1e-4, *graph, want={"slip"}, rate_hz=rate_hz,
-            dtype="float64", slip=slip, capacity=capacity,
+            slip=slip, capacity=capacity,
         )  # fmt: skip
         with_gate(self.stream, **gate)
         self.rng = np.random.default_rng(seed)

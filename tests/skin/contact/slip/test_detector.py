@@ -91,29 +91,6 @@ def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction)
     assert (GROSS in states) == (friction < 0.4)
 
 
-def test_one_unit_of_unknown_friction_says_nothing():
-    rng = np.random.default_rng(10)
-    bench = Bench(flat_skin(1, rng), rng)
-    states, _ = drag_along(bench, np.array([1.5]), cycles=30)
-    assert set(states) == {NONE}
-
-
-def test_one_unit_of_known_friction():
-    rng = np.random.default_rng(11)
-    bench = Bench(curved_skin(1, rng), rng, friction=0.3)
-    states, _ = drag_along(bench, np.array([1.5]), cycles=60, speed=0.06)
-    assert GROSS in states
-
-
-def test_a_body_that_goes_fast_is_followed_fast():
-    rng = np.random.default_rng(12)
-    bench = Bench(curved_skin(6, rng), rng)
-    states, _ = drag_along(
-        bench, rng.uniform(0.6, 2.0, 6), speed=0.6, halts=4, cycles=40, friction=0.5
-    )
-    assert INCIPIENT in states
-
-
 @pytest.mark.parametrize("gap_s", [0.3, 2.0, 4.0, 11.0])
 def test_a_gap_in_the_cycles_in_the_midst_of_slip(gap_s):
     rng = np.random.default_rng(13)
@@ -122,25 +99,3 @@ def test_a_gap_in_the_cycles_in_the_midst_of_slip(gap_s):
     for t in range(60):
         bench.read(load, bench.drag((0.04 * np.clip(t - 15, 0, 22), 0.0)), 0.4)
         bench.judge([{"id": 7, "members": members}], gap_s if t in (8, 40, 50) else 0.014)
-
-
-def test_a_body_that_slides_until_its_friction_is_not_what_it_was():
-    rng = np.random.default_rng(14)
-    bench = Bench(curved_skin(5, rng), rng)
-    load, states = np.array([1.0, 1.1, 0.9, 1.2, 1.0]), []
-    for t in range(85):
-        friction = 0.4 if t < 60 else 0.3
-        bench.read(load, bench.drag((0.05 * np.clip(t - 10, 0, 60), 0.0)), friction, sigma_mm=0.01)
-        (record,) = bench.judge([{"id": 7, "members": range(5)}], 0.02)
-        states.append(SlipState(record["slip"]))
-    slides = np.flatnonzero(np.array(states) == GROSS)
-    assert slides[0] < 35
-    assert slides[-1] == 59
-    assert set(states[60:]) >= {STICK}
-
-
-def test_a_face_that_slides_all_alike_is_seen_by_the_friction_that_is_told():
-    rng = np.random.default_rng(15)
-    bench = Bench(flat_skin(5, rng), rng, friction=0.4)
-    states, _ = drag_along(bench, np.ones(5), angle=0.0, cycles=70, sigma_mm=0.01)
-    assert INCIPIENT in states

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.contact.record import Event, Flag, SlipState, UnitKind, UnitSlip
+from skin.contact.record import Event, SlipState, UnitKind, UnitSlip
 from skin.contact.slip import PARAMETERS
 from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
 
@@ -56,21 +56,6 @@ def test_contacts_that_grow_together_and_part_again(skin):
     assert INCIPIENT in seen
 
 
-def test_a_part_that_splits_off_keeps_its_anchors():
-    rng = np.random.default_rng(23)
-    bench = Bench(curved_skin(7, rng), rng)
-    load = rng.uniform(0.8, 1.6, 7)
-    for t in range(45):
-        bench.read(load, bench.drag((0.01 * t, 0.0)), np.inf)
-        contacts = [{"id": 1, "members": range(7)}]
-        if t >= 25:
-            contacts = [{"id": 1, "members": [0, 2, 4]}, {"id": 10, "members": [6, 5, 1, 3],
-                                                         "parent": 1}]  # fmt: skip
-        bench.judge(contacts, 0.02)
-        ages = bench.naive.kept["age_s"]
-        assert ages.min() == ages.max()
-
-
 @pytest.mark.parametrize("kind", [UnitKind.OUT, UnitKind.SILENT, UnitKind.BRIDGE])
 @pytest.mark.parametrize("skin", [flat_skin, curved_skin])
 def test_a_unit_that_comes_late_and_goes_and_comes_again(skin, kind):
@@ -105,87 +90,6 @@ def test_a_unit_that_an_edge_goes_past_is_anchored_anew(skin):
     assert ages[-1] == 0.0
 
 
-def test_a_unit_that_was_let_go_and_is_touched_lightly_is_anchored():
-    rng = np.random.default_rng(29)
-    bench = Bench(flat_skin(5, rng), rng)
-    load, ages = np.array([1.0, 1.2, 1.1, 0.9, 1.0]), []
-    for t in range(50):
-        load[2] = 1.1 if t < 20 else 0.05
-        bench.read(load, bench.drag((0.001 * t, 0.0)), np.inf, sigma_mm=0.005)
-        members = [4, 3, 0, 1] if 20 <= t < 25 else [4, 2, 3, 0, 1]
-        bench.judge([{"id": 4, "members": members}], 0.02)
-        ages.append(bench.naive.kept["age_s"][2])
-    assert ages[19] > 0.3
-    assert ages[26] < ages[-1] == pytest.approx(0.02 * 24)
-
-
-def test_a_contact_too_weak_to_judge_stays_as_it_is():
-    rng = np.random.default_rng(26)
-    bench = Bench(flat_skin(5, rng), rng)
-    load = rng.uniform(0.8, 1.6, 5)
-    for t in range(30):
-        bench.read(load, bench.drag((0.01 * t, 0.0)), np.inf)
-        weak = Flag.WEAK if 10 <= t < 15 else Flag.NONE
-        (record,) = bench.judge([{"id": 4, "members": range(5), "flags": weak}], 0.02)
-        if weak:
-            assert record["onset_ns"] == 0
-
-
-def test_a_contact_that_is_back_has_kept_its_friction():
-    rng = np.random.default_rng(27)
-    bench = Bench(flat_skin(5, rng), rng)
-    load, known = np.array([1.5, 0.5, 1.7, 0.6, 1.4]), []
-    for t in range(70):
-        if 45 <= t < 48:
-            bench.judge([], 0.01)
-            continue
-        event = {"event": Event.RESUMED} if t == 48 else {}
-        way = 0.03 * max(0, t - 12) if t < 45 else 0.0
-        bench.read(load, bench.drag((way, 0.2 * way)), 0.4)
-        (record,) = bench.judge([{"id": 4, "members": range(5), **event}], 0.01)
-        known.append(record["friction"])
-    assert np.isfinite(known[44:]).all()
-
-
-def test_another_contact_in_the_same_place_knows_nothing_of_the_one_before():
-    rng = np.random.default_rng(28)
-    bench = Bench(curved_skin(5, rng), rng)
-    load, known = np.array([1.5, 0.5, 1.7, 0.6, 1.4]), []
-    for t in range(60):
-        if t == 45:
-            bench.judge([], 0.01)
-            continue
-        way = 0.03 * max(0, t - 12) if t < 45 else 0.0
-        bench.read(load, bench.drag((way, 0.2 * way)), 0.4)
-        identity = 4 if t < 45 else 12  # the same slot
-        (record,) = bench.judge([{"id": identity, "members": range(5)}], 0.01)
-        known.append(not record["flags"] & Flag.NO_FRICTION)
-    assert known[44]
-    assert not any(known[46:])
-
-
-def test_units_that_slide_fall_to_two_and_to_none():
-    rng = np.random.default_rng(29)
-    bench = Bench(flat_skin(4, rng), rng, friction=0.5)
-    load, states = np.array([1.5, 0.5, 1.7, 0.6]), []
-    for t in range(80):
-        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), 0.4)
-        members = [1, 3, 0, 2] if t < 60 else [3, 2]
-        (record,) = bench.judge([{"id": 4, "members": members}], 0.02 if t < 10 else 0.006)
-        states.append(SlipState(record["slip"]))
-    assert GROSS in states[:60]
-
-
-def test_bodies_that_pull_at_units_the_wrong_way_are_not_judged_by_patterns():
-    rng = np.random.default_rng(30)
-    bench = Bench(flat_skin(4, rng), rng)
-    for t in range(40):
-        bench.read(np.ones(4), bench.drag((0.05 * max(0, t - 12), 0.0)), 0.4, sigma_mm=0.01)
-        bench.reading.force[:2] *= -1.0
-        (record,) = bench.judge([{"id": 4, "members": range(4)}], 0.02 if t < 10 else 0.006)
-        assert record["pattern"] == 0.0
-
-
 @pytest.mark.parametrize(
     "heard", [[4, 1], [], [3, 1, 0]], ids=["too few for a test", "none", "faces of more friction"]
 )
@@ -207,35 +111,6 @@ def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles):
             states.append(SlipState(record["slip"]))
     if cycles * 0.01 < PARAMETERS.rest_s:
         assert set(states[states.index(GROSS) :]) == {GROSS}
-
-
-def test_a_part_that_splits_off_a_contact_that_slides_slides_too():
-    rng = np.random.default_rng(33)
-    bench = Bench(flat_skin(8, rng), rng)
-    load = rng.uniform(0.6, 1.6, 8)
-    for t in range(70):
-        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), 0.4, sigma_mm=0.01)
-        contacts = [{"id": 1, "members": range(8)}]
-        if t >= 60:
-            part = {"id": 10, "members": [6, 5, 7, 3], "parent": 1}
-            contacts = [{"id": 1, "members": [0, 2, 4, 1]}, part]
-        told = bench.judge(contacts, 0.02 if t < 10 else 0.01)
-        if t >= 60:
-            assert [record["slip"] for record in told] == [GROSS, GROSS]
-
-
-def test_a_contact_that_slid_and_was_lifted_is_judged_anew():
-    rng = np.random.default_rng(34)
-    bench = Bench(flat_skin(5, rng), rng)
-    load = np.array([1.5, 0.5, 1.7, 0.6, 1.4])
-    for t in range(60):
-        bench.read(load, bench.drag((0.04 * max(0, t - 12), 0.0)), 0.4, sigma_mm=0.01)
-        (record,) = bench.judge([{"id": 4, "members": range(5)}], 0.02 if t < 10 else 0.01)
-    assert record["slip"] == GROSS
-    bench.judge([], 0.01)
-    bench.read(load, bench.drag((0.0, 0.0)), sigma_mm=0.01)
-    (record,) = bench.judge([{"id": 4, "members": range(5), "event": Event.RESUMED}], 0.01)
-    assert record["slip"] < INCIPIENT
 
 
 def test_contacts_side_by_side_and_again_on_units_that_have_slid_know_nothing_of_each_other():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from skin.contact.record import Flag, SlipState, UnitSlip
+from skin.contact.record import Flag, SlipState
 from skin.contact.slip import PARAMETERS
 from tests.skin.contact.slip.hold import Hold
 
@@ -45,15 +45,6 @@ def test_noise_that_is_twice_as_large_as_told_is_seen_as_twice_as_large():
     assert ratio.mean() == pytest.approx(2.0, abs=4.0 * error / np.sqrt(20.0))
 
 
-def test_noise_of_one_unit_alone_is_told_of_that_unit():
-    noise = white(2, 0.03)
-    noise[:, :, 7] *= 3.0
-    ratio = held(noise)
-    assert ratio.argmax() == 7
-    assert ratio[7] > 1.8
-    assert np.delete(ratio, 7).max() < 1.4
-
-
 def test_a_unit_that_is_noisier_than_its_sigma_says_is_named():
     noise = white(7, 0.03)
     noise[:, :, 7] *= 1.5
@@ -89,33 +80,6 @@ def test_noise_that_is_as_told_or_smaller_is_believed(told):
     ratio = held(white(5, 0.03), told)
     assert ratio.min() >= 1.0
     assert ratio.mean() < 1.02
-
-
-def test_nothing_is_learned_from_units_that_slip():
-    hold, way_mm = Hold(4, 5, seed=6), 0.0
-    load, slips = hold.dome(), np.zeros(20, bool)
-    while slips.sum() < 5:
-        way_mm += 0.012
-        hold.step(load, (way_mm, 0.0), 0.4)
-        slips = hold.stream.unit_slip == UnitSlip.SLIPPING
-    before = by_unit(hold.contact).copy()
-    for _ in range(50):
-        noise = 0.03 * hold.rng.standard_normal((2, 20))
-        noise[:, slips] *= 5.0
-        hold.step(load, (way_mm, 0.0), 0.4, noise)
-        slips &= hold.stream.unit_slip == UnitSlip.SLIPPING
-    assert slips.any()
-    # but for what all that stick say together
-    np.testing.assert_allclose(by_unit(hold.contact)[slips], before[slips], rtol=0.03)
-
-
-@pytest.mark.parametrize("gap_s", [0.24, 0.246, 0.25, 5.0])
-def test_noise_is_learned_after_a_gap_in_the_cycles(gap_s):
-    hold = Hold(4, 5)
-    for t, now in enumerate(white(9, 0.06)):
-        hold.now_ns += round(1e9 * gap_s) if t == 250 else 0
-        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
-    assert by_unit(hold.contact).mean() == pytest.approx(2.0, rel=0.15)
 
 
 def test_a_sigma_of_0_is_forgotten_when_it_is_told_no_more():
@@ -159,13 +123,3 @@ def test_noise_that_doubles_while_a_contact_lasts_is_no_slip(seed):
     noise = white(seed, 0.03)
     noise[500:] *= 2.0
     assert not alarms_held(noise)
-
-
-def test_of_white_noise_nothing_is_slow():
-    hold = Hold(4, 5)
-    for t, now in enumerate(white(11, 0.03)):
-        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
-    # the error of a mean of as many squares
-    readings = 20.0 * 2.0 * PARAMETERS.memory_s / (2.0 * PARAMETERS.slow_s)
-    left = 0.5 / (2.0 * PARAMETERS.slow_s * RATE_HZ / 2.0)  # of white noise by the low-pass
-    assert hold.stream.slip_data.all["wander"][0] < 4.0 * left * np.sqrt(2.0 / readings)

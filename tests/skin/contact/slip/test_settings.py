@@ -32,23 +32,6 @@ def test_a_friction_that_is_not_a_number_is_an_unknown_one():
     assert isnan(SlipSettings(friction=nan).friction)
 
 
-def test_ratios_are_shares_in_order():
-    least = SlipSettings(gross_ratio=1e-6, incipient_ratio=1.2e-6)
-    assert (least.gross_ratio, least.incipient_ratio) == (1e-6, 1.2e-6)
-    for given in (
-        {"gross_ratio": 0.99e-6},
-        {"gross_ratio": 0.5, "incipient_ratio": 1.01},
-        {"gross_ratio": 1.01},
-        {"gross_ratio": 0.5e-6, "incipient_ratio": 0.99e-6},
-    ):
-        with pytest.raises(OptionError, match="ratio: must be a number from 1e-06 to 1;"):
-            SlipSettings(**given)
-    for given in ({"incipient_ratio": 1.0}, {"incipient_ratio": 0.3}, {"incipient_ratio": 0.2},
-                  {"gross_ratio": 1.0}):  # fmt: skip
-        with pytest.raises(OptionError, match="must be gross_ratio < incipient_ratio < 1"):
-            SlipSettings(**given)
-
-
 def test_the_defaults_are_those_that_the_figures_were_made_with():
     *others, friction = astuple(SlipSettings())
     assert tuple(others) == (1.0, 60.0, 0.012, 0.002, 0.97, 0.3, 1.2)

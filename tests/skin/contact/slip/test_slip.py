@@ -7,17 +7,12 @@ from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.record import Flag, SlipState, UnitSlip
-from skin.contact.slip import PARAMETERS, SlipSettings
-from skin.errors import SkinError
-from tests.fixtures.kernels import interpret_contacts
+from skin.contact.record import SlipState, UnitSlip
 from tests.skin.contact.slip.watch import (
-    DT_S,
     STIFFNESS,
     Watch,
     centred,
     dome,
-    held,
     readings,
     rigid,
     sliding,
@@ -70,68 +65,6 @@ def test_a_body_that_comes_nearer_and_tilts_on_a_curved_skin_is_no_slip(seed):
         assert watch.step(force, moved, 0.03)["slip"] <= SlipState.STICK, t
 
 
-def test_noise_of_few_units_is_not_taken_for_a_fast_body():
-    position, rotation = centred(2, 2)
-    rng, watch, noise_mm = np.random.default_rng(0), Watch(position, rotation), 0.06
-    share = 1.0 - np.exp(-DT_S / PARAMETERS.slow_s)
-    variances = []
-    for _ in range(200):
-        watch.step(*readings(np.ones(4), np.zeros((2, 4)), rng, noise_mm), noise_mm)
-        variances.append(watch.kept["lag_variance"][:4].mean() / noise_mm**2)
-    assert np.mean(variances[50:]) == pytest.approx(share / (2.0 - share), rel=0.2)
-
-
-def test_a_unit_of_six_that_slips_on_a_curved_skin_is_not_taken_for_a_tilt():
-    position, rotation = curved(2, 3)
-    slips, took = 60, []
-    for corner in (0, 2, 3, 5):
-        for seed in range(5):
-            rng = np.random.default_rng(seed)
-            watch = Watch(position, rotation)
-            for t in range(100):
-                way, least = 0.012 * max(0, t - 30), 0.012 * (slips - 30)
-                moved = carried(position, rotation, (way, 0.0, 0.0), (0.0, 0.0, 0.0))
-                if way > least:
-                    moved[:2, corner] *= least / way
-                moved[2] = 1.0  # it goes round, as the skin does
-                force = np.array([[STIFFNESS], [STIFFNESS], [3.0]]) * moved
-                force[2, corner] *= 0.6
-                moved[:2] += 0.02 * rng.standard_normal(moved[:2].shape)
-                if watch.step(force, moved, 0.02)["slip"] >= SlipState.INCIPIENT:
-                    break
-            took.append(t - slips)
-    assert min(took) > 0
-    # were all tilts as likely, 15 cycles
-    assert np.mean(took) < 13.5
-
-
-def test_a_unit_that_comes_late_on_a_curved_skin_does_not_tilt_the_body():
-    position, rotation = curved(2, 3)
-    touched, ways = 75, []
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        watch = Watch(position, rotation)
-        at_touch = None
-        for t in range(200):
-            share = np.clip((t - 30) / 90, 0.0, 1.0)
-            moved = carried(
-                position, rotation, share * np.array([0.5, 0.5, 0.0]), [0.0, 0.0, share * 0.03]
-            )
-            if t == touched:
-                at_touch = moved[:2, 5].copy()
-            # the last unit is pressed when half of the way is done, and dragged from there on
-            moved[2] += 2.0 * np.where(
-                np.arange(6) == 5, np.clip((t - touched + 1) / 10, 0, 1), 1.0
-            )
-            moved[:2, 5] -= 0.0 if at_touch is None else at_touch
-            moved[:2] += 0.03 * rng.standard_normal(moved[:2].shape)
-            force = np.array([[STIFFNESS], [STIFFNESS], [2.0]]) * moved
-            record = watch.step(force, moved, 0.03)
-            assert record["slip"] <= SlipState.STICK, (seed, t)
-        ways.append(record["motion"][:2])
-    np.testing.assert_allclose(np.mean(ways, axis=0), 0.5, atol=0.03)
-
-
 def test_a_unit_that_goes_a_little_less_far_is_no_slip_until_it_slips():
     position, rotation = centred(3, 4)
     load, slips = dome(position), 240
@@ -147,23 +80,6 @@ def test_a_unit_that_goes_a_little_less_far_is_no_slip_until_it_slips():
             if t <= slips:
                 assert (watch.units == UnitSlip.STICK).all(), (seed, t)
         assert (watch.units == UnitSlip.SLIPPING).nonzero()[0].tolist() == [5]
-
-
-def test_a_unit_that_an_edge_has_gone_past_is_no_slip_while_its_film_recovers():
-    position, rotation = centred(3, 4)
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        watch = Watch(position, rotation)
-        for t in range(200):
-            load, drag = dome(position), rigid(position, (0.01 * np.clip(t - 30, 0, 60), 0.0), 0.0)
-            if t > 70:
-                recovers = 0.12 * np.exp(-0.01 * (t - 70))
-                load[5] *= recovers
-                drag[:, 5] *= recovers
-            force, moved = readings(load, drag, rng)
-            record = watch.step(force, moved, np.array([[0.03], [0.03], [0.005]]))
-            assert record["slip"] <= SlipState.STICK, (seed, t)
-            assert (watch.units != UnitSlip.SLIPPING).all(), (seed, t)
 
 
 def test_a_flat_face_on_soft_ground_is_no_slip_where_it_shares_shear_as_load():
@@ -199,152 +115,3 @@ def test_incipient_slip_is_seen_before_gross_slip_and_light_units_slip_first():
     corner, middle = np.argmin(load), np.argmax(load)
     assert began[corner] < began[middle]
     assert records["friction"][gross] == pytest.approx(0.4, rel=0.1)
-
-
-def test_permutation_of_units_changes_no_number():
-    position, rotation = centred(4, 5)
-    load = dome(position)
-    order = np.random.default_rng(1).permutation(20)
-    one, one_units = sliding(Watch(position, rotation), position, load, cycles=120)
-    other, other_units = sliding(
-        Watch(position[:, order], rotation), position, load, cycles=120, order=order
-    )
-    np.testing.assert_array_equal(one["slip"], other["slip"])
-    np.testing.assert_array_equal(one_units[:, order], other_units)
-    for name in ("stick_ratio", "pattern", "motion", "rotation", "friction", "margin"):
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-6, atol=1e-6)
-
-
-def test_slip_is_indifferent_to_the_scale_of_forces():
-    position, rotation = centred(4, 5)
-    load = dome(position)
-    one, one_units = sliding(Watch(position, rotation), position, load, cycles=150)
-    other, other_units = sliding(Watch(position, rotation), position, load, cycles=150, push=4.0)
-    np.testing.assert_array_equal(one["slip"], other["slip"])
-    np.testing.assert_array_equal(one_units, other_units)
-    np.testing.assert_allclose(one["stick_ratio"], other["stick_ratio"], atol=1e-9)
-
-
-def test_units_that_fall_silent_or_come_late_are_no_slip():
-    position, rotation = centred(4, 5)
-    load, rng = dome(position), np.random.default_rng(7)
-    watch = Watch(position, rotation)
-    for t in range(400):
-        drag = rigid(position, (0.004 * max(0, t - 30), 0.0), 0.0)
-        here = load.copy()
-        valid = np.ones(20, bool)
-        if t < 150:  # units 0 and 6 are touched when all others have been dragged by half a mm
-            here[[0, 6]] = 0.0
-        drag[:, [0, 6]] = 0.004 * max(0, t - 150) * np.array([[1.0], [0.0]])
-        if 200 <= t < 300:  # silent for a while, and what they say then is nonsense
-            valid[[3, 12]] = False
-            drag[:, [3, 12]] = 9.0
-        record = watch.step(*readings(here, drag, rng), 0.03, valid)
-        assert record["slip"] <= SlipState.STICK, t
-    assert (watch.units == UnitSlip.STICK).all()
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_contacts_that_merge_and_part_again_and_again_are_no_slip(seed):
-    position, rotation = centred(2, 5)
-    rng = np.random.default_rng(seed)
-    watch = Watch(position, rotation)
-    for t in range(200):
-        load = np.linspace(1.0, 0.4, 10)
-        load[[2, 7]] *= rng.random() > 0.3  # what joins the two halves
-        record = watch.step(*readings(load, np.zeros((2, 10)), rng, 0.06), 0.06)
-        assert record["slip"] <= SlipState.STICK, t
-
-
-def test_a_group_that_comes_and_goes_does_not_drag_the_body_along():
-    position, rotation = centred(1, 5)
-    false = 0
-    for seed in range(30):
-        rng = np.random.default_rng(seed)
-        watch = Watch(position, rotation)
-        for _ in range(500):
-            load = np.array([1.4, 1.2, 0.8, 1.0, 1.0])
-            load[2] *= rng.random() > 0.03  # what joins two and two
-            record = watch.step(*readings(load, np.zeros((2, 5)), rng, 0.05), 0.05)
-            if record["slip"] > SlipState.STICK:
-                false += 1
-                break
-    # a dozen, if all that have come together counted in full
-    assert false <= 5
-
-
-def test_three_units_judge_each_other():
-    position, rotation = centred(1, 3)
-    load = np.array([3.0, 1.0, 2.0])
-    records, _ = sliding(Watch(position, rotation), position, load)
-    assert not records["flags"][1:].astype(int).max() & Flag.FEW_UNITS
-    # the lightest slips at 0.8 mm, in cycle 80; the heaviest at 2.4 mm, in cycle 180
-    assert 80 < np.argmax(records["slip"] == SlipState.INCIPIENT) < 100
-    assert 150 < np.argmax(records["slip"] == SlipState.GROSS)
-
-
-def test_two_units_leave_it_to_the_friction_cone():
-    position, rotation = centred(1, 2)
-    load = np.array([3.0, 1.0])
-    unknown, _ = sliding(Watch(position, rotation), position, load)
-    assert (unknown["flags"] & Flag.FEW_UNITS).all()
-    assert (unknown["flags"] & Flag.NO_FRICTION).all()
-    assert not unknown["slip"].any()
-    known, _ = sliding(Watch(position, rotation, friction=0.4), position, load)
-    # nine tenths of 1.6 N are in use at 2.08 mm, in cycle 160
-    assert np.argmax(known["slip"] == SlipState.INCIPIENT) == pytest.approx(160, abs=5)
-    assert known["margin"][160] == pytest.approx(0.1, abs=0.02)
-    assert known["grip_force"][160] == pytest.approx(1.2 * 0.9 * 4.0, rel=0.02)
-
-
-def test_slip_ends_when_the_body_rests_and_units_stick_again():
-    position, rotation = centred(4, 5)
-    load, rng = dome(position), np.random.default_rng(5)
-    watch = Watch(position, rotation)
-    seen = []
-    for t in range(500):
-        way_mm = 0.016 * np.clip(t - 30, 0, 70)
-        drag = held(rigid(position, (way_mm, 0.0), 0.0), load, 0.4)
-        seen.append(int(watch.step(*readings(load, drag, rng), 0.03)["slip"]))
-    assert max(seen[30:120]) == SlipState.INCIPIENT
-    assert set(seen[300:]) == {int(SlipState.STICK)}
-    assert (watch.units == UnitSlip.RE_STICK).any()
-    assert not (watch.units == UnitSlip.SLIPPING).any()
-
-
-@given(seeds)
-@profile(max_examples=2)
-def test_machine_code_is_the_python_code(seed):
-    rng = np.random.default_rng(seed)
-    position, rotation = naive.cylinder(4, 4) if rng.random() < 0.5 else centred(4, 4)
-    load = dome(position - position.mean(axis=1, keepdims=True), reach_m=0.03)
-    one, one_units = sliding(Watch(position, rotation), position, load, cycles=110, seed=seed)
-    with pytest.MonkeyPatch.context() as patch, np.errstate(invalid="ignore"):
-        interpret_contacts(patch)
-        python = Watch(position, rotation)
-        other, other_units = sliding(python, position, load, cycles=110, seed=seed)
-    np.testing.assert_array_equal(one["slip"], other["slip"])
-    np.testing.assert_array_equal(one_units, other_units)
-    for name in ("stick_ratio", "pattern", "motion", "friction", "margin", "friction_lower"):
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (
-            {"false_alarms_per_hour": 0.0},
-            "false_alarms_per_hour: must be a number from 1e-09 to 100000; got 0.0",
-        ),
-        ({"friction": -0.1}, "friction: must be a number from 0.001 to 100; got -0.1"),
-        (
-            {"gross_ratio": 0.98},
-            "gross_ratio, incipient_ratio: must be gross_ratio < incipient_ratio < 1; "
-            "got 0.98 and 0.97",
-        ),
-    ],
-)
-def test_impossible_settings_are_refused(settings, message):
-    with pytest.raises(SkinError) as refused:
-        SlipSettings(**settings)
-    assert str(refused.value) == message

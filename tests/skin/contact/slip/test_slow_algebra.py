@@ -49,4 +49,4 @@ def check(seed):
         members = watch.stream.data.members[record["begin"] : record["end"]]
         (told,) = slow.cycle(DT_S, watch.now_ns, given, [(record, members)])
         compare(record, told)
-        compare_units(watch.stream.slip_data, slow, members)
+        compare_units(watch.stream.data, slow, members)

@@ -19,9 +19,9 @@ class Watch:
         n = position.shape[1]
         self.stream = ContactStream(
             position, rotation, AREA, *neighbour_graph(position, 0.018), want={"slip"},
-            dtype="float64", slip=SlipSettings(**settings),
+            slip=SlipSettings(**settings),
         )  # fmt: skip
-        self.kept = self.stream.slip_data.slips
+        self.kept = self.stream.data.slips
         self.now_ns = 0
         # as those of a decoder: always the same arrays
         self.force, self.force_sigma, self.moved, self.moved_sigma = np.zeros((4, 3, n))
