@@ -152,11 +152,9 @@ class Decoder:
         """The kernel and its model."""
         from skin.decode import kernel
         from skin.decode.model import model_of
-        from skin.decode.parts import Parts
         from skin.decode.uncertainty import neighbours_of
 
-        parts = Parts.of(self.plan)
-        self._kernel = kernel.decode(parts)
+        self._kernel = kernel.decode(self.plan.kernel)
         self._data_of: type[DecodeData] = kernel.DecodeData
         self._neighbours = neighbours_of(self.topology, self.rest_ut, self.crosstalk)
         self._model_of = functools.partial(model_of, plan=self.plan, rest_ut=self.rest_ut)
@@ -176,8 +174,8 @@ class Decoder:
         if self.plan.creep:
             from skin.decode.creep import Creep
 
-            self.creep = Creep(self.topology, self.plan.results, self._out)
-            self._shown = self.creep.borne
+            self.creep = Creep(self.topology, self.plan, self._out)
+            self._shown = self.creep.total
         self.whole = self._out.reading(0, {*self.plan.results} - {"film_above"})
         self._reading = self._shown.reading(0, self.plan.quantities)
         self.shown = self._shown.arrays

@@ -13,7 +13,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.records import BX, BY, BZ, INVALID, LANES, MAGNETIC_ANOMALY, SATURATED, SILENT
 from skin.decode.rows import read, write
 from skin.physics.force_law import at as law_at
@@ -57,10 +57,10 @@ class Inverted(NamedTuple):
     variance: float
 
 
-def field_law(parts: Parts) -> Callable:
+def field_law(plan: Plan) -> Callable:
     """The field without the chip's offset, its drift and the background, mapped."""
-    with_chip = parts.chip_compensation
-    with_z = parts.angle or parts.consistency or parts.field
+    with_chip = plan.chip_compensation
+    with_z = plan.angle or plan.consistency or "field" in plan.results
 
     @jitable
     def field(unit, counts, background, j, chip_above):
@@ -148,9 +148,9 @@ def film_variance(solid, radius, depth, unit, j):
     return across * (per_mm * per_mm)
 
 
-def strength_law(parts: Parts) -> Callable:
+def strength_law(plan: Plan) -> Callable:
     """R by the strength of the lateral field, R = asin(S / M0) / k [paper, eq. 1]."""
-    with_sigma = parts.sigma
+    with_sigma = plan.sigma
 
     @jitable
     def by_strength(solid, variance, depth, depth_sigma, gain, weakest, unit, j):
@@ -193,9 +193,9 @@ def _cubic(factor, i, h, j):
     return ((c3 * h + c2) * h + c1) * h + factor[4 * i, j], slope
 
 
-def angle_law(parts: Parts) -> Callable:
+def angle_law(plan: Plan) -> Callable:
     """R by the angle psi of the field: a polynomial of psi and H, fitted to the film's field."""
-    with_sigma = parts.sigma
+    with_sigma = plan.sigma
 
     @jitable
     def by_angle(solid, z, variance, depth, depth_sigma, unit, j):
@@ -235,10 +235,10 @@ def angle_law(parts: Parts) -> Callable:
     return by_angle
 
 
-def inversion(parts: Parts) -> Callable:
+def inversion(plan: Plan) -> Callable:
     """R by angle or by strength."""
-    with_angle = parts.angle
-    by_angle, by_strength = angle_law(parts), strength_law(parts)
+    with_angle = plan.angle
+    by_angle, by_strength = angle_law(plan), strength_law(plan)
 
     @jitable
     def invert(field, normal, variance, unit, j):
@@ -287,14 +287,14 @@ def doubt(beyond2, tile, unit, j):
     tile["push_sigma"][j] = np.sqrt(known * known + half * half)
 
 
-def anomaly_stage(parts: Parts) -> Callable:
+def anomaly_stage(plan: Plan) -> Callable:
     """The stage that holds fields against the film's: test ratios, doubt, and flags.
 
     One reading that is beyond is doubted, the second in a row is a MAGNETIC_ANOMALY, as is a mean
     that is beyond.
     """
-    with_angle, with_ratio, by_angle = parts.angle, parts.test_ratio, angle_law(parts)
-    with_sigma, row = parts.sigma, parts.row("test_ratio")
+    with_angle, with_ratio, by_angle = plan.angle, "test_ratio" in plan.results, angle_law(plan)
+    with_sigma, row = plan.sigma, plan.row("test_ratio")
 
     @jitable
     def check(unit, size, tile, flag, state, out, advance):

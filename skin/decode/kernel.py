@@ -20,7 +20,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from skin.decode.flags import flags_stage
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.records import FLAGS, INVALID, LANES, UNKNOWN
 from skin.decode.rows import rows_of, write
 from skin.decode.tangential import units_stage
@@ -80,9 +80,9 @@ def hide(flag, size, out, rows):
                 write(out, row, j, nothing)
 
 
-def clear_stage(parts: Parts) -> Callable:
+def clear_stage(plan: Plan) -> Callable:
     """The stage that shows nothing tangential."""
-    rows = parts.tangential_rows
+    rows = plan.tangential_rows
 
     @jitable
     def clear(size, out):
@@ -103,13 +103,13 @@ def background_of(values, cycle, first):
     return rows_of(values, cycle, first)
 
 
-def block_stage(parts: Parts) -> Callable:
+def block_stage(plan: Plan) -> Callable:
     """All stages, for the units of a block."""
-    with_warmth = parts.temperature or parts.film_compensation or parts.chip_compensation
-    with_skip = parts.skip and (parts.shear or parts.field)
-    judge, clear = flags_stage(parts), clear_stage(parts)
-    units, rest = units_stage(parts, loaded=True), units_stage(parts, loaded=False)
-    temperature = temperature_stage(parts)
+    with_warmth = "temperature" in plan.results or plan.film_compensation or plan.chip_compensation
+    with_skip = plan.skip and (plan.shear or "field" in plan.results)
+    judge, clear = flags_stage(plan), clear_stage(plan)
+    units, rest = units_stage(plan, loaded=True), units_stage(plan, loaded=False)
+    temperature = temperature_stage(plan)
 
     @jitable
     def decode_block(model, data, cycle, block, size, look, advance):
@@ -190,17 +190,17 @@ def _decode(model, data, phase, advance, missing):
                 decode_block(model, data, cycle, block, LANES, look, advance)
 
 
-def decode_python(parts: Parts) -> Callable:
-    """The function that decodes what `parts` say, not compiled: `_decode`, with its constants and
+def decode_python(plan: Plan) -> Callable:
+    """The function that decodes as a plan says, not compiled: `_decode`, with its constants and
     stages among its globals, for numba finds no closure again in its cache."""
     constants = {
-        "WITH_LOOK": parts.look, "WITH_SKIP": parts.skip, "WITH_FILM": parts.film_compensation,
-        "WITH_CHIP": parts.chip_lags, "decode_block": block_stage(parts),
+        "WITH_LOOK": plan.look, "WITH_SKIP": plan.skip, "WITH_FILM": plan.film_compensation,
+        "WITH_CHIP": plan.chip_lags, "decode_block": block_stage(plan),
     }  # fmt: skip
     return FunctionType(_decode.__code__, globals() | constants, "decode")
 
 
 @functools.cache
-def decode(parts: Parts) -> Callable:
-    """The kernel for `parts`, compiled."""
-    return compiled(decode_python(parts), fastmath={"contract"}, made_by=("decode", parts))
+def decode(plan: Plan) -> Callable:
+    """The kernel of a `Plan.kernel`, compiled."""
+    return compiled(decode_python(plan), fastmath={"contract"}, made_by=("decode", plan))

@@ -266,8 +266,8 @@ def test_tangential_sigmas_are_those_of_the_turned_ellipse():
         along2 = bare.tangential_sigma[i] ** 2
         across2 = (bare.force_sigma[:2, i] ** 2).sum() - along2
         turn = np.array([[x, -y], [y, x]])
-        sharper2 = decoder.creep._model.sharper[i] ** 2
-        own = sharper2 * turn @ np.diag([along2, across2]) @ turn.T
+        gain2 = decoder.creep._model.step_gain[i] ** 2
+        own = gain2 * turn @ np.diag([along2, across2]) @ turn.T
         more = reading.force_sigma[:2, i] ** 2 - np.diag(own)
         whole = own + np.diag(more)
         d = reading.force[:2, i] / reading.tangential[i]
