@@ -86,8 +86,6 @@ class CrossTalk:
         another make add where the stencil is that of the drawing, plus what neighbours may add that
         are not known now: not usable,
         NaN, or so far beyond the stencil's range that they are taken to stand at its end.
-    idle_ut : float
-        What neighbours that count as at rest may add to any axis of the worst unit.
 
     Raises
     ------
@@ -135,7 +133,6 @@ class CrossTalk:
         )  # fmt: skip
         self._data = _data_of(self._model, real)
         self.residue_ut2 = self._data.residue_ut2
-        self.idle_ut = self._idle_bound(idle_mm)
 
     def predict(
         self,
@@ -240,18 +237,6 @@ class CrossTalk:
         fits *= stencil.strength[stencil.neighbour] ** 2
         missed = np.bincount(stencil.unit, fits, minlength=stencil.n) / 3.0
         return missed + stencil.left_out_rms_ut**2
-
-    def _idle_bound(self, idle_mm: float) -> float:
-        """`idle_ut`, from the linear terms."""
-        stencil = self.stencil
-        linear = np.abs(stencil.coefficients[:, :, :3])
-        each = FRICTION * idle_mm * np.hypot(linear[:, :, 0], linear[:, :, 1])
-        each = (each + idle_mm * linear[:, :, 2])[stencil.kind]
-        each *= stencil.strength[stencil.neighbour, np.newaxis]
-        return max(
-            float(np.bincount(stencil.unit, axis, minlength=stencil.n).max(initial=0.0))
-            for axis in each.T
-        )
 
 
 def _fields_of(stencil: Stencil, real: np.dtype) -> FieldModel:

@@ -269,34 +269,19 @@ class Decoder:
             self._given[0] if given else base, warmer,
         )  # fmt: skip
 
-    def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
-        """A call for each cycle, on arrays that the caller overwrites.
+    def inputs(self, counts: np.ndarray, status: np.ndarray) -> Inputs:
+        """Arrays to `step` on, which the caller overwrites before each cycle.
 
         Parameters
         ----------
         counts, status : ndarray, shape (c, n), int16, and shape (n,), uint16
             As of a call; contiguous and writeable.
 
-        Returns
-        -------
-        callable
-            Decodes the cycle that stands in the arrays; its `Reading` is always `reading`.
-
         Raises
         ------
         CountsError
             An array of another shape or type, or one that lies scattered in memory.
         """
-        inputs = self.inputs(counts, status)
-
-        def decode() -> Reading:
-            self.step(inputs)
-            return self._reading
-
-        return decode
-
-    def inputs(self, counts: np.ndarray, status: np.ndarray) -> Inputs:
-        """Arrays to `step` on; as of `bind`."""
         check_call(self.topology, self.dtype, counts, status, None)
         if plain(counts) is not counts or plain(status) is not status:
             raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
@@ -311,8 +296,8 @@ class Decoder:
         given: bool = False,
         advance: bool = True,
     ) -> None:
-        """Decode the cycle that stands in the inputs: predict what is not the units' own, decode,
-        relax, in each sweep; then look at the ambient field.
+        """Decode the cycle that stands in the inputs into `reading`: predict what is not the units'
+        own, decode, relax, in each sweep; then look at the ambient field.
 
         Parameters
         ----------

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient import Ambient
+from skin.decode.ambient_model import memory_of
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
 
@@ -43,7 +44,8 @@ def tumbled(rate_hz=250.0):
 
 def any_state(ambient, naive, rng):
     """Memories on both sides of every bound, of units that may be pressed or not."""
-    memory, bodies, n = ambient._data.memory, ambient._data.bodies, UNITS
+    memory, n = memory_of(ambient._data.memory), UNITS
+    bodies = ambient._data.bodies.view(np.recarray)
     pressed = rng.random(n) < rng.choice([0.0, 0.1, 0.6])  # none, few, or most, side by side
     pressed = np.arange(n) < rng.integers(7, n) if rng.random() < 0.2 else pressed
     load = np.where(pressed, rng.uniform(2.5, 8.0, n), rng.uniform(0.0, 2.9, n))

@@ -82,47 +82,6 @@ def test_the_prediction_is_that_of_the_stencil(name):
         np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("slant", [0.0, 0.5])
-def test_lattices_may_be_slanted_have_holes_and_any_numbering(slant):
-    whole = plane(9, 7, slant=slant)
-    keep = np.random.default_rng(0).permutation(np.setdiff1d(np.arange(63), [0, 24, 25, 26, 40]))
-    skin = part_of(whole, keep)
-    stencil = Stencil.of(skin, degree=2)
-    crosstalk = CrossTalk(skin, stencil, dtype="float64")
-    moved = displaced(skin.n, cycles=1)[0]
-    np.testing.assert_allclose(predict(crosstalk, moved), stencil(moved), atol=1e-9)
-
-
-def test_a_film_at_the_end_of_a_row_is_no_neighbour_of_the_next_row():
-    skin, stencil = topology.load("palm").exact(), stencil_of("palm")
-    crosstalk = crosstalk_of("palm")
-    for unit in range(skin.n):
-        alone = np.zeros((3, skin.n))
-        alone[:, unit] = 1.0, -0.5, 1.5
-        found = predict(crosstalk, alone)
-        felt = stencil.unit[stencil.neighbour == unit]
-        others = np.setdiff1d(np.arange(skin.n), felt)
-        assert (found[:, others] == 0.0).all()
-        np.testing.assert_allclose(found, stencil(alone), atol=1e-9)
-
-
-def test_pairs_that_were_measured_one_by_one_have_coefficients_of_their_own():
-    skin, shared = (
-        topology.load("palm").exact(),
-        Stencil.of(topology.load("palm").exact(), degree=2),
-    )
-    rng = np.random.default_rng(0)
-    each = shared.coefficients[shared.kind]
-    own = dataclasses.replace(
-        shared, kind=np.arange(each.shape[0], dtype=np.int32),
-        coefficients=each * (1.0 + 0.05 * rng.standard_normal(each.shape)),
-        sigma_ut=shared.sigma_ut[shared.kind],
-    )  # fmt: skip
-    crosstalk = CrossTalk(skin, own, dtype="float64")
-    moved = displaced(skin.n, cycles=1)[0]
-    np.testing.assert_allclose(predict(crosstalk, moved), own(moved), atol=1e-9)
-
-
 # -- against magnet theory -------------------------------------------------------------------------
 @pytest.mark.long_but_first
 @pytest.mark.parametrize("name", ["palm", "hand", "fingertip"])
@@ -153,16 +112,6 @@ def test_numbering_the_units_otherwise_changes_nothing(random):
     np.testing.assert_allclose(found, expected[:, order], atol=1e-9)
 
 
-def test_a_mirrored_skin_feels_mirrored_fields():
-    skin = plane(6, 5)
-    mirror = np.array([[-1.0], [1.0], [1.0]])
-    mirrored = dataclasses.replace(skin, position=mirror * skin.position)
-    moved = displaced(skin.n, cycles=1)[0]
-    one = predict(CrossTalk(skin, dtype="float64"), moved)
-    other = predict(CrossTalk(mirrored, dtype="float64"), mirror * moved)
-    np.testing.assert_allclose(other, mirror * one, atol=0.1)
-
-
 def test_what_is_not_moved_adds_nothing_and_the_rest_of_the_background_stays():
     skin = topology.load("hand").exact()
     crosstalk = crosstalk_of("hand")
@@ -181,22 +130,6 @@ def test_units_alone_far_apart_or_in_one_row_are_skins_too(skin):
     moved = displaced(skin.n, cycles=1)[0]
     np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
     assert (crosstalk.contraction > 0.0) == (crosstalk.stencil.kind.size > 0)
-
-
-def test_a_stronger_film_is_felt_more():
-    crosstalk = CrossTalk(topology.load("palm").exact(), stencil_of("palm"), dtype="float64")
-    alone = np.zeros((3, 64))
-    alone[:, 27] = 1.0, 0.5, 1.0
-    one = predict(crosstalk, alone)
-    crosstalk.strength[27] *= 0.95
-    np.testing.assert_allclose(predict(crosstalk, alone), 0.95 * one, atol=1e-9)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_film_that_moves_along_one_axis_counts(axis):
-    crosstalk = crosstalk_of("palm")
-    moved = displaced(64, cycles=1)[0] * (np.arange(3) == axis)[:, np.newaxis]
-    np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
 
 
 # -- units that are not known, idle, or beyond the range -------------------------------------------
@@ -259,22 +192,6 @@ def test_a_unit_that_was_not_looked_at_counts_as_not_displaced():
     moved[:2, 27] = np.nan
     np.testing.assert_array_equal(predict(crosstalk, moved), predict(crosstalk, straight))
     np.testing.assert_allclose(crosstalk.residue_ut2, crosstalk.residue_ut**2)
-
-
-def test_films_that_count_as_at_rest_add_less_than_the_bound():
-    idle_mm = 0.05
-    gated = crosstalk_of("palm", idle_mm=idle_mm)
-    every = crosstalk_of("palm", idle_mm=0.0)
-    rng = np.random.default_rng(0)
-    for angle in rng.uniform(-np.pi, np.pi, 20):
-        still = np.zeros((3, 64))
-        still[0], still[1] = 2.99 * idle_mm * np.cos(angle), 2.99 * idle_mm * np.sin(angle)
-        still[2] = 0.99 * idle_mm * rng.choice([-1.0, 1.0], 64)
-        assert (predict(gated, still) == 0.0).all()
-        assert np.abs(predict(every, still)).max() < 1.05 * gated.idle_ut
-    assert gated.idle_ut < 10.0 * np.sqrt(np.mean(predict(every, still) ** 2))
-    still[2, 27] = 1.01 * idle_mm
-    assert (predict(gated, still) != 0.0).any()
 
 
 def test_a_film_beyond_the_range_stands_where_the_polynomials_end_and_is_not_known():
@@ -390,24 +307,6 @@ def test_units_too_near_for_their_films_are_refused():
 
 
 # -- heat ------------------------------------------------------------------------------------------
-
-
-def test_warm_films_are_weaker_as_are_those_at_rest():
-    skin, crosstalk = topology.load("palm").exact(), crosstalk_of("palm")
-    moved = displaced(skin.n, cycles=1)[0]
-    above = np.random.default_rng(2).uniform(-10.0, 55.0, skin.n)
-    gain = skin.parameters["film_drift_per_k"] * above
-    out, usable = np.empty((5, skin.n)), np.ones(skin.n, bool)
-    base = np.arange(5.0 * skin.n).reshape(5, skin.n)
-    crosstalk.predict(moved, usable, out, base, above)
-    weaker = CrossTalk(skin, dataclasses.replace(
-        stencil_of("palm"), strength=stencil_of("palm").strength * (1.0 + gain)
-    ), dtype="float64", idle_mm=0.0)  # fmt: skip
-    rest = stencil_of("palm").rest_ut * gain
-    np.testing.assert_allclose(out[1:4], base[1:4] + rest + predict(weaker, moved), atol=1e-6)
-    assert np.abs(out[1:4] - base[1:4] - predict(crosstalk, moved)).max() > 20.0
-    np.testing.assert_array_equal(out[0], base[0])
-    np.testing.assert_allclose(out[4], base[4] + crosstalk.residue_ut2)
 
 
 @pytest.mark.parametrize("film_c", [25.0, 75.0])

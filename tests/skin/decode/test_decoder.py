@@ -13,7 +13,7 @@ from bus.status import Status
 from skin.decode import records
 from skin.decode.decoder import Decoder
 from skin.decode.flags import judge
-from skin.errors import CalibrationError, CountsError, OptionError, SkinError
+from skin.errors import CalibrationError, CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
 pytestmark = pytest.mark.usefixtures("few_variants")
@@ -125,13 +125,6 @@ def test_disabled_units_say_so_without_a_bus():
     skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
     reading = sine(skin)(counts_of(3))
     assert reading.status.tolist() == [0, Status.DISABLED, 0]
-
-
-def test_a_disabled_unit_has_no_other_flag_whatever_it_reads():
-    skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
-    reading = Decoder(skin, sweeps=0, ambient=False)(counts_of(3, bx=8000))
-    extrapolated = Status.EXTRAPOLATED
-    assert reading.status.tolist() == [extrapolated, Status.DISABLED, extrapolated]
 
 
 # -- memory --------------------------------------------------------------------------------------
@@ -282,12 +275,6 @@ def test_arrays_that_are_filled_again_are_read_again():
     assert np.isfinite(decoder(counts).temperature[3])
 
 
-def test_no_cycles_make_an_empty_batch():
-    assert Decoder(row_of(3), sweeps=0, ambient=False)(
-        np.zeros((0, 6, 3), np.int16)
-    ).force.shape == (0, 3, 3)
-
-
 # -- refusals ------------------------------------------------------------------------------------
 
 EXPECTED = "row: raw: must be an array of int16, shape (6, 3) or shape (t, 6, 3); got "
@@ -378,12 +365,6 @@ def test_a_correction_is_not_a_rotation():
     table[3, 1] = 1.5
     with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be within 1 "):
         Decoder(with_parameters(row_of(2), theta_correction_rad=table), sweeps=0, ambient=False)
-
-
-def test_every_refusal_is_a_skin_error():
-    assert issubclass(OptionError, SkinError)
-    assert issubclass(CountsError, SkinError)
-    assert issubclass(CalibrationError, SkinError)
 
 
 def test_public_names_load_late():

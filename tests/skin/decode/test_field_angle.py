@@ -18,7 +18,6 @@ from tests.fixtures.decode import (
     any_counts,
     calibrated,
     row_of,
-    sensible_counts,
     sine,
     with_parameters,
 )
@@ -133,52 +132,6 @@ def test_the_strength_of_the_magnet_and_the_gain_of_the_chip_cancel(seed, gain):
     assert np.abs(plain - weak).max() < 3e-3
     arcsine = sine(skin, dtype="float64")(counts_at(skin, *place, gain=0.95))
     assert np.abs(plain - arcsine.displacement_mm).max() > 0.03
-
-
-@given(seeds, dtypes, st.sampled_from([(-1, -1), (-1, 1), (1, -1)]))
-def test_reflected_fields_give_reflected_displacements_to_the_bit(seed, dtype, signs):
-    skin = row_of(40)
-    raw = sensible_counts(skin, 1, seed)[0]
-    decoder = angled(skin, dtype=dtype)
-    before = decoder(raw).displacement_mm.copy()
-    raw[2:4] *= np.array(signs, np.int16)[:, np.newaxis]
-    decoder.reset()
-    np.testing.assert_array_equal(
-        decoder(raw).displacement_mm, before * np.array([*signs, 1], dtype)[:, np.newaxis]
-    )
-
-
-@given(seeds, dtypes)
-def test_a_quarter_turn_of_the_field_turns_the_displacement(seed, dtype):
-    skin = row_of(40)
-    raw = sensible_counts(skin, 1, seed)[0]
-    turned = raw.copy()
-    turned[2], turned[3] = -raw[3], raw[2]
-    one, other = (angled(skin, dtype=dtype)(r).displacement_mm for r in (raw, turned))
-    limit = 2e-6 if dtype == "float32" else 1e-12
-    assert np.abs(other[0] + one[1]).max() <= limit
-    assert np.abs(other[1] - one[0]).max() <= limit
-
-
-@given(seeds, dtypes, st.sampled_from([2, 3, 4]))
-def test_all_of_the_field_scaled_is_the_same_angle(seed, dtype, factor):
-    skin = row_of(40)
-    raw = sensible_counts(skin, 1, seed)[0]
-    raw[2:5] //= 4
-    more = raw.copy()
-    more[2:5] *= factor
-    one, other = (angled(skin, dtype=dtype)(r).displacement_mm for r in (raw, more))
-    assert np.abs(one - other).max() <= (3e-6 if dtype == "float32" else 1e-12)
-
-
-@pytest.mark.long
-@given(seeds)
-def test_float32_agrees_with_float64(seed):
-    skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
-    raw = sensible_counts(skin, 2, seed)
-    single, double = (angled(skin, dtype=dtype)(raw) for dtype in ("float32", "float64"))
-    assert np.abs(single.displacement_mm - double.displacement_mm).max() < 5e-6
-    assert np.abs(single.force - double.force).max() < 5e-5
 
 
 # -- its end ---------------------------------------------------------------------------------------

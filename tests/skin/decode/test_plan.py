@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bus.status import Status
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, OptionError
-from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts, with_parameters
+from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts
 from tests.skin.decode.test_field_angle import counts_at
 
 seeds = st.integers(0, 2**32 - 1)
@@ -47,27 +47,6 @@ def plan_of(skin, want=None, **options):
 
 
 # -- the plan --------------------------------------------------------------------------------------
-
-
-def test_a_plan_is_no_longer_than_the_scene():
-    nominal = plan_of(row_of(3))
-    assert nominal.quantities == (
-        "temperature", "force", "tangential", "theta", "displacement", "field",
-        "test_ratio",
-    )  # fmt: skip
-    assert nominal.sigma
-    assert nominal.film_compensation  # the check of the field needs M0
-    assert not nominal.theta_correction
-    short = plan_of(row_of(3), {"force"}, consistency=False)
-    assert not short.film_compensation  # the angle does not
-    assert not short.chip_compensation  # no offset drifts, and the gain cancels
-    assert plan_of(row_of(3), {"force"}, estimator="sine", consistency=False).film_compensation
-    drifting = with_parameters(row_of(3), hall_drift_z_ut_per_k=1.0)
-    assert plan_of(drifting, {"force"}, consistency=False).chip_compensation
-    heat = plan_of(row_of(3), {"temperature"})
-    assert not any((heat.film_compensation, heat.chip_compensation, heat.consistency))
-    assert plan_of(row_of(3, "f3t-classic")).chip_lags
-    assert plan_of(calibrated(row_of(3), turn_rad=0.1)).theta_correction
 
 
 def test_units_without_load_are_looked_at_every_twentieth_of_a_second():
@@ -123,16 +102,6 @@ def idle_beside_full(skin, raw, status, estimator):
         limit = 2.9 * 6.01 / 900.0 + 1e-3
         assert np.all(every.displacement_mm[2][resting] <= limit)
     return idle
-
-
-def test_a_batch_skips_as_its_cycles_do():
-    skin, raw, status = scene(150, 7)
-    batch = Decoder(skin, skip=True, sweeps=0, ambient=False)(raw, status)
-    single = Decoder(skin, skip=True, sweeps=0, ambient=False)
-    for t in range(len(raw)):
-        one = single(raw[t], status[t])
-        for name in (*FIELDS, "status"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(batch, name)[t], name)
 
 
 def test_idle_is_not_untouched_and_not_invalid():
