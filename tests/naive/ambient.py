@@ -240,6 +240,7 @@ def state_of(ambient):
     """A copy of what an `Ambient` remembers."""
     data = ambient._data
     bodies = {name: data.bodies[name] for name in BODIES}
+    bodies |= {name: bodies[name].swapaxes(0, 1) for name in ("kept_ut", "kept_ut2")}
     memory = {name: getattr(memory_of(data.memory), name) for name in MEMORY}
     touched = data.marks & kernels.TOUCHED != 0
     return copy.deepcopy(SimpleNamespace(zero=data.zero, touched=touched, **bodies, **memory))

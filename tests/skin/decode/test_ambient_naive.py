@@ -74,7 +74,8 @@ def any_state(ambient, naive, rng):
         covariance[:] = 20.0 * root @ root.T + 9.0 * np.eye(3)
     bodies.kept_s[:] = rng.choice([0.0, 0.045, 0.2], 2)
     bodies.kept_ut[:] = 40.0 * rng.standard_normal((2, 2, 3))
-    bodies.kept_ut2[:] = rng.uniform(0.5, 2.0, (2, 2, 1, 1)) * bodies.covariance_ut2
+    more = rng.uniform(0.5, 2.0, (2, 2, 1, 1)) * bodies.covariance_ut2
+    bodies.kept_ut2[:] = more.swapaxes(0, 1)
 
 
 def any_reading(naive, state, rng):
