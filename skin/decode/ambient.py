@@ -53,8 +53,6 @@ class Ambient:
     background : ndarray, shape (4, n)
         To be taken off the counts of the next cycle: Hz by which the frequency has fallen without
         a press, then µT in the axes of the chips. One array, written by `update`.
-    begun : int
-        How often the field was reset.
     body : ndarray, shape (n,), int
         Index of each unit's body: unit i sees ``field_ut[:, body[i]]``.
     residue_ut2 : ndarray, shape (n,)
@@ -79,7 +77,6 @@ class Ambient:
         every: int = 1,
     ) -> None:
         self.topology = topology
-        self.begun = 0
         self.bodies = tuple(dict.fromkeys(frames_of(topology)))
         self.body = body_of(topology, self.bodies)
         self.taken = np.empty((5, topology.n), dtype)
@@ -187,15 +184,13 @@ class Ambient:
 
     def reset(self) -> None:
         """Forget everything: nothing is taken off until it has been seen again."""
-        memory, bodies = self._memory, self._bodies
+        memory = self._memory
         for array in (*memory, self._data.zero, self._data.marks, self.background):
             array[:] = 0
         memory.rest_ut[:] = memory.rest_film_c[:] = np.nan
         memory.bound_hz[:] = self._units.bound_hz
-        bodies[:] = 0
-        bodies["covariance_ut2"] = bodies["kept_ut2"] = PRIOR_UT2 * np.eye(3)
         self.residue_ut2[:] = PRIOR_UT2
-        self._turned = [Turned() for _ in self.bodies]
+        self._forget_fields()
 
     def forget(self, units: np.ndarray, *, field: bool) -> None:
         """Restart with units that have new zeros, and with the ambient field too if asked to.
@@ -213,7 +208,7 @@ class Ambient:
         self._data.zero[:, units] = 0.0
         self._data.marks[units] = 0
         if field:
-            self.begin(np.zeros_like(self.field_ut))
+            self._forget_fields()
         kernels.compose(self._model, self._data)
 
     def retare(self, topology: Topology) -> None:
@@ -221,22 +216,11 @@ class Ambient:
         self.topology = topology
         self._units.sheared_ut[:] = sheared_ut(topology)
 
-    def begin(self, field_ut: np.ndarray) -> None:
-        """Set out from an ambient field that was known long ago; counted in `begun`.
-
-        Parameters
-        ----------
-        field_ut : ndarray, shape (3, bodies)
-            As the attribute.
-        """
+    def _forget_fields(self) -> None:
         bodies = self._bodies
         bodies[:] = 0
-        bodies["field_ut"] = field_ut.T
-        bodies["kept_ut"] = field_ut.T[:, np.newaxis]
         bodies["covariance_ut2"] = bodies["kept_ut2"] = PRIOR_UT2 * np.eye(3)
-        self.begun += 1
         self._turned = [Turned() for _ in self.bodies]
-        kernels.compose(self._model, self._data)
 
     def turn(self, attitude: np.ndarray, body: int | None = None) -> None:
         """Report the attitude of a body, or of all of them as one, to be counted as evidence.

@@ -17,9 +17,9 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import bound, compiled, jitable
+from skin.decode.arrays import Results
 from skin.decode.functions import atan2
 from skin.decode.plan import Plan
-from skin.decode.results import Results
 from topology import CREEP_TERMS, Topology
 
 __all__ = ["Creep", "relax", "relax_python"]

@@ -11,9 +11,8 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records
-from skin.decode.arrays import check_call, plain
+from skin.decode.arrays import Results, check_call, plain
 from skin.decode.plan import Plan
-from skin.decode.results import Results
 from skin.errors import CountsError, check_kind
 from skin.options import Options
 from skin.owned import Layout

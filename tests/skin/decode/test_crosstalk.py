@@ -7,8 +7,6 @@ import functools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from msgspec import structs
 
 import topology
@@ -16,12 +14,9 @@ from skin.calibrate.field_angle import angle_powers, field_angle
 from skin.decode import crosstalk as crosstalk_module
 from skin.decode import crosstalk_kernels
 from skin.decode.crosstalk import CrossTalk
-from skin.decode.decoder import Decoder
-from skin.decode.density import contraction_of
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
-from skin.sim.unit import UnitSimulator
 from tests.fixtures.decode import strokes
 from tests.skin.physics.test_stencil import change_ut, displaced, neighbours_ut, palm
 
@@ -101,29 +96,6 @@ def test_what_is_missed_is_what_the_residue_says(name):
 
 
 # -- laws ------------------------------------------------------------------------------------------
-@settings(max_examples=8)
-@given(st.randoms(use_true_random=False))
-def test_numbering_the_units_otherwise_changes_nothing(random):
-    skin = topology.load("fingertip").exact()
-    order = np.array(random.sample(range(skin.n), skin.n))
-    moved = displaced(skin.n, cycles=1)[0]
-    found = predict(CrossTalk(part_of(skin, order), dtype="float64"), moved[:, order])
-    expected = predict(CrossTalk(skin, dtype="float64"), moved)
-    np.testing.assert_allclose(found, expected[:, order], atol=1e-9)
-
-
-def test_what_is_not_moved_adds_nothing_and_the_rest_of_the_background_stays():
-    skin = topology.load("hand").exact()
-    crosstalk = crosstalk_of("hand")
-    nothing = np.zeros((3, skin.n))
-    assert (predict(crosstalk, nothing) == 0.0).all()
-    base = np.random.default_rng(0).normal(0.0, 50.0, (5, skin.n))
-    assert (predict(crosstalk, nothing, base=base) == base[1:4]).all()
-    moved = displaced(skin.n, cycles=1)[0]
-    found = predict(crosstalk, moved, base=base)
-    np.testing.assert_allclose(found, base[1:4] + predict(crosstalk, moved), atol=1e-9)
-
-
 @pytest.mark.parametrize("skin", [plane(1, 1), plane(3, 3, 60.0), plane(6, 1)])
 def test_units_alone_far_apart_or_in_one_row_are_skins_too(skin):
     crosstalk = CrossTalk(skin, dtype="float64")
@@ -272,28 +244,6 @@ def test_a_sweep_takes_away_what_the_contraction_says():
         assert errors[1] < 1.2 * crosstalk.contraction * errors[0]
 
 
-def test_the_nearer_the_units_the_less_a_sweep_takes_away():
-    contractions = [
-        contraction_of(skin, Stencil.of(skin, degree=2))
-        for skin in (plane(6, 6, pitch) for pitch in (15.0, 13.5, 12.0, 10.0))
-    ]
-    assert contractions == sorted(contractions)
-    assert contractions[0] < 0.1 < contractions[2] < 0.25
-    assert contraction_of(plane(1, 1), Stencil.of(plane(1, 1))) == 0.0
-    # the spectral radius is that of the whole matrix
-    skin = plane(3, 4)
-    stencil = Stencil.of(skin, degree=1)
-    whole = np.zeros((2, skin.n, 2, skin.n))
-    whole[:, stencil.unit, :, stencil.neighbour] = (
-        stencil.coefficients[stencil.kind, :2, :2] * stencil.strength[0]
-    )
-    p = skin.parameters
-    rest = p["field_amplitude_ut"] * np.exp(-p["field_growth_per_mm"] * p["field_reference_mm"])
-    whole /= (p["field_wavenumber_rad_per_mm"] * rest)[0]
-    radius = np.abs(np.linalg.eigvals(whole.reshape(2 * skin.n, -1))).max()
-    assert contraction_of(skin, stencil) == pytest.approx(radius, rel=0.02)
-
-
 def test_units_too_near_for_their_films_are_refused():
     skin = plane(4, 4, 12.0)
     weak = dict(skin.parameters)
@@ -307,29 +257,6 @@ def test_units_too_near_for_their_films_are_refused():
 
 
 # -- heat ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("film_c", [25.0, 75.0])
-def test_a_hot_array_is_decoded_as_well_as_a_cold_one(film_c):
-    """Weaker films of the neighbours, at rest and displaced, and the chips' gain on their field."""
-    skin = topology.load("palm").exact()
-    assert skin.parameters["hall_gain_per_k"].all()
-    units = UnitSimulator(skin, seed=1, field=HalbachField(skin, reach_m=1.0))
-    decoder = Decoder(
-        skin, {"displacement", "temperature"}, dtype="float64", sweeps=2, ambient=False
-    )
-    rng, off = np.random.default_rng(3), []
-    for _ in range(8):
-        pressed = rng.random(skin.n) < 0.6
-        depth, reach = 2.0 * rng.random(skin.n), 2.5 * np.sqrt(rng.random(skin.n))
-        way = rng.uniform(-np.pi, np.pi, skin.n)
-        moved = reach * pressed * np.stack([np.cos(way), np.sin(way)])
-        values = units.quantities(depth * pressed, moved, np.full(skin.n, film_c))
-        decoder.reset()
-        for _ in range(3):
-            reading = decoder(units.quantise(values))
-        off.append((reading.displacement_mm[:2] - moved)[:, pressed])
-    assert 1e3 * np.sqrt(np.mean(np.sum(np.concatenate(off, axis=1) ** 2, axis=0))) < 7.0
 
 
 # -- the kernels as Python -------------------------------------------------------------------------

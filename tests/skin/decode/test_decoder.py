@@ -96,18 +96,6 @@ def test_rails_are_those_of_the_wire():
     assert decoder(raw).status[0] & Status.SATURATED
 
 
-def test_displacement_beyond_its_calibration_is_extrapolated():
-    skin = with_parameters(row_of(2), tangential_max_mm=[1.0, 2.4])
-    reading = sine(skin)(counts_of(2, frequency=frequency_of(2.0), bx=4000))
-    assert 1.0 < reading.displacement_mm[0, 0] < 2.4
-    assert reading.status.tolist() == [Status.EXTRAPOLATED, Status.OK]
-
-
-def test_growth_that_leaves_the_exponential_is_refused():
-    with pytest.raises(CalibrationError, match="row/r0c0: field_growth_per_mm: must be a growth "):
-        Decoder(with_parameters(row_of(1), field_growth_per_mm=20.0), sweeps=0, ambient=False)
-
-
 def test_flags_of_the_bus_come_first():
     raw = counts_of(4)
     raw[0, 1] = 0

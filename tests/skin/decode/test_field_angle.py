@@ -18,7 +18,6 @@ from tests.fixtures.decode import (
     any_counts,
     calibrated,
     row_of,
-    sine,
     with_parameters,
 )
 
@@ -103,35 +102,7 @@ def test_it_is_the_polynomial_with_forty_digits(dtype, most_mm, most_n):
     assert np.abs(got.tangential - exact[2]).max() <= most_n
 
 
-@given(seeds, st.sampled_from(["f3t-fd16", "f3t-classic"]))
-def test_it_knows_no_crest(seed, layout):
-    """To 3 mm, where the arcsine has ended; what is left is the rounding of the counts."""
-    skin = row_of(30, layout)
-    rng = np.random.default_rng(seed)
-    depth, reach = rng.uniform(0.3, 1.9, 30), rng.uniform(0.0, 2.95, 30)
-    direction = rng.uniform(-np.pi, np.pi, 30)
-    got = angled(skin, dtype="float64")(counts_at(skin, depth, reach, direction))
-    step = skin.scale[2:5].max(axis=0)
-    whole = amplitude_of(skin, depth) * 0.9
-    expected = reach * np.stack([np.cos(direction), np.sin(direction)])
-    assert np.all(np.abs(got.displacement_mm[:2] - expected) <= 3.0 * step / whole + 5e-3)
-    assert not (got.status & (Status.SATURATED | Status.MAGNETIC_ANOMALY)).any()
-
-
 # -- what it does not feel -------------------------------------------------------------------------
-
-
-@pytest.mark.long
-@given(seeds, st.floats(0.8, 1.2))
-def test_the_strength_of_the_magnet_and_the_gain_of_the_chip_cancel(seed, gain):
-    skin = row_of(30)
-    rng = np.random.default_rng(seed)
-    place = rng.uniform(0.5, 1.9, 30), rng.uniform(0.2, 2.4, 30), rng.uniform(-3.0, 3.0, 30)
-    plain, weak = (angled(skin, dtype="float64")(counts_at(skin, *place, gain=g)).displacement_mm
-                   for g in (1.0, gain))  # fmt: skip
-    assert np.abs(plain - weak).max() < 3e-3
-    arcsine = sine(skin, dtype="float64")(counts_at(skin, *place, gain=0.95))
-    assert np.abs(plain - arcsine.displacement_mm).max() > 0.03
 
 
 # -- its end ---------------------------------------------------------------------------------------
@@ -182,49 +153,7 @@ def test_no_lateral_field_is_no_shear(dtype):
     assert np.all((sigma[:2] > 0.02) & (sigma[:2] < 0.05))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_no_field_at_all_is_an_anomaly(dtype):
-    raw = counts_at(row_of(2), 1.0, np.zeros(2), 0.0)
-    raw[2:5] = 0
-    decoder = angled(row_of(2), dtype=dtype)
-    decoder(raw)
-    got = decoder(raw)
-    expected = Status.MAGNETIC_ANOMALY | Status.EXTRAPOLATED
-    assert got.status.tolist() == [expected] * 2
-    assert not got.valid.any()
-    assert np.isfinite(got.displacement_sigma_mm).all()
-
-
 # -- consistency -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-@pytest.mark.parametrize(("gain", "odd"), [(1.0, False), (0.97, False), (1.6, True), (0.5, True)])
-def test_a_field_too_strong_or_too_weak_is_an_anomaly(estimator, gain, odd):
-    """Everywhere, at R = 0 as well: steel near a unit does not pass as a displacement."""
-    skin = row_of(60)
-    rng = np.random.default_rng(3)
-    reach = np.where(np.arange(60) < 20, 0.0, rng.uniform(0.0, 2.4, 60))
-    raw = counts_at(skin, rng.uniform(0.8, 1.9, 60), reach, rng.uniform(-3, 3, 60), gain=gain)
-    decoder = Decoder(skin, None, estimator, sweeps=0, ambient=False)
-    decoder(raw)
-    reading = decoder(raw)
-    found = reading.status & Status.MAGNETIC_ANOMALY != 0
-    assert found.all() if odd else not found.any()
-    np.testing.assert_array_equal(reading.valid, ~found)
-
-
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-def test_noise_and_a_hot_magnet_are_no_anomaly(estimator):
-    skin = row_of(500)
-    rng = np.random.default_rng(4)
-    for warm in (20.0, 80.0):
-        raw = counts_at(
-            skin, rng.uniform(0.0, 1.95, 500), rng.uniform(0.0, 2.45, 500),
-            rng.uniform(-3, 3, 500), np.full(500, warm), 1.0 - 0.0011 * (warm - 25.0), rng,
-        )  # fmt: skip
-        reading = Decoder(skin, None, estimator, sweeps=0, ambient=False)(raw)
-        assert not (reading.status & Status.MAGNETIC_ANOMALY).any()
 
 
 # -- which estimator -------------------------------------------------------------------------------
