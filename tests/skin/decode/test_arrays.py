@@ -14,8 +14,6 @@ from tests.skin.decode.test_field_angle import counts_at
 
 pytestmark = pytest.mark.usefixtures("few_variants")
 
-NAMES = ("temperature", "force", "displacement_mm", "status", "valid")
-
 
 @pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("background", [None, np.zeros((4, 150), np.float32)])

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from bus.status import Status
-from skin.decode import records
 from skin.decode.decoder import Decoder
-from skin.decode.flags import judge
 from skin.errors import CalibrationError, CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
@@ -366,34 +364,6 @@ def test_public_names_load_late():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "module 'skin' has no attribute 'Decodr'"
-
-
-def test_flags_are_those_of_a_unit_alone_at_every_end_of_every_range():
-    skin = calibrated(row_of(150, layout="f3t-fd16"), seed=4)
-    enabled = np.arange(skin.n) != 140
-    skin = dataclasses.replace(skin, enabled=enabled)
-    decoder = sine(skin, {"temperature"})
-    limits = decoder._model.limits
-    tidy = sensible_counts(skin, 1)[0]
-    tidy[records.BX :] = 0
-    lanes, seen = records.LANES, set()
-    for unit in (0, 5, 127, 128, 139, 140):
-        block, lane = limits[unit // lanes], unit % lanes
-        kinds = ("rail", "possible", "calibrated")
-        for channel, name in enumerate(records.CHANNEL_NAMES):
-            for row in {f"{kind}_{name}" for kind in kinds}.intersection(block.dtype.names):
-                low = int(block[row]["low"][lane])
-                high = low + (int(block[row]["width"][lane]) & 0xFFFF)
-                for count in (low - 1, low, high, high + 1):
-                    raw = tidy.copy()
-                    raw[channel, unit] = np.array(count).astype(np.int16)
-                    flags = judge(0, raw[:, unit], block, lane)
-                    shown = int(decoder(raw).status[unit])
-                    assert shown == flags, (unit, channel, count)
-                    others = np.delete(decoder.reading.status, [unit, 140])
-                    assert not others.any()
-                    seen.add(flags)
-    assert {0, int(Status.DISABLED), int(Status.SATURATED), int(Status.EXTRAPOLATED)} <= seen
 
 
 def test_a_message_does_not_list_all_units_of_a_skin():

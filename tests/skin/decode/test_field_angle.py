@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mpmath import mp, mpf
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
@@ -57,49 +56,7 @@ def counts_at(skin, depth, reach, direction, temperature=25.0, gain=1.0, noise=N
     )
 
 
-def oracle(skin, counts):
-    """R x, R y, Ft of one cycle with 40 digits."""
-    rows = []
-    with mp.workdps(40):
-        for i in range(skin.n):
-            p = {name: mpf(float(v[i])) for name, v in skin.parameters.items() if v.ndim == 1}
-            table = [mpf(float(v)) for v in skin.parameters["field_angle_mm"][:, i]]
-            _, f, bx, by, bz, chip = (
-                mpf(float(skin.scale[c, i])) * int(counts[c, i]) + mpf(float(skin.offset[c, i]))
-                for c in range(6)
-            )
-            above = chip - p["hall_reference_c"]
-            bx, by, bz = (
-                b - p[f"hall_offset_{axis}_ut"] - p[f"hall_drift_{axis}_ut_per_k"] * above
-                for b, axis in ((bx, "x"), (by, "y"), (bz, "z"))
-            )
-            x, y = p["field_xx"] * bx + p["field_xy"] * by, p["field_yx"] * bx + p["field_yy"] * by
-            h = (p["frequency_rest_hz"] - f) / p["frequency_slope_hz_per_mm"]
-            psi = mp.atan2(mp.hypot(x, y), bz)
-            r = sum(table[4 * a + b] * psi ** (2 * a + 1) * h**b
-                    for a in range(4) for b in range(4))  # fmt: skip
-            ft = p["shear_soft_n_per_mm"] * r
-            ft += p["shear_stiff_n_per_mm"] * max(r - p["shear_break_mm"], 0)
-            ft *= 1 + p["shear_gain_per_mm"] * (h - p["field_reference_mm"])
-            theta = mp.atan2(y, x)
-            rows.append([r * mp.cos(theta), r * mp.sin(theta), ft])
-    return np.array([[float(v) for v in row] for row in rows]).T
-
-
 # -- truth -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("dtype", "most_mm", "most_n"), [("float64", 1e-9, 1e-9),
-                                                           ("float32", 5e-6, 2e-5)])  # fmt: skip
-def test_it_is_the_polynomial_with_forty_digits(dtype, most_mm, most_n):
-    skin = calibrated(row_of(60), seed=11)
-    rng = np.random.default_rng(2)
-    raw = counts_at(
-        skin, rng.uniform(0.0, 1.9, 60), rng.uniform(0.0, 2.9, 60), rng.uniform(-3.1, 3.1, 60)
-    )
-    got, exact = angled(skin, dtype=dtype)(raw), oracle(skin, raw)
-    assert np.abs(got.displacement_mm[:2] - exact[:2]).max() <= most_mm
-    assert np.abs(got.tangential - exact[2]).max() <= most_n
 
 
 # -- what it does not feel -------------------------------------------------------------------------

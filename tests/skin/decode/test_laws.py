@@ -177,6 +177,21 @@ def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
 # -- symmetries ----------------------------------------------------------------------------------
 
 
+@given(seeds)
+def test_float32_agrees_with_float64(seed):
+    skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
+    raw = sensible_counts(skin, 2, seed, most=0.88)
+    single, double = (
+        Decoder(skin, dtype="float32", sweeps=0, ambient=False)(raw),
+        Decoder(skin, dtype="float64", sweeps=0, ambient=False)(raw),
+    )
+    assert np.abs(single.temperature - double.temperature).max() < 1e-4
+    # Any calibration may come: the stiff part of its shear law makes more newtons of a millimetre.
+    assert np.abs(single.force - double.force).max() < 4e-5
+    assert np.abs(single.displacement_mm - double.displacement_mm).max() < 2e-5
+    np.testing.assert_array_equal(single.status, double.status)
+
+
 @given(seeds, dtypes, st.sampled_from([(-1, -1), (-1, 1), (1, -1)]))
 def test_reflected_fields_give_reflected_forces_to_the_bit(seed, dtype, signs):
     skin = row_of(40)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
-from skin.errors import CountsError, OptionError
 from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts
 from tests.skin.decode.test_field_angle import counts_at
 
@@ -53,12 +52,6 @@ def test_units_without_load_are_looked_at_every_twentieth_of_a_second():
     for rate, every in ((10.0, 1), (100.0, 5), (1000.0, 50)):
         assert plan_of(row_of(3, rate_hz=rate), skip=True).look_every == every
         assert plan_of(row_of(3, rate_hz=rate)).look_every == 1
-
-
-@pytest.mark.parametrize("sweeps", [3, -1])
-def test_other_numbers_of_sweeps_are_refused(sweeps):
-    with pytest.raises(OptionError, match=f"sweeps: must be 0, 1 or 2; got {sweeps}"):
-        plan_of(row_of(3), sweeps=sweeps)
 
 
 # -- skipping --------------------------------------------------------------------------------------
@@ -168,13 +161,6 @@ def test_a_background_is_taken_off_the_counts(dtype, estimator, request):
     for t in range(3):
         one = live(moved[t], None, background[t])
         np.testing.assert_array_equal(one.force, taken.force[t])
-
-
-def test_another_shape_of_background_is_refused():
-    raw = np.zeros((6, 3), np.int16)
-    for background in (np.zeros((3, 3), np.float32), np.zeros((4, 3)), [0]):
-        with pytest.raises(CountsError, match="row: background: must be an array of float32"):
-            Decoder(row_of(3), sweeps=0, ambient=False)(raw, None, background)
 
 
 def test_the_field_is_that_of_the_film_in_the_units_frame():
