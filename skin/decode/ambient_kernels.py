@@ -202,13 +202,8 @@ def _refuse(marks, units, which):
 def _pool(model, data):
     """Take the vote of units that may be touched, each alone, then together.
 
-    A load l_i is averaged over the fast low-pass, with the variance v_i = sigma² / min(age / dt,
-    (2 - share) / share), and its zero is known within a bound b_i. Units are touched where
-    sum((l_i - b_i) / v_i) > `TOUCHED_SIGMAS` · sqrt(sum(1 / v_i)): the uniformly most powerful test
-    of one load on all of them, the bound being taken as common to all, as a drift may be. The sum
-    goes over each unit alone; over the units of a run that are near a loaded one; over the others
-    of the run; and over all that are left of a body. Together with others a unit counts as one that
-    is just touched at most, so that a single one whose zero is wrong silences no run.
+    Over each unit alone, the units of a run that are near a loaded one, the others of the run, and
+    all that are left of a body: `docs/explanation/derivations.md`, equation 30.
     """
     assume_noalias()
     units, memory, marks, bodies = model.units, data.memory, data.marks, data.bodies

@@ -1,18 +1,9 @@
 """The fields that neighbours' films add at every chip, from where the last decoding put the films.
 
 Decode, predict from the displacements, decode again with the prediction as background: a sweep. In
-a live skin the displacements of the last cycle serve, so that one decoding a cycle is one sweep.
-
-A film adds a polynomial of degree 4 of its displacement at the chips within 25 mm (`Stencil.of`):
-on an array at 12 mm pitch all of whose units move at random through the whole range that misses 14
-µT, and leaves 145 / 12 / 6 µm rms of displacement after 0 / 1 / 2 sweeps (`field-angle`, cold
-start, without noise). With noise of 105 µT, which makes 70 µm of a unit at rest, more is hardly
-seen. `residue_ut` states what is missed.
-
-Sweeps needed: each leaves `contraction` of what the one before left, down to the residue. At 15,
-13.5, 12, 10, 8 mm pitch that is 0.06, 0.10, 0.17, 0.32, 0.40 on a 6 x 6 array of films that are not
-displaced, so two sweeps do from 12 mm on; at 5 mm, where films overlap, sweeps do not converge and
-the skin is refused. `sine` gains less: near its crest no sweep helps.
+a live skin the displacements of the last cycle serve, so that one decoding a cycle is one sweep. A
+film adds a polynomial of degree 4 of its displacement at the chips within 25 mm (`Stencil.of`).
+What sweeps leave: `docs/explanation/derivations.md`, "Sweeps".
 """
 
 from __future__ import annotations

@@ -116,14 +116,8 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     `whole`; and by how much the miss over its allowance is above the mean, `missed`.
 
     At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
-    strength everywhere. Either M0 or its inverse is 1.
-
-    Each miss is divided by its own allowance before it is averaged. What is allowed has a part in
-    µT, which counts for little in the strong field of a pressed film, so that a mean of relative
-    misses that is learnt at rest says nothing of a press. Of a mean of test ratios this holds
-    [derived: the mean of numbers between -1 and 1 is one]: as long as each miss is within what the
-    constants allow at its own depth, so is their mean, however the depth has changed. A reading
-    that is beyond by itself does not count for the average, in which noise counts less.
+    strength everywhere. Either M0 or its inverse is 1. Why each miss is divided by its own
+    allowance before it is averaged: `docs/explanation/derivations.md`, "What a field may miss".
     """
     real = type(solid)
     u = unit["wavenumber"][j] * radius
