@@ -63,32 +63,36 @@ def check(
 
 
 class Results:
-    """What a kernel writes: arrays of t cycles.
+    """What a kernel writes.
 
     Parameters
     ----------
     names : tuple of str
         Results in the order of the kernel's rows, of `records.RESULT_ROWS`.
-    cycles, units : int
+    units : int
     real : dtype
+    cycles : tuple of int
+        (t,): of t cycles, one after the other.
 
     Attributes
     ----------
-    values : ndarray, shape (t, r, n), float32 or float64
-    flags : ndarray, shape (t, n), uint16
-    valid : ndarray, shape (t, n), bool
+    values : ndarray, shape (r, n) or (t, r, n), float32 or float64
+    flags : ndarray, shape (n,) or (t, n), uint16
+    valid : ndarray, shape (n,) or (t, n), bool
     """
 
-    def __init__(self, names: tuple[str, ...], cycles: int, units: int, real: np.dtype) -> None:
+    def __init__(
+        self, names: tuple[str, ...], units: int, real: np.dtype, cycles: tuple[int, ...] = ()
+    ) -> None:
         self.names = names
         rows = sum(RESULT_ROWS[name] for name in names)
-        self.values = zeros((cycles, rows, units), real)
-        self.flags = zeros((cycles, units), np.uint16)
-        self.valid = zeros((cycles, units), bool)
+        self.values = zeros((*cycles, rows, units), real)
+        self.flags = zeros((*cycles, units), np.uint16)
+        self.valid = zeros((*cycles, units), bool)
         self.arrays = self.values, self.flags, self.valid
 
-    def reading(self, at: int | slice, shown: Collection[str]) -> Reading:
-        """Views of a cycle, or of all of them; of quantities that are `shown`, and their sigmas."""
+    def reading(self, shown: Collection[str]) -> Reading:
+        """Views of quantities that are `shown`, and of their sigmas."""
         found: dict[str, np.ndarray] = dict.fromkeys(
             ("temperature", "force", "tangential", "theta", "displacement_mm"), UNWANTED
         )
@@ -96,9 +100,10 @@ class Results:
         for name in self.names:
             size = RESULT_ROWS[name]
             if name.removesuffix("_sigma") in shown:
-                rows = self.values[at, row] if size == 1 else self.values[at, row : row + size]
+                place = row if size == 1 else slice(row, row + size)
+                rows = self.values[..., place, :]
                 found[FIELDS.get(name, name)] = rows
             row += size
         if "test_ratio" in shown and "test_ratio" not in self.names:
-            found["test_ratio"] = np.full_like(self.flags[at], np.nan, self.values.dtype)
-        return Reading(**found, status=self.flags[at], valid=self.valid[at])
+            found["test_ratio"] = np.full_like(self.flags, np.nan, self.values.dtype)
+        return Reading(**found, status=self.flags, valid=self.valid)

@@ -87,7 +87,7 @@ class CreepData(NamedTuple):
 
     Attributes
     ----------
-    elastic, total : ndarray, shape (1, r, n)
+    elastic, total : ndarray, shape (r, n)
         Results with elastic forces; written: the same with those that are borne.
     before, now : Memory
         Of the cycle before; written: of this one.
@@ -107,7 +107,7 @@ class CreepData(NamedTuple):
 
 def relax_python(model, data):
     """From elastic forces to those that are borne, with their sigma."""
-    elastic, total, rows = data.elastic[0], data.total[0], model.rows
+    elastic, total, rows = data.elastic, data.total, model.rows
     units = elastic.shape[1]
     for row in range(total.shape[0]):
         for i in range(units):
@@ -286,7 +286,7 @@ class Creep:
 
     def __init__(self, topology: Topology, plan: Plan, elastic: Results) -> None:
         p, n = topology.parameters, topology.n
-        self.total = Results(plan.results, 1, n, elastic.values.dtype)
+        self.total = Results(plan.results, n, elastic.values.dtype)
         self.total.flags, self.total.valid = elastic.flags, elastic.valid
         self.total.arrays = self.total.values, elastic.flags, elastic.valid
         shape = (CREEP_TERMS, 3 * n)
