@@ -113,7 +113,12 @@ def _bound(decoder: Decoder, counts: np.ndarray) -> Side:
     """A cycle as a live bus decodes it, in arrays that stay the same."""
     here = zeros(counts.shape, np.int16)
     here[:] = counts
-    call = decoder.bind(here, zeros(counts.shape[1], np.uint16))
+    inputs = decoder.inputs(here, zeros(counts.shape[1], np.uint16))
+
+    def call() -> Reading:
+        decoder.step(inputs)
+        return decoder.reading
+
     return Side(call, _rows, decoder.topology, here, decoder)
 
 

@@ -10,8 +10,7 @@ the time of each single want over all of them, without skipping.
 Skipping changes no value: in the same run every unit that is not IDLE is compared to the bit with
 a decoder that leaves out no block, with cross-talk and without; and
 both passes must tell the same contacts, with loads that differ by less than their sigma. What
-films that count as at rest would add has a bound, `CrossTalk.idle_ut`; what it made of the forces
-is in the table.
+films that count as at rest would have added to the forces is in the table.
 """
 
 from __future__ import annotations
@@ -185,11 +184,11 @@ def _differ(told: Reading, left_out: Reading) -> int:
 def cycles_of(decoder: Decoder, counts: np.ndarray):
     """All cycles, handed over as a bus does: in one array."""
     here = zeros(counts.shape[1:], np.int16)
-    decode = decoder.bind(here, zeros(counts.shape[2], np.uint16))
+    inputs = decoder.inputs(here, zeros(counts.shape[2], np.uint16))
 
     def go() -> None:
         for raw in counts:
             here[:] = raw
-            decode()
+            decoder.step(inputs)
 
     return go

@@ -176,7 +176,7 @@ def _broken(pipeline: Pipeline, touched: np.ndarray) -> int:
     assert stream is not None
     assert ambient is not None
     count = 0
-    for covariance in np.moveaxis(ambient.covariance_ut2, -1, 0):
+    for covariance in ambient.covariance_ut2:
         symmetric = np.allclose(covariance, covariance.T, rtol=1e-9, atol=1e-9)
         count += not (symmetric and np.linalg.eigvalsh(covariance).min() > 0.0)
     for name in POSITIVE:

@@ -227,7 +227,7 @@ class Pipeline:
             return None
         whole = decoder.whole
         return common_field(
-            self.topology, ambient.body, ambient.body_covariance_ut2, ambient.residue_ut2,
+            self.topology, ambient.body, ambient.covariance_ut2, ambient.residue_ut2,
             whole.field_ut, whole.displacement_mm, rest_ut2=PRIOR_UT2,
             by_strength=decoder.estimator == "sine",
         )  # fmt: skip

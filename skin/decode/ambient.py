@@ -1,69 +1,18 @@
 """What drifts: the ambient field that all units see, and the zeros of each unit.
 
 Both are estimated from units that nothing touches, by what is left of their reading, so this is a
-loop: decode, look at what is left, take that off the next cycle's counts.
-
-**Ambient field.** The Earth's 50 µT reads as 15 mN of shear on an untouched unit, and turns with
-the robot. All units of a body (patches of one frame) see one field, each in its own axes; a Kalman
-filter holds it, a random walk that every untouched unit votes on. Unit by unit the votes have the
-noise of the field; those that have long disagreed with the others count little, single ones at most
-5 sigma. A unit near a loaded one has no vote, since the neighbour's film adds to its field, unless
-the decoder takes that off (`crosstalk`). The filter follows within period · sqrt(noise² / (voters ·
-400 µT²/s · period)), the time constant of its steady state: 0.04 s with 64 voters, 0.17 s with 4.
-With fewer than 4 it holds its field, and its sigma widens as for a robot that turns at 1 rad/s, up
-to the 50 µT of knowing nothing; where attitudes are reported (`turn`), the field turns with them.
-
-**Light grips** load all units by less than a contact and pull them alike, as a field would. Nobody
-votes who may be touched: the loads of a unit, of a patch and of a body, averaged over 0.05 s, must
-together be within 4 sigma of their average and within what the zeros may be off, which is what
-`zero` lags behind 1 Hz a minute (0.5 Hz), or the bound of the calibration, and grows by 1 Hz a
-minute where the zero cannot be followed. Where too few are left, the field is that of 0.05 to 0.1 s
-before, which the shear had not moved yet. So 16 units vote no more from 2.8 mN each on, 64 from 1.8
-mN. **Limit:** what presses by less, or grows by less than 1 Hz (1.7 mN) a minute, passes for a
-zero, and its shear for a field.
-
-**Along a unit** the field at the tare is not known: Bz at rest holds it. It moves the field's angle
-by S dBz / (S² + Bz²), and is in `residue_ut2` with 50 µT.
-
-**Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
-and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit has been *calm* for 5 s: its
-load, averaged over a second, is no contact; its Bz, averaged over 10 s and an independent witness
-of the depth, shows no press of half the sigma of a reading; nothing near it is loaded; its
-temperature is steady; and no flag is on it. So a held press loses less than that sigma, however
-long it lasts, and one that creeps up as slowly as a zero may follow little more; what drifted under
-a contact is made up for after it. A zero that has gone 60 Hz (0.1 N) or 200 µT from calibration
-stops there, and the unit wants a tare.
-
-Where the wire has no Bz, or what it reads at rest is not known yet, the load must be within half a
-sigma. A held press is as safe so, but one that grows by less than 1 Hz (1.7 mN) a minute passes for
-drift, and a unit that has drifted more under a contact is not followed any more.
-
-Bz at rest is learnt when a unit has first been calm, from the second to the fifth second, follows
-by 0.3 µT a minute at most, so that only a press that grows by less than 0.1 Hz (0.15 mN) a minute
-passes for drift, and is not taken off: the displacement follows from its size, which belongs to
-calibration.
-Only its change in common with the other units is ambient; a press that creeps up on most units of a
-body at once passes for that. The lateral zero is that of the calibration: a tare puts the ambient
-field of its attitude into the offsets, and what is found here is the change since then, never the
-same field twice.
-
-**Liars.** A tared unit that nothing has pressed or come near for 5 s has no shear: a lateral field,
-averaged over 10 s, of more than a zero drifts (200 µT) and 3 sigma of an unknown ambient field (150
-µT) is a MAGNETIC_ANOMALY, a magnet near it or a wrong reading, and no zero follows it.
-
-A decoder with `skip` shows the fields of units without load now and then only: then all is slower.
-At less than 100 cycles a second averages take 100 cycles, 1000 of the field, and all is as much
-slower as well.
+loop: decode, look at what is left, take that off the next cycle's counts. A Kalman filter holds the
+field of each body (patches of one frame); the zeros of frequency and lateral field are followed
+while a unit is calm. `docs/explanation/derivations.md`, "Ambient field and zeros", says who is
+taken for untouched, with which limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from bus.compiled.jit import bound
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient_model import (
     PRIOR_UT2,
@@ -94,8 +43,6 @@ class Ambient:
         Of `background`, as of the decoder.
     crosstalk : bool
         Whether the decoder takes off the cross-talk: then units near a loaded one vote as well.
-    guard_m : float
-        What is near: as far as a film is felt.
     every : int
         Cycles from one `update` to the next.
 
@@ -106,19 +53,12 @@ class Ambient:
     background : ndarray, shape (4, n)
         To be taken off the counts of the next cycle: Hz by which the frequency has fallen without
         a press, then µT in the axes of the chips. One array, written by `update`.
-    begun : int
-        How often the field was reset.
     body : ndarray, shape (n,), int
         Index of each unit's body: unit i sees ``field_ut[:, body[i]]``.
     residue_ut2 : ndarray, shape (n,)
         Variance of a lateral axis of the field by what is not known of the ambient field, and of
         the field's angle by the ambient field along the unit, of which a skin that has not turned
         knows nothing; likewise.
-
-    Raises
-    ------
-    OptionError
-        A guard that is negative or not finite.
 
     Examples
     --------
@@ -134,20 +74,16 @@ class Ambient:
         dtype: str = "float32",
         *,
         crosstalk: bool = False,
-        guard_m: float = 0.03,
         every: int = 1,
     ) -> None:
-        if not 0.0 <= guard_m < np.inf:
-            raise OptionError(f"guard_m: must be 0 or above, and finite; got {guard_m}")
         self.topology = topology
-        self.begun = 0
         self.bodies = tuple(dict.fromkeys(frames_of(topology)))
         self.body = body_of(topology, self.bodies)
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self.period_s = every / topology.cycle_rate_hz
         self._model = model_of(
-            topology, self.bodies, guard_m, self.period_s, dtype, near_votes=crosstalk
+            topology, self.bodies, self.period_s, dtype, near_votes=crosstalk
         )  # fmt: skip
         self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
             background=self.background, residue_ut2=self.residue_ut2
@@ -176,12 +112,8 @@ class Ambient:
 
     @property
     def covariance_ut2(self) -> np.ndarray:
-        """Of `field_ut`, from the noise of the votes and how fast fields turn; (3, 3, bodies)."""
-        return np.moveaxis(self._bodies["covariance_ut2"], 0, -1).copy()
-
-    @property
-    def body_covariance_ut2(self) -> np.ndarray:
-        """The same by bodies, (bodies, 3, 3), in one array that `update` writes."""
+        """Of `field_ut`, from the noise of the votes and how fast fields turn: one array, shape
+        (bodies, 3, 3), that `update` writes."""
         return self._bodies["covariance_ut2"]
 
     @property
@@ -230,7 +162,7 @@ class Ambient:
             may.
         """
         names = np.array(self.topology.unit_names)
-        spread = np.sqrt(np.einsum("aab->ab", self.covariance_ut2))
+        spread = np.sqrt(np.einsum("baa->ab", self.covariance_ut2))
         ambient: dict[str, object] = {
             body: {
                 "field_ut": self.field_ut[:, g].tolist(),
@@ -252,15 +184,13 @@ class Ambient:
 
     def reset(self) -> None:
         """Forget everything: nothing is taken off until it has been seen again."""
-        memory, bodies = self._memory, self._bodies
+        memory = self._memory
         for array in (*memory, self._data.zero, self._data.marks, self.background):
             array[:] = 0
         memory.rest_ut[:] = memory.rest_film_c[:] = np.nan
         memory.bound_hz[:] = self._units.bound_hz
-        bodies[:] = 0
-        bodies["covariance_ut2"] = bodies["kept_ut2"] = PRIOR_UT2 * np.eye(3)
         self.residue_ut2[:] = PRIOR_UT2
-        self._turned = [Turned() for _ in self.bodies]
+        self._forget_fields()
 
     def forget(self, units: np.ndarray, *, field: bool) -> None:
         """Restart with units that have new zeros, and with the ambient field too if asked to.
@@ -278,7 +208,7 @@ class Ambient:
         self._data.zero[:, units] = 0.0
         self._data.marks[units] = 0
         if field:
-            self.begin(np.zeros_like(self.field_ut))
+            self._forget_fields()
         kernels.compose(self._model, self._data)
 
     def retare(self, topology: Topology) -> None:
@@ -286,22 +216,11 @@ class Ambient:
         self.topology = topology
         self._units.sheared_ut[:] = sheared_ut(topology)
 
-    def begin(self, field_ut: np.ndarray) -> None:
-        """Set out from an ambient field that was known long ago; counted in `begun`.
-
-        Parameters
-        ----------
-        field_ut : ndarray, shape (3, bodies)
-            As the attribute.
-        """
+    def _forget_fields(self) -> None:
         bodies = self._bodies
         bodies[:] = 0
-        bodies["field_ut"] = field_ut.T
-        bodies["kept_ut"] = field_ut.T[:, np.newaxis]
         bodies["covariance_ut2"] = bodies["kept_ut2"] = PRIOR_UT2 * np.eye(3)
-        self.begun += 1
         self._turned = [Turned() for _ in self.bodies]
-        kernels.compose(self._model, self._data)
 
     def turn(self, attitude: np.ndarray, body: int | None = None) -> None:
         """Report the attitude of a body, or of all of them as one, to be counted as evidence.
@@ -331,26 +250,12 @@ class Ambient:
 
     @property
     def elapsed_s(self) -> np.ndarray:
-        """What `bound` reads: time since its last call, shape (1,), to be written before each."""
+        """Time from one look to the next, shape (1,)."""
         return self._data.elapsed_s
 
-    def bound(self, reading: Reading) -> Callable[[], None]:
-        """`update` with a reading whose arrays stay the same, as a decoder's.
-
-        Parameters
-        ----------
-        reading : Reading
-            With `field_ut` and `displacement_mm`, and `temperature` where that is decoded.
-
-        Returns
-        -------
-        callable
-            Looks at the cycle that stands in the arrays, `elapsed_s` after the last one.
-        """
-        return bound(*self.call(reading))
-
     def call(self, reading: Reading) -> tuple[Any, ...]:
-        """The kernel of `bound`, with its arguments."""
+        """The kernel of a look at a reading whose arrays stay the same, as a decoder's, with its
+        arguments; `elapsed_s` is written before each call."""
         read = {"field_ut": reading.field_ut, "displacement_mm": reading.displacement_mm,
                 "temperature": reading.temperature, "status": reading.status,
                 "valid": reading.valid}  # fmt: skip

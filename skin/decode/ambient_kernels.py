@@ -20,7 +20,6 @@ from skin.decode.ambient_model import (
     SPAN_HZ,
     SPAN_UT,
     WALK_UT2,
-    WORD,
     AmbientData,
     AmbientModel,
     memory_of,
@@ -75,11 +74,17 @@ def opened(model, data):
     """Model and data with the rows of units and memory by their names."""
     units, memory = units_of(model.units), memory_of(data.memory)
     named_model = AmbientModel(
-        units, model.near, model.runs, model.near_votes, model.slow_s, model.period_s
+        units,
+        model.near_start,
+        model.near_unit,
+        model.runs,
+        model.near_votes,
+        model.slow_s,
+        model.period_s,
     )
     return named_model, AmbientData(
         data.field_ut, data.displacement_mm, data.temperature, data.status, data.valid,
-        data.elapsed_s, memory, data.zero, data.marks, data.near, data.bodies, data.background,
+        data.elapsed_s, memory, data.zero, data.marks, data.bodies, data.background,
         data.residue_ut2,
     )  # fmt: skip
 
@@ -171,24 +176,18 @@ def _average(model, data, long_ut):
 
 
 @jitable
-def _mark(model, memory, marks, near):
+def _mark(model, memory, marks):
     """Which units are near a loaded one, and which others may vote."""
     assume_noalias()
-    start, word, bits = model.near
-    near[:] = 0
     for i in range(marks.size):
-        if marks[i]:
-            for k in range(start[i], start[i + 1]):
-                near[word[k]] |= bits[k]
+        if marks[i] & LOADED:
+            for k in range(model.near_start[i], model.near_start[i + 1]):
+                marks[model.near_unit[k]] |= NEAR
     disturbed = LOADED if model.near_votes else NEAR
-    for w in range(near.size):
-        first = (w * WORD) & NOT_NEGATIVE
-        for j in range(min(WORD, marks.size - first)):
-            i = first + j
-            mark = marks[i] | (NEAR if near[w] >> j & 1 else 0)
-            undisturbed = mark & disturbed == 0
-            memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
-            marks[i] = mark | (VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0)
+    for i in range(marks.size):
+        undisturbed = marks[i] & disturbed == 0
+        memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
+        marks[i] = marks[i] | (VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0)
 
 
 @jitable
@@ -203,13 +202,8 @@ def _refuse(marks, units, which):
 def _pool(model, data):
     """Take the vote of units that may be touched, each alone, then together.
 
-    A load l_i is averaged over the fast low-pass, with the variance v_i = sigma² / min(age / dt,
-    (2 - share) / share), and its zero is known within a bound b_i. Units are touched where
-    sum((l_i - b_i) / v_i) > `TOUCHED_SIGMAS` · sqrt(sum(1 / v_i)): the uniformly most powerful test
-    of one load on all of them, the bound being taken as common to all, as a drift may be. The sum
-    goes over each unit alone; over the units of a run that are near a loaded one; over the others
-    of the run; and over all that are left of a body. Together with others a unit counts as one that
-    is just touched at most, so that a single one whose zero is wrong silences no run.
+    Over each unit alone, the units of a run that are near a loaded one, the others of the run, and
+    all that are left of a body: `docs/explanation/derivations.md`, equation 30.
     """
     assume_noalias()
     units, memory, marks, bodies = model.units, data.memory, data.marks, data.bodies
@@ -500,7 +494,7 @@ def update_python(model, data):
     # rows as arrays of their own: the compiler need not ask whether they overlap
     long_rows, zero_rows = (long_ut[0], long_ut[1], long_ut[2]), (zero[0], zero[1], zero[2])
     _average(model, data, long_rows)
-    _mark(model, data.memory, data.marks, data.near)
+    _mark(model, data.memory, data.marks)
     _pool(model, data)
     for g in range(data.bodies.size):
         body = data.bodies[g]

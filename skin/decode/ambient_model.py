@@ -19,7 +19,6 @@ __all__ = [
     "AmbientData",
     "AmbientModel",
     "Memory",
-    "Near",
     "Units",
     "body_of",
     "data_of",
@@ -31,8 +30,8 @@ __all__ = [
     "units_of",
 ]  # fmt: skip
 
-WORD = 64
-"""Units that have their bits in one word."""
+NEAR_M = 0.03
+"""What is near a unit: as far as a film is felt [derived: `skin.physics.stray`]."""
 SLOW_S = 1.0
 SLOW_CYCLES = 100
 """The slow low-passes: this long, and over this many cycles at least [assumed]."""
@@ -99,19 +98,12 @@ RUN = np.dtype([("first", np.int32), ("last", np.int32), ("body", np.int32)])
 body move together, and see one ambient field."""
 
 
-class Near(NamedTuple):
-    """The units near each unit, itself included, as bits of words; compressed rows."""
-
-    start: np.ndarray  # (n + 1,) int32
-    word: np.ndarray  # (m,) int32, which one
-    bits: np.ndarray  # (m,) int64
-
-
 class AmbientModel(NamedTuple):
     """What does not change between cycles."""
 
     units: np.ndarray  # (25, n), rows of `Units`
-    near: Near
+    near_start: np.ndarray  # (n + 1,) int32, compressed rows of near_unit
+    near_unit: np.ndarray  # (m,) int32: the units near each one, itself among them
     runs: np.ndarray  # (r,), RUN
     near_votes: bool  # whether units near a loaded one vote
     slow_s: float  # time constant of the slow low-passes
@@ -174,14 +166,13 @@ class AmbientData(NamedTuple):
     memory: np.ndarray  # (14, n), rows of `Memory`
     zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
     marks: np.ndarray  # (n,) uint8
-    near: np.ndarray  # (words,) int64 scratch, bits of the units near a loaded one
     bodies: np.ndarray  # (g,), BODY
     background: np.ndarray  # (4, n), written: Hz, then µT in the axes of the chips
     residue_ut2: np.ndarray  # (n,), written: variance of an axis by the ambient field
 
 
 def model_of(
-    topology: Topology, bodies: Sequence[str], guard_m: float, period_s: float, dtype: str,
+    topology: Topology, bodies: Sequence[str], period_s: float, dtype: str,
     *, near_votes: bool,
 ) -> AmbientModel:  # fmt: skip
     """What the kernels must know of a topology.
@@ -191,8 +182,6 @@ def model_of(
     topology : Topology
     bodies : sequence of str
         Names of the frames that its patches are on.
-    guard_m : float
-        What is near.
     period_s : float
         From one look to the next.
     dtype : "float32" or "float64"
@@ -201,7 +190,9 @@ def model_of(
         Whether units near a loaded one vote.
     """
     n = topology.n
-    near = _near(n, *neighbour_pairs(topology.position, np.full(n, guard_m), np.zeros(n, int)))
+    i, j = neighbour_pairs(topology.position, np.full(n, NEAR_M), np.zeros(n, int))
+    unit, other = np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)])
+    near_start = np.append(0, np.cumsum(np.bincount(unit, minlength=n)))
     body = body_of(topology, bodies)
     edges = np.flatnonzero(np.diff(topology.patch, prepend=-1, append=-1))
     runs = np.zeros(edges.size - 1, RUN)
@@ -209,7 +200,8 @@ def model_of(
     slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
     return AmbientModel(
         np.vstack([np.reshape(row, (-1, n)) for row in _units(topology, slow_s)]).astype(dtype),
-        near, runs, near_votes, slow_s, period_s,
+        near_start.astype(np.int32), other[np.argsort(unit, kind="stable")].astype(np.int32),
+        runs, near_votes, slow_s, period_s,
     )  # fmt: skip
 
 
@@ -225,7 +217,6 @@ def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
         memory=np.empty((14, n)),
         zero=np.empty((3, n)),
         marks=np.empty(n, np.uint8),
-        near=np.empty(-(-n // WORD), np.int64),
         bodies=np.zeros(bodies, BODY),
         background=np.empty((4, n), dtype),
         residue_ut2=np.empty(n, dtype),
@@ -245,17 +236,6 @@ def lag_hz(slow_s: float) -> float:
 def body_of(topology: Topology, bodies: Sequence[str]) -> np.ndarray:
     """Index in `bodies` of what each unit is on, shape (n,), int."""
     return np.array([bodies.index(frame) for frame in frames_of(topology)])[topology.patch]
-
-
-def _near(n: int, i: np.ndarray, j: np.ndarray) -> Near:
-    """Units near each other, from pairs of them."""
-    all_units, words = np.arange(n), -(-n // WORD)
-    unit, other = np.concatenate([i, j, all_units]), np.concatenate([j, i, all_units])
-    place, which = np.unique(unit * words + other // WORD, return_inverse=True)
-    bits = np.zeros(place.size, np.int64)
-    np.bitwise_or.at(bits, which, np.int64(1) << other % WORD)
-    start = np.searchsorted(place, words * np.arange(n + 1))
-    return Near(start.astype(np.int32), (place % words).astype(np.int32), bits)
 
 
 def _units(topology: Topology, slow_s: float) -> Units:

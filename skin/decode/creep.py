@@ -1,16 +1,10 @@
 """Relaxation: what displaced faces bear beyond their elastic force, from how they came there.
 
-The elastic laws give the force F_e of a displacement that is held. An elastomer bears more while it
-is fresh, and less than that after it was let go (quasi-linear viscoelasticity, three Prony terms):
-
-    F = F_e + sum_j w_j h_j,    h_j(t) = integral exp(-(t - s) / T_j) dF_e(s)
-
-for each component of the force in the unit frame. In a step of dt over which F_e changes evenly,
-``h_j = k h_j + m dF_e`` with ``k = exp(-dt / T_j)`` and ``m = (1 - k) T_j / dt``, exactly. When in
-the step F_e changed is not known: at an even chance, ``exp(-s / T_j)`` has the mean m and the
-variance ``(1 - k²) T_j / (2 dt) - m²``, which is kept with each h_j and fades with it; it matters
-after gaps. Of a unit whose first reading shows F_e0, all between "just now" and "long ago" is
-equally likely: ``h_j = F_e0 / 2``, with the variance F_e0² / 12.
+An elastomer bears more while it is fresh than its elastic law F_e says, and less after it was let
+go: ``F = F_e + sum_j w_j h_j``, each component of the force for itself, where h_j is what is left
+of all changes of F_e, fading with T_j. `docs/explanation/derivations.md`, "Relaxation", has a
+step's coefficients, and the variance of what is not known: when in the step F_e changed, and what
+was before the first reading.
 """
 
 from __future__ import annotations
@@ -23,9 +17,9 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import bound, compiled, jitable
+from skin.decode.arrays import Results
 from skin.decode.functions import atan2
-from skin.decode.records import RESULT_ROWS
-from skin.decode.results import Results
+from skin.decode.plan import Plan
 from topology import CREEP_TERMS, Topology
 
 __all__ = ["Creep", "relax", "relax_python"]
@@ -56,8 +50,8 @@ class CreepModel(NamedTuple):
     Attributes
     ----------
     weight, faded, gained, spread : ndarray, shape (j, 3 n)
-        w_j; 1 - k, m and the variance of a step.
-    sharper : ndarray, shape (3 n,)
+        w_j; what fades of h_j in a step, what a change in it adds, and the variance of that.
+    step_gain : ndarray, shape (3 n,)
         What a sudden change counts, 1 + sum of w_j m; so much more the noise of a reading does.
     left2 : ndarray, shape (3 n,)
         Variance of what the terms leave, over the square of the force that relaxes.
@@ -68,7 +62,7 @@ class CreepModel(NamedTuple):
     faded: np.ndarray
     gained: np.ndarray
     spread: np.ndarray
-    sharper: np.ndarray
+    step_gain: np.ndarray
     left2: np.ndarray
     rows: Rows
 
@@ -93,7 +87,7 @@ class CreepData(NamedTuple):
 
     Attributes
     ----------
-    elastic, borne : ndarray, shape (1, r, n)
+    elastic, total : ndarray, shape (r, n)
         Results with elastic forces; written: the same with those that are borne.
     before, now : Memory
         Of the cycle before; written: of this one.
@@ -103,7 +97,7 @@ class CreepData(NamedTuple):
     """
 
     elastic: np.ndarray
-    borne: np.ndarray
+    total: np.ndarray
     before: Memory
     now: Memory
     over: np.ndarray
@@ -113,11 +107,11 @@ class CreepData(NamedTuple):
 
 def relax_python(model, data):
     """From elastic forces to those that are borne, with their sigma."""
-    elastic, borne, rows = data.elastic[0], data.borne[0], model.rows
+    elastic, total, rows = data.elastic, data.total, model.rows
     units = elastic.shape[1]
-    for row in range(borne.shape[0]):
+    for row in range(total.shape[0]):
         for i in range(units):
-            borne[row, i] = elastic[row, i]
+            total[row, i] = elastic[row, i]
     force, normal = data.now.elastic, elastic[rows.force + 2]
     for axis in range(3):
         wanted, at = elastic[rows.force + axis], axis * units
@@ -134,11 +128,11 @@ def relax_python(model, data):
             (data.over, data.variance, data.largest),
         )
     for axis in range(3):
-        add(borne[rows.force + axis], data.over, axis * units)
+        add(total[rows.force + axis], data.over, axis * units)
         if rows.force_sigma >= 0:
-            sigma = borne[rows.force_sigma + axis]
+            sigma = total[rows.force_sigma + axis]
             widen(sigma, model, data.variance, data.largest, axis * units)
-    turn(model, elastic, borne)
+    turn(model, elastic, total)
 
 
 @jitable
@@ -188,29 +182,29 @@ def add(force, over, first):
 def widen(sigma, model, variance, largest, first):
     """Noise counts more, and what is not known is added."""
     assume_noalias()
-    sharper, left2 = model.sharper, model.left2
+    step_gain, left2 = model.step_gain, model.left2
     for i in range(sigma.size):
-        noise = sharper[first + i] * sigma[i]
+        noise = step_gain[first + i] * sigma[i]
         more = variance[first + i] + left2[first + i] * largest[first + i]
         sigma[i] = np.sqrt(noise * noise + more)
 
 
 @jitable
-def turn(model, elastic, borne):
+def turn(model, elastic, total):
     """Size and direction of the tangential force, and their sigma."""
     rows = model.rows
-    x, y, size = borne[rows.force], borne[rows.force + 1], borne[rows.tangential]
+    x, y, size = total[rows.force], total[rows.force + 1], total[rows.tangential]
     size_of(x, y, size)
     if rows.theta >= 0:
-        direct(x, y, size, borne[rows.theta])
+        direct(x, y, size, total[rows.theta])
     if rows.force_sigma >= 0:
         way = elastic[rows.force], elastic[rows.force + 1], elastic[rows.tangential_sigma]
-        noise = elastic[rows.force_sigma], elastic[rows.force_sigma + 1], model.sharper
-        sigma_x, sigma_y = borne[rows.force_sigma], borne[rows.force_sigma + 1]
-        along = borne[rows.tangential_sigma]
+        noise = elastic[rows.force_sigma], elastic[rows.force_sigma + 1], model.step_gain
+        sigma_x, sigma_y = total[rows.force_sigma], total[rows.force_sigma + 1]
+        along = total[rows.tangential_sigma]
         lengthwise(way, noise, (x, y, size), (sigma_x, sigma_y), along)
         if rows.theta >= 0:
-            across(sigma_x, sigma_y, along, size, borne[rows.theta_sigma])
+            across(sigma_x, sigma_y, along, size, total[rows.theta_sigma])
 
 
 @jitable
@@ -236,12 +230,12 @@ def lengthwise(way, noise, force, sigma, along):
     """Sigma along the force: of noise, which is given along the elastic one, and of the rest."""
     assume_noalias()
     elastic_x, elastic_y, elastic_along = way
-    noise_x, noise_y, sharper = noise
+    noise_x, noise_y, step_gain = noise
     (x, y, size), (sigma_x, sigma_y) = force, sigma
     real = along.dtype.type
     feeble, zero, one = real(FEEBLE_N), real(0.0), real(1.0)
     for i in range(along.size):
-        firm, noisier2 = max(size[i], feeble), sharper[i] * sharper[i]
+        firm, noisier2 = max(size[i], feeble), step_gain[i] * step_gain[i]
         noise_x2 = noisier2 * (noise_x[i] * noise_x[i])
         noise_y2 = noisier2 * (noise_y[i] * noise_y[i])
         along2 = noisier2 * (elastic_along[i] * elastic_along[i])
@@ -277,24 +271,24 @@ class Creep:
     Parameters
     ----------
     topology : Topology
-    names : tuple of str
-        Results in the order of the kernel's rows, "force" and "tangential" among them.
+    plan : Plan
+        With "force" and "tangential" among its results.
     elastic : Results
         What is decoded, of one cycle: written before each call.
 
     Attributes
     ----------
-    borne : Results
+    total : Results
         The same with the forces that are borne; flags are those of `elastic`.
     steps : float
         Periods that a call goes on by.
     """
 
-    def __init__(self, topology: Topology, names: tuple[str, ...], elastic: Results) -> None:
+    def __init__(self, topology: Topology, plan: Plan, elastic: Results) -> None:
         p, n = topology.parameters, topology.n
-        self.borne = Results(names, 1, n, elastic.values.dtype)
-        self.borne.flags, self.borne.valid = elastic.flags, elastic.valid
-        self.borne.arrays = self.borne.values, elastic.flags, elastic.valid
+        self.total = Results(plan.results, n, elastic.values.dtype)
+        self.total.flags, self.total.valid = elastic.flags, elastic.valid
+        self.total.arrays = self.total.values, elastic.flags, elastic.valid
         shape = (CREEP_TERMS, 3 * n)
         laws = ("shear", "shear", "normal")
         weight = np.hstack([p[f"{law}_creep_relative"] for law in laws])
@@ -307,7 +301,7 @@ class Creep:
         faded, gained, spread, h, variance = (zeros(shape, real) for _ in range(5))
         self._model = CreepModel(
             weight.astype(real), faded, gained, spread, zeros(3 * n, real),
-            np.square(left).astype(real), _rows(names),
+            np.square(left).astype(real), Rows(*map(plan.row, Rows._fields)),
         )  # fmt: skip
         first = Memory(zeros(3 * n, real), h, variance)
         self._memories = first, Memory(*(array.copy() for array in first))
@@ -328,7 +322,7 @@ class Creep:
         other one leaves."""
         a, b = self._memories
         scratch = zeros((3, a.elastic.size), a.h.dtype)
-        arrays = self._elastic.values, self.borne.values
+        arrays = self._elastic.values, self.total.values
         return [(relax, self._model, CreepData(*arrays, *turns, *scratch))
                 for turns in ((a, b), (b, a))]  # fmt: skip
 
@@ -360,14 +354,5 @@ class Creep:
         model.faded[:], model.gained[:] = -np.expm1(-lag), gained
         # near 0 the difference is lost in rounding, and lag² / 12
         model.spread[:] = np.where(lag > 1e-3, square - gained**2, lag**2 / 12.0)
-        model.sharper[:] = 1.0 + (model.weight * model.gained).sum(axis=0)
+        model.step_gain[:] = 1.0 + (model.weight * model.gained).sum(axis=0)
         self.steps = steps
-
-
-def _rows(names: tuple[str, ...]) -> Rows:
-    """Where results stand."""
-    first, row = {}, 0
-    for name in names:
-        first[name] = row
-        row += RESULT_ROWS[name]
-    return Rows(*(first.get(name, -1) for name in Rows._fields))

@@ -1,18 +1,9 @@
 """The fields that neighbours' films add at every chip, from where the last decoding put the films.
 
 Decode, predict from the displacements, decode again with the prediction as background: a sweep. In
-a live skin the displacements of the last cycle serve, so that one decoding a cycle is one sweep.
-
-A film adds a polynomial of degree 4 of its displacement at the chips within 25 mm (`Stencil.of`):
-on an array at 12 mm pitch all of whose units move at random through the whole range that misses 14
-µT, and leaves 145 / 12 / 6 µm rms of displacement after 0 / 1 / 2 sweeps (`field-angle`, cold
-start, without noise). With noise of 105 µT, which makes 70 µm of a unit at rest, more is hardly
-seen. `residue_ut` states what is missed.
-
-Sweeps needed: each leaves `contraction` of what the one before left, down to the residue. At 15,
-13.5, 12, 10, 8 mm pitch that is 0.06, 0.10, 0.17, 0.32, 0.40 on a 6 x 6 array of films that are not
-displaced, so two sweeps do from 12 mm on; at 5 mm, where films overlap, sweeps do not converge and
-the skin is refused. `sine` gains less: near its crest no sweep helps.
+a live skin the displacements of the last cycle serve, so that one decoding a cycle is one sweep. A
+film adds a polynomial of degree 4 of its displacement at the chips within 25 mm (`Stencil.of`).
+What sweeps leave: `docs/explanation/derivations.md`, "Sweeps".
 """
 
 from __future__ import annotations
@@ -86,8 +77,6 @@ class CrossTalk:
         another make add where the stencil is that of the drawing, plus what neighbours may add that
         are not known now: not usable,
         NaN, or so far beyond the stencil's range that they are taken to stand at its end.
-    idle_ut : float
-        What neighbours that count as at rest may add to any axis of the worst unit.
 
     Raises
     ------
@@ -135,7 +124,6 @@ class CrossTalk:
         )  # fmt: skip
         self._data = _data_of(self._model, real)
         self.residue_ut2 = self._data.residue_ut2
-        self.idle_ut = self._idle_bound(idle_mm)
 
     def predict(
         self,
@@ -240,18 +228,6 @@ class CrossTalk:
         fits *= stencil.strength[stencil.neighbour] ** 2
         missed = np.bincount(stencil.unit, fits, minlength=stencil.n) / 3.0
         return missed + stencil.left_out_rms_ut**2
-
-    def _idle_bound(self, idle_mm: float) -> float:
-        """`idle_ut`, from the linear terms."""
-        stencil = self.stencil
-        linear = np.abs(stencil.coefficients[:, :, :3])
-        each = FRICTION * idle_mm * np.hypot(linear[:, :, 0], linear[:, :, 1])
-        each = (each + idle_mm * linear[:, :, 2])[stencil.kind]
-        each *= stencil.strength[stencil.neighbour, np.newaxis]
-        return max(
-            float(np.bincount(stencil.unit, axis, minlength=stencil.n).max(initial=0.0))
-            for axis in each.T
-        )
 
 
 def _fields_of(stencil: Stencil, real: np.dtype) -> FieldModel:

@@ -11,9 +11,8 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records
-from skin.decode.arrays import check_call, plain
+from skin.decode.arrays import Results, check_call, plain
 from skin.decode.plan import Plan
-from skin.decode.results import Results
 from skin.errors import CountsError, check_kind
 from skin.options import Options
 from skin.owned import Layout
@@ -39,7 +38,7 @@ class Inputs:
 
     Parameters
     ----------
-    counts, status : ndarray, shape (1, c, n), int16, and shape (1, n), uint16
+    counts, status : ndarray, shape (c, n), int16, and shape (n,), uint16
 
     Attributes
     ----------
@@ -152,11 +151,9 @@ class Decoder:
         """The kernel and its model."""
         from skin.decode import kernel
         from skin.decode.model import model_of
-        from skin.decode.parts import Parts
         from skin.decode.uncertainty import neighbours_of
 
-        parts = Parts.of(self.plan)
-        self._kernel = kernel.decode(parts)
+        self._kernel = kernel.decode(self.plan.kernel)
         self._data_of: type[DecodeData] = kernel.DecodeData
         self._neighbours = neighbours_of(self.topology, self.rest_ut, self.crosstalk)
         self._model_of = functools.partial(model_of, plan=self.plan, rest_ut=self.rest_ut)
@@ -170,20 +167,20 @@ class Decoder:
         self._scratch = {
             "flag": zeros(records.LANES, np.int16), "tile": zeros(1, records.tile(real)),
         }  # fmt: skip
-        self._background, self._given = zeros((2, 1, 5, n), real)
-        self._out = self._shown = Results(self.plan.results, 1, n, real)
+        self._background, self._given = zeros((2, 5, n), real)
+        self._out = self._shown = Results(self.plan.results, n, real)
         self.creep: Creep | None = None
         if self.plan.creep:
             from skin.decode.creep import Creep
 
-            self.creep = Creep(self.topology, self.plan.results, self._out)
-            self._shown = self.creep.borne
-        self.whole = self._out.reading(0, {*self.plan.results} - {"film_above"})
-        self._reading = self._shown.reading(0, self.plan.quantities)
+            self.creep = Creep(self.topology, self.plan, self._out)
+            self._shown = self.creep.total
+        self.whole = self._out.reading({*self.plan.results} - {"film_above"})
+        self._reading = self._shown.reading(self.plan.quantities)
         self.shown = self._shown.arrays
         arrays = {name: getattr(self._reading, name) for name in Reading.__slots__}
         self.layout = Layout(arrays, self.shown)
-        self._own = Inputs(zeros((1, len(CHANNELS), n), np.int16), zeros((1, n), np.uint16))
+        self._own = Inputs(zeros((len(CHANNELS), n), np.int16), zeros(n, np.uint16))
         self._inputs = [self._own]
         self._look: Callable[[], None] | None = None
 
@@ -242,8 +239,7 @@ class Decoder:
 
     def calls(self) -> list[tuple[Any, ...]]:
         """The kernels of a cycle, with arguments of their types."""
-        data = self._data(self._own.counts, self._own.status, self._taken(given=False), self._out)
-        found: list[tuple[Any, ...]] = [(self._kernel, self._model, data, 0, True, 0.0)]
+        found = [self._kernel_call(self._own, given=False)]
         if self.ambient is not None:
             found.append(self.ambient.call(self.whole))
         if self.crosstalk is not None:
@@ -253,56 +249,41 @@ class Decoder:
         return found
 
     def _taken(self, *, given: bool) -> np.ndarray | None:
-        """Background of the kernel, shape (1, 5, n)."""
+        """Background of the kernel, shape (5, n)."""
         if self.crosstalk is not None:
             return self._background
         if given or self.ambient is None:
             return self._given if given else None
-        return self.ambient.taken[np.newaxis]
+        return self.ambient.taken
 
     def _stray(self, *, given: bool) -> tuple[Any, ...]:
         """What predicts the fields of neighbours, with its arguments."""
         base = None if self.ambient is None else self.ambient.taken
-        warmer = self._out.values[0, -1] if "film_above" in self.plan.results else None
+        warmer = self._out.values[-1] if "film_above" in self.plan.results else None
         whole = self.whole
         assert self.crosstalk is not None
         return self.crosstalk.call(
-            whole.displacement_mm, whole.valid, self._background[0],
-            self._given[0] if given else base, warmer,
+            whole.displacement_mm, whole.valid, self._background,
+            self._given if given else base, warmer,
         )  # fmt: skip
 
-    def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
-        """A call for each cycle, on arrays that the caller overwrites.
+    def inputs(self, counts: np.ndarray, status: np.ndarray) -> Inputs:
+        """Arrays to `step` on, which the caller overwrites before each cycle.
 
         Parameters
         ----------
         counts, status : ndarray, shape (c, n), int16, and shape (n,), uint16
             As of a call; contiguous and writeable.
 
-        Returns
-        -------
-        callable
-            Decodes the cycle that stands in the arrays; its `Reading` is always `reading`.
-
         Raises
         ------
         CountsError
             An array of another shape or type, or one that lies scattered in memory.
         """
-        inputs = self.inputs(counts, status)
-
-        def decode() -> Reading:
-            self.step(inputs)
-            return self._reading
-
-        return decode
-
-    def inputs(self, counts: np.ndarray, status: np.ndarray) -> Inputs:
-        """Arrays to `step` on; as of `bind`."""
         check_call(self.topology, self.dtype, counts, status, None)
         if plain(counts) is not counts or plain(status) is not status:
             raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
-        self._inputs.append(found := Inputs(counts[np.newaxis], status[np.newaxis]))
+        self._inputs.append(found := Inputs(counts, status))
         return found
 
     def step(
@@ -313,8 +294,8 @@ class Decoder:
         given: bool = False,
         advance: bool = True,
     ) -> None:
-        """Decode the cycle that stands in the inputs: predict what is not the units' own, decode,
-        relax, in each sweep; then look at the ambient field.
+        """Decode the cycle that stands in the inputs into `reading`: predict what is not the units'
+        own, decode, relax, in each sweep; then look at the ambient field.
 
         Parameters
         ----------
@@ -407,63 +388,46 @@ class Decoder:
     def _one(self, raw, status, background, advance: bool, elapsed_s: float | None) -> None:
         """Decode one cycle."""
         check_call(self.topology, self.dtype, raw, status, background)
-        self._own.counts[0], self._own.status[0] = raw, 0 if status is None else status
+        self._own.counts[:], self._own.status[:] = raw, 0 if status is None else status
         if background is not None:
             self._given[:] = 0.0 if self.ambient is None else self.ambient.taken
-            self._given[0, : len(background)] += background
+            self._given[: len(background)] += background
         self.step(self._own, elapsed_s, given=background is not None, advance=advance)
 
-    def _data(self, counts, status, background, out: Results) -> DecodeData:
-        """What changes between cycles."""
-        return self._data_of(
-            counts=counts, status=status, background=background, state=self._state,
-            values=out.values, flags=out.flags, valid=out.valid, **self._scratch,
+    def _kernel_call(self, inputs: Inputs, *, given: bool) -> tuple[Any, ...]:
+        """The kernel with its model and data, phase, whether it goes on, and periods to age by."""
+        out = self._out
+        data = self._data_of(
+            counts=inputs.counts, status=inputs.status, background=self._taken(given=given),
+            state=self._state, values=out.values, flags=out.flags, valid=out.valid,
+            **self._scratch,
         )  # fmt: skip
+        return self._kernel, self._model, data, 0, True, 0.0
 
     def _bind(
         self, inputs: Inputs, *, given: bool
     ) -> tuple[Callable[[], None] | None, Callable[..., None]]:
         """The calls of a cycle on some inputs."""
-        from bus.compiled.jit import bound
+        from bus.compiled.jit import bound, direct
 
         if self.ambient is not None and self._look is None:
             self._look = bound(*self.ambient.call(self.whole))
         predict = None if self.crosstalk is None else bound(*self._stray(given=given))
-        taken = self._taken(given=given)
-        decode = self._bound(inputs.counts, inputs.status, taken, self._out)
-        inputs.calls[given] = predict, decode
-        return predict, decode
-
-    def _bound(self, counts, status, background, out: Results) -> Callable[..., None]:
-        """The kernel on arrays; takes the phase, whether it goes on, and periods to age by."""
-        from bus.compiled.jit import direct
-
-        data = self._data(counts, status, background, out)
-        kernel = direct(self._kernel, self._model, data, 0, True, 0.0)
-        return functools.partial(kernel, self._model, data)
+        call = self._kernel_call(inputs, given=given)
+        inputs.calls[given] = predict, functools.partial(direct(*call), *call[1:3])
+        return inputs.calls[given]
 
     def _batch(self, raw, status, background, advance: bool, elapsed_s: float | None) -> Reading:
         """Decode consecutive cycles into new arrays."""
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
         check_call(self.topology, self.dtype, raw, status, background, cycles)
-        known = (*cycles, self.topology.n)
-        status = np.zeros(known, np.uint16) if status is None else status
-        out = Results(self.plan.results, raw.shape[0], self.topology.n, self.dtype)
-        if self.crosstalk or self.ambient or self.creep:
-            for t in range(raw.shape[0]):
-                given = None if background is None else background[t]
-                self._one(raw[t], status[t], given, advance, elapsed_s)
-                for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
-                    whole[t] = array[0]
-            return out.reading(slice(None), self.plan.quantities)
-        if background is not None:
-            taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
-            taken[:, : background.shape[1]] = background
-            background = taken
-        decode = self._bound(plain(raw), plain(status), background, out)
-        decode(self._phase, advance, self._pass_time(elapsed_s) if advance else 0.0)
-        self._phase += raw.shape[0] if advance else 0
-        return out.reading(slice(None), self.plan.quantities)
+        out = Results(self.plan.results, self.topology.n, self.dtype, cycles)
+        for t in range(raw.shape[0]):
+            here = (None if array is None else array[t] for array in (status, background))
+            self._one(raw[t], *here, advance, elapsed_s)
+            for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
+                whole[t] = array
+        return out.reading(self.plan.quantities)
 
 
 def _estimators(

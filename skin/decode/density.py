@@ -2,12 +2,13 @@
 
 Two limits, both of the magnets: a film that moves through its range must not come into a
 neighbour's chip, and what a film adds at its neighbours must grow less with every sweep. They are
-looked at for the skin as a whole; where they are broken, patch by patch, for the key to change.
+looked at for the skin as a whole; where they are broken, the two units that are nearest to each
+other say which key of the file to change.
 """
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,8 +20,8 @@ from topology.errors import Issue
 from topology.layout import count
 from topology.read import open_source, read
 from topology.report import Report
-from topology.schema import File, Patch
-from topology.source import Key, Source
+from topology.schema import File
+from topology.source import Key
 
 __all__ = ["contraction_of", "sparse_enough"]
 
@@ -44,17 +45,19 @@ def sparse_enough(topology: Topology, stencil: Stencil | None = None) -> tuple[S
     Raises
     ------
     TooDenseError
-        Units are too near to each other; every patch that is wrong is in the message.
+        Units are too near to each other; the message has the key that sets the nearest two apart.
     """
     try:
         stencil = Stencil.of(topology) if stencil is None else stencil
         contraction = contraction_of(topology, stencil)
     except TooDenseError as error:
-        raise TooDenseError("\n".join(map(str, _issues(topology))) or str(error)) from None
+        why = "for films not to come into the chips next to them"
+        raise TooDenseError(_issue(topology, why, error.units) or str(error)) from None
     if contraction < 1.0:
         return stencil, contraction
+    why = "for what films add at the chips next to them to grow less with every sweep"
     raise TooDenseError(
-        "\n".join(map(str, _issues(topology)))
+        _issue(topology, why, range(topology.n))
         or f"{topology.name}: cross-talk: must grow less with every sweep; got {contraction:.2f} "
         "of it after one (units too near to each other, or films too weak)"
     )
@@ -118,99 +121,42 @@ def _spectral_radius(blocks: np.ndarray, unit: np.ndarray, neighbour: np.ndarray
 # -- what to change --------------------------------------------------------------------------------
 
 
-def _issues(topology: Topology) -> list[Issue]:
-    """What to change in the file that a skin came from; none where that is not known."""
-    report = Report()
-    source = None
+def _issue(topology: Topology, why: str, units: Sequence[int]) -> str:
+    """What to change in the file that a skin came from, for the two units that are nearest to each
+    other; empty where that is not known."""
+    report, source, patches = Report(), None, ()
     if topology.path is not None:
         source = open_source(topology.path, str(topology.path), report)
-    if source is None:
-        return []
-    patches = read(File, source, report).patches
-    if report.issues:
-        return []
-    units = [(patch.name, count(patch)) for patch in patches]
-    if units != [*zip(topology.patch_names, np.bincount(topology.patch), strict=False)]:
-        return []  # what was loaded is not any more what the file says
-    found = []
-    for index, patch in enumerate(patches):
-        part = _part(topology, np.flatnonzero(topology.patch == index))
-        found += _of_patch(part, patch, ("patches", index), source)
-    return found or _of_two(topology, source)
+    if source is not None:
+        patches = read(File, source, report).patches
+    sizes = [] if report.issues else [(patch.name, count(patch)) for patch in patches]
+    if source is None or sizes != [
+        *zip(topology.patch_names, np.bincount(topology.patch), strict=False)
+    ]:
+        return ""  # what was loaded is not any more what the file says
+    i, j = _nearest(topology)
+    names = ", ".join(topology.unit_names[unit] for unit in units[:NAMED])
+    why += f" ({names}{f', … {len(units)} units' if len(units) > NAMED else ''})"
+    apart_mm = 1e3 * float(np.linalg.norm(topology.position[:, i] - topology.position[:, j]))
+    expected = f"farther from {topology.unit_names[i]}, {why}"
+    got = f"{topology.unit_names[j]} at {apart_mm:.4g} mm"
+    number = int(topology.patch[j])
+    at: Key = ("patches", number, "pose")
+    if topology.patch[i] == number:
+        first = int(np.argmax(topology.patch == number))
+        at = ("patches", number, "units", j - first, "xyz_m")
+        for name in ("radius_m", "row_pitch_m", "pitch_m"):  # the last one decides most
+            if (given := getattr(patches[number], name, None)) is not None:
+                at, expected, got = ("patches", number, name), f"larger, {why}", f"{given:g}"
+    message = f"must be {expected}; got {got} (12 mm suffices for films as in the paper)"
+    return str(Issue("too-dense", source.shown, source.line(at), source.where(at), message))
 
 
-def _of_patch(skin: Topology, patch: Patch, at: Key, source: Source) -> list[Issue]:
-    """What is wrong with a patch alone: the first key that decides how near its units are."""
-    if not (why := _fault(skin)):
-        return []
-    for name in ("pitch_m", "row_pitch_m", "radius_m"):
-        if (given := getattr(patch, name, None)) is not None:
-            return [_issue(source, (*at, name), f"larger, {why}", f"{given:g}")]
-    pair = _nearest(skin, ~np.eye(skin.n, dtype=bool))
-    return [_too_near(skin, pair, (source, (*at, "units", pair[1], "xyz_m"), why))]
-
-
-def _of_two(skin: Topology, source: Source) -> list[Issue]:
-    """What is wrong with patches because they are near to each other: the pose of the later one."""
-    frame = np.unique(np.array(skin.patch_frames)[skin.patch], return_inverse=True)[1]
-    other = (skin.patch != skin.patch[:, np.newaxis]) & (frame == frame[:, np.newaxis])
-    why = _fault(skin)
-    if not why or not other.any():
-        return []
-    pair = _nearest(skin, other)
-    return [_too_near(skin, pair, (source, ("patches", int(skin.patch[pair[1]]), "pose"), why))]
-
-
-def _nearest(skin: Topology, of: np.ndarray) -> tuple[int, int]:
-    """The two units that are nearest to each other, of the pairs in a mask."""
-    between = skin.position[:, :, np.newaxis] - skin.position[:, np.newaxis]
-    distance = np.where(of, np.linalg.norm(between, axis=0), np.inf)
+def _nearest(topology: Topology) -> tuple[int, int]:
+    """The two units of one frame that are nearest to each other."""
+    frame = np.array(topology.patch_frames or ("skin",) * len(topology.patch_names))[topology.patch]
+    between = topology.position[:, :, np.newaxis] - topology.position[:, np.newaxis]
+    distance = np.where(frame == frame[:, np.newaxis], np.linalg.norm(between, axis=0), np.inf)
+    np.fill_diagonal(distance, np.inf)
     i, j = np.unravel_index(int(np.argmin(distance)), distance.shape)
     return int(min(i, j)), int(max(i, j))
-
-
-def _too_near(skin: Topology, pair: tuple[int, int], told: tuple[Source, Key, str]) -> Issue:
-    """The issue of a pair that is to be farther apart."""
-    i, j = pair
-    now = 1e3 * float(np.linalg.norm(skin.position[:, i] - skin.position[:, j]))
-    source, at, why = told
-    expected = f"farther from {skin.unit_names[i]}, {why}"
-    return _issue(source, at, expected, f"{skin.unit_names[j]} at {now:.4g} mm")
-
-
-def _issue(source: Source, at: Key, expected: str, got: str) -> Issue:
-    message = f"must be {expected}; got {got} (12 mm suffices for films as in the paper)"
-    return Issue("too-dense", source.shown, source.line(at), source.where(at), message)
-
-
-def _fault(skin: Topology) -> str:
-    """Why a skin is too dense, in words; empty if it is not."""
-    try:
-        if contraction_of(skin, Stencil.of(skin)) < 1.0:
-            return ""
-    except TooDenseError as error:
-        units = error.units
-        what = "for films not to come into the chips next to them"
-    else:
-        units = range(skin.n)
-        what = "for what films add at the chips next to them to grow less with every sweep"
-    names = ", ".join(skin.unit_names[unit] for unit in units[:NAMED])
-    return f"{what} ({names}{f', … {len(units)} units' if len(units) > NAMED else ''})"
-
-
-def _part(skin: Topology, units: np.ndarray) -> Topology:
-    """Some units of a skin, without their addresses."""
-    frames, foreign = skin.frames, skin.counts_only
-    parameters = {name: values[..., units] for name, values in skin.parameters.items()}
-    parameters["field_amplitude_ut"] = np.where(
-        foreign[units], 0.0, parameters["field_amplitude_ut"]
-    )
-    return dataclasses.replace(
-        skin,
-        frames=dataclasses.replace(frames, units=frames.units[:0], layout=frames.layout[:0]),
-        unit_names=tuple(skin.unit_names[unit] for unit in units),
-        patch=skin.patch[units],
-        position=skin.position[:, units],
-        rotation=skin.rotation[:, :, units],
-        parameters=parameters,
-    )

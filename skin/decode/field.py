@@ -13,7 +13,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.records import BX, BY, BZ, INVALID, LANES, MAGNETIC_ANOMALY, SATURATED, SILENT
 from skin.decode.rows import read, write
 from skin.physics.force_law import at as law_at
@@ -57,10 +57,10 @@ class Inverted(NamedTuple):
     variance: float
 
 
-def field_law(parts: Parts) -> Callable:
+def field_law(plan: Plan) -> Callable:
     """The field without the chip's offset, its drift and the background, mapped."""
-    with_chip = parts.chip_compensation
-    with_z = parts.angle or parts.consistency or parts.field
+    with_chip = plan.chip_compensation
+    with_z = plan.angle or plan.consistency or "field" in plan.results
 
     @jitable
     def field(unit, counts, background, j, chip_above):
@@ -116,14 +116,8 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     `whole`; and by how much the miss over its allowance is above the mean, `missed`.
 
     At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
-    strength everywhere. Either M0 or its inverse is 1.
-
-    Each miss is divided by its own allowance before it is averaged. What is allowed has a part in
-    µT, which counts for little in the strong field of a pressed film, so that a mean of relative
-    misses that is learnt at rest says nothing of a press. Of a mean of test ratios this holds
-    [derived: the mean of numbers between -1 and 1 is one]: as long as each miss is within what the
-    constants allow at its own depth, so is their mean, however the depth has changed. A reading
-    that is beyond by itself does not count for the average, in which noise counts less.
+    strength everywhere. Either M0 or its inverse is 1. Why each miss is divided by its own
+    allowance before it is averaged: `docs/explanation/derivations.md`, "What a field may miss".
     """
     real = type(solid)
     u = unit["wavenumber"][j] * radius
@@ -148,9 +142,9 @@ def film_variance(solid, radius, depth, unit, j):
     return across * (per_mm * per_mm)
 
 
-def strength_law(parts: Parts) -> Callable:
+def strength_law(plan: Plan) -> Callable:
     """R by the strength of the lateral field, R = asin(S / M0) / k [paper, eq. 1]."""
-    with_sigma = parts.sigma
+    with_sigma = plan.sigma
 
     @jitable
     def by_strength(solid, variance, depth, depth_sigma, gain, weakest, unit, j):
@@ -193,9 +187,9 @@ def _cubic(factor, i, h, j):
     return ((c3 * h + c2) * h + c1) * h + factor[4 * i, j], slope
 
 
-def angle_law(parts: Parts) -> Callable:
+def angle_law(plan: Plan) -> Callable:
     """R by the angle psi of the field: a polynomial of psi and H, fitted to the film's field."""
-    with_sigma = parts.sigma
+    with_sigma = plan.sigma
 
     @jitable
     def by_angle(solid, z, variance, depth, depth_sigma, unit, j):
@@ -235,10 +229,10 @@ def angle_law(parts: Parts) -> Callable:
     return by_angle
 
 
-def inversion(parts: Parts) -> Callable:
+def inversion(plan: Plan) -> Callable:
     """R by angle or by strength."""
-    with_angle = parts.angle
-    by_angle, by_strength = angle_law(parts), strength_law(parts)
+    with_angle = plan.angle
+    by_angle, by_strength = angle_law(plan), strength_law(plan)
 
     @jitable
     def invert(field, normal, variance, unit, j):
@@ -287,14 +281,14 @@ def doubt(beyond2, tile, unit, j):
     tile["push_sigma"][j] = np.sqrt(known * known + half * half)
 
 
-def anomaly_stage(parts: Parts) -> Callable:
+def anomaly_stage(plan: Plan) -> Callable:
     """The stage that holds fields against the film's: test ratios, doubt, and flags.
 
     One reading that is beyond is doubted, the second in a row is a MAGNETIC_ANOMALY, as is a mean
     that is beyond.
     """
-    with_angle, with_ratio, by_angle = parts.angle, parts.test_ratio, angle_law(parts)
-    with_sigma, row = parts.sigma, parts.row("test_ratio")
+    with_angle, with_ratio, by_angle = plan.angle, "test_ratio" in plan.results, angle_law(plan)
+    with_sigma, row = plan.sigma, plan.row("test_ratio")
 
     @jitable
     def check(unit, size, tile, flag, state, out, advance):

@@ -11,7 +11,7 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.rows import read
 
 from skin.decode.records import (  # isort: skip
@@ -68,9 +68,9 @@ def judge(status, count, limits, j):
     return (known if known & SILENT else known | found) & FLAGS
 
 
-def flags_stage(parts: Parts) -> Callable:
+def flags_stage(plan: Plan) -> Callable:
     """The stage that flags units by their counts."""
-    with_skip = parts.skip
+    with_skip = plan.skip
 
     @jitable
     def flags(counts, status, limits, size, flag):

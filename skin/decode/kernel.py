@@ -20,7 +20,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from skin.decode.flags import flags_stage
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.records import FLAGS, INVALID, LANES, UNKNOWN
 from skin.decode.rows import rows_of, write
 from skin.decode.tangential import units_stage
@@ -34,14 +34,14 @@ decode_block: Any = None
 
 
 class DecodeData(NamedTuple):
-    """What changes between cycles: t cycles of n units.
+    """What changes between cycles, of n units.
 
     Attributes
     ----------
-    counts : ndarray, shape (t, c, n), int16
-    status : ndarray, shape (t, n), uint16
+    counts : ndarray, shape (c, n), int16
+    status : ndarray, shape (n,), uint16
         Flags of the bus.
-    background : ndarray, shape (t, 5, n), or None
+    background : ndarray, shape (5, n), or None
         What is not the unit's own signal: Hz of fall of the frequency, the field in µT, in the axes
         of the chip, and µT² of an axis, variance of what is not known of it.
     state : ndarray, shape (b,), records of `skin.decode.records.state`
@@ -50,11 +50,11 @@ class DecodeData(NamedTuple):
         Scratch: flags of a block's units.
     tile : ndarray, shape (1,), record of `skin.decode.records.tile`
         Scratch: what one stage leaves to the next.
-    values : ndarray, shape (t, r, n)
+    values : ndarray, shape (r, n)
         Written: the wanted rows, in the order of `skin.decode.records.RESULT_ROWS`.
-    flags : ndarray, shape (t, n), uint16
+    flags : ndarray, shape (n,), uint16
         Written: flags of the bus and of the decoder.
-    valid : ndarray, shape (t, n), bool
+    valid : ndarray, shape (n,), bool
         Written: whether array features may use the unit.
     """
 
@@ -80,9 +80,9 @@ def hide(flag, size, out, rows):
                 write(out, row, j, nothing)
 
 
-def clear_stage(parts: Parts) -> Callable:
+def clear_stage(plan: Plan) -> Callable:
     """The stage that shows nothing tangential."""
-    rows = parts.tangential_rows
+    rows = plan.tangential_rows
 
     @jitable
     def clear(size, out):
@@ -96,33 +96,33 @@ def clear_stage(parts: Parts) -> Callable:
 
 
 @jitable
-def background_of(values, cycle, first):
+def background_of(values, first):
     """Rows of a background, where there is one."""
     if values is None:
         return None
-    return rows_of(values, cycle, first)
+    return rows_of(values, first)
 
 
-def block_stage(parts: Parts) -> Callable:
+def block_stage(plan: Plan) -> Callable:
     """All stages, for the units of a block."""
-    with_warmth = parts.temperature or parts.film_compensation or parts.chip_compensation
-    with_skip = parts.skip and (parts.shear or parts.field)
-    judge, clear = flags_stage(parts), clear_stage(parts)
-    units, rest = units_stage(parts, loaded=True), units_stage(parts, loaded=False)
-    temperature = temperature_stage(parts)
+    with_warmth = "temperature" in plan.results or plan.film_compensation or plan.chip_compensation
+    with_skip = plan.skip and (plan.shear or "field" in plan.results)
+    judge, clear = flags_stage(plan), clear_stage(plan)
+    units, rest = units_stage(plan, loaded=True), units_stage(plan, loaded=False)
+    temperature = temperature_stage(plan)
 
     @jitable
-    def decode_block(model, data, cycle, block, size, look, advance):
+    def decode_block(model, data, block, size, look, advance):
         """`look`: at units without load as well; `advance` as of `decode`."""
         assume_noalias()
         first = block * LANES
         flag, tile, state = data.flag, data.tile[0], data.state[block]
         unit = model.coefficients[block if model.coefficients.size > 1 else 0]
         limits = model.limits[block if model.limits.size > 1 else 0]
-        counts, out = rows_of(data.counts, cycle, first), rows_of(data.values, cycle, first)
-        background = background_of(data.background, cycle, first)
+        counts, out = rows_of(data.counts, first), rows_of(data.values, first)
+        background = background_of(data.background, first)
         here = slice(first, first + size)
-        found, touched = judge(counts, data.status[cycle, here], limits, size, flag)
+        found, touched = judge(counts, data.status[here], limits, size, flag)
         if with_warmth:
             temperature(unit, counts, size, state, tile, flag, out, found, advance)
         if with_skip and not (look or touched):
@@ -131,8 +131,8 @@ def block_stage(parts: Parts) -> Callable:
         else:
             units(unit, counts, background, size, tile, flag, state, out, advance)
         if found & UNKNOWN != 0:
-            hide(flag, size, out, data.values.shape[1])
-        write_flags(flag, limits, size, data.flags[cycle, here], data.valid[cycle, here])
+            hide(flag, size, out, data.values.shape[0])
+        write_flags(flag, limits, size, data.flags[here], data.valid[here])
 
     return decode_block
 
@@ -155,14 +155,14 @@ def age(lag, keep, periods):
 
 
 def _decode(model, data, phase, advance, missing):
-    """Decode the cycles of a `DecodeData`, in turn.
+    """Decode the cycle of a `DecodeData`.
 
     Parameters
     ----------
     model : skin.decode.model.DecodeModel
     data : DecodeData
     phase : int
-        Number of the first cycle, by which units without load are looked at.
+        Number of the cycle, by which units without load are looked at.
     advance : bool
         False: the cycle before once more; its temperatures stay as they are.
     missing : float
@@ -170,7 +170,7 @@ def _decode(model, data, phase, advance, missing):
         temperature in them counts as if it came at their end.
     """
     assume_noalias()
-    n = data.counts.shape[2]
+    n = data.counts.shape[1]
     if missing != 0.0:
         for block in range(data.state.size):
             unit = model.coefficients[block if model.coefficients.size > 1 else 0]
@@ -179,28 +179,27 @@ def _decode(model, data, phase, advance, missing):
             if WITH_CHIP:
                 age(data.state[block]["chip_lag"], unit["chip_keep"], missing)
     phase -= 0 if advance else 1
-    for cycle in range(data.counts.shape[0]):
-        look = WITH_LOOK and (phase + cycle) % model.look_every == 0
-        for block in range(data.state.size):
-            left = n - block * LANES
-            # a whole block has nothing left over of its vectors, if the compiler knows
-            if WITH_SKIP or left < LANES:
-                decode_block(model, data, cycle, block, min(left, LANES), look, advance)
-            else:
-                decode_block(model, data, cycle, block, LANES, look, advance)
+    look = WITH_LOOK and phase % model.look_every == 0
+    for block in range(data.state.size):
+        left = n - block * LANES
+        # a whole block has nothing left over of its vectors, if the compiler knows
+        if WITH_SKIP or left < LANES:
+            decode_block(model, data, block, min(left, LANES), look, advance)
+        else:
+            decode_block(model, data, block, LANES, look, advance)
 
 
-def decode_python(parts: Parts) -> Callable:
-    """The function that decodes what `parts` say, not compiled: `_decode`, with its constants and
+def decode_python(plan: Plan) -> Callable:
+    """The function that decodes as a plan says, not compiled: `_decode`, with its constants and
     stages among its globals, for numba finds no closure again in its cache."""
     constants = {
-        "WITH_LOOK": parts.look, "WITH_SKIP": parts.skip, "WITH_FILM": parts.film_compensation,
-        "WITH_CHIP": parts.chip_lags, "decode_block": block_stage(parts),
+        "WITH_LOOK": plan.look, "WITH_SKIP": plan.skip, "WITH_FILM": plan.film_compensation,
+        "WITH_CHIP": plan.chip_lags, "decode_block": block_stage(plan),
     }  # fmt: skip
     return FunctionType(_decode.__code__, globals() | constants, "decode")
 
 
 @functools.cache
-def decode(parts: Parts) -> Callable:
-    """The kernel for `parts`, compiled."""
-    return compiled(decode_python(parts), fastmath={"contract"}, made_by=("decode", parts))
+def decode(plan: Plan) -> Callable:
+    """The kernel of a `Plan.kernel`, compiled."""
+    return compiled(decode_python(plan), fastmath={"contract"}, made_by=("decode", plan))

@@ -8,9 +8,9 @@ from bus.status import Status
 from skin.decode import records as k
 from skin.physics.force_law import inverse, normal_law
 from topology import CHANNELS, Topology
-from topology.gel import gel_share, gel_temperature
+from topology.gel import gel_share
 
-__all__ = ["frequency_sigma_hz", "gel_rail_c", "limits_of", "tidy_drop"]
+__all__ = ["frequency_sigma_hz", "limits_of", "tidy_drop"]
 
 STRETCH_MAX = 0.2
 """A frequency this share above rest is no working unit: it would be pulled to 6/5 of its height
@@ -92,16 +92,6 @@ def tidy_drop(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Range of the frequency's fall, Hz, that is neither a lost tare nor beyond calibration."""
     p = topology.parameters
     return -PULL_SIGMAS * frequency_sigma_hz(topology), inverse(p["normal_max_n"], normal_law(p))
-
-
-def gel_rail_c(topology: Topology) -> np.ndarray:
-    """Temperature from which on a gel may be as hot as it likes and reads the same, shape (n,), °C:
-    that of the upper rail of the wire, less half a count; infinite where there is no gel."""
-    count = _rails(topology, vertical=False)["gel"][1] + 0.5
-    p, wired = topology.parameters, topology.wired[k.GEL]
-    current = topology.scale[k.GEL] * count + topology.offset[k.GEL]
-    share = np.where(wired & (current > 0.0), current / p["gel_current_20c_ua"], 1.0)
-    return np.where(wired & (current > 0.0), gel_temperature(p, share), np.inf)
 
 
 def _counts(topology: Topology, channel: int, low: np.ndarray, high: np.ndarray) -> Range:

@@ -16,7 +16,6 @@ from skin.decode.arrays import check
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
-from skin.decode.parts import Parts
 from skin.decode.plan import Plan
 from skin.decode.resting import axial_at_rest
 from skin.decode.uncertainty import Neighbours, uncertainty
@@ -98,7 +97,7 @@ def model_of(
     }
     found |= uncertainty(topology, found, neighbours)
     return DecodeModel(
-        _blocks(found, k.coefficients(plan.dtype, Parts.of(plan))),
+        _blocks(found, k.coefficients(plan)),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
         plan.look_every,
     )

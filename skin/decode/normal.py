@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.records import FREQUENCY
 from skin.decode.rows import read
 from skin.decode.temperature import EXTRAPOLATION
@@ -35,9 +35,9 @@ def law_variance(force, relative2, absolute2):
     return relative2 * square + min(absolute2, square)
 
 
-def normal_law(parts: Parts) -> Callable:
+def normal_law(plan: Plan) -> Callable:
     """Depth and normal force of a unit, and their one-sigma."""
-    with_sigma, push_of = parts.sigma, force if parts.cubes else lines
+    with_sigma, push_of = plan.sigma, force if plan.cubes else lines
 
     @jitable
     def normal(unit, counts, background, j):

@@ -1,5 +1,8 @@
 """What a scene needs of the decoder: decided once, from the topology and the options.
 
+A plan is what kernels are made of, too: its truth values stand around the stages, not in their
+arguments, and what they leave out is cut away before the compiler looks at it.
+
 The estimator `sine` is the paper's, R = asin(|B| / M0) / k (eq. 1); `field-angle` is a polynomial
 of psi = atan2(|B|, Bz) and the depth: it has no crest, and neither the temperature of the magnet
 nor the gain of the chip is in it.
@@ -11,10 +14,11 @@ with `ambient`, which then has fewer readings.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skin.decode.records import RESULT_ROWS
 from skin.errors import OptionError, check_flag
 from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS
@@ -156,11 +160,53 @@ class Plan:
     @property
     def reads_field(self) -> bool:
         """Whether anything that is decoded needs the field of the chips."""
-        return (
-            self.sweeps > 0
-            or self.ambient
-            or not {*TANGENTIAL, "field"}.isdisjoint(self.quantities)
-        )
+        looped = self.sweeps > 0 or self.ambient
+        return looped or not {*TANGENTIAL, "field"}.isdisjoint(self.quantities)
+
+    @property
+    def shear(self) -> bool:
+        """Whether the tangential displacement is decoded."""
+        return not {*TANGENTIAL, "test_ratio"}.isdisjoint(self.results)
+
+    @property
+    def angle(self) -> bool:
+        """Whether R comes from the angle of the field; else from its strength, if at all."""
+        return self.shear and self.estimator == "field-angle"
+
+    @property
+    def look(self) -> bool:
+        """Whether units without load are looked at all the same, every few cycles: for who follows
+        the ambient field."""
+        return self.skip and self.ambient
+
+    @property
+    def kernel(self) -> Plan:
+        """The plan without what a kernel does not look at: one kernel serves all plans that have
+        the same."""
+        return replace(
+            self, quantities=(), dtype="", look_every=1, sweeps=0, ambient=self.look, creep=False,
+            estimator="field-angle" if self.angle else "sine",
+        )  # fmt: skip
+
+    def row(self, result: str) -> int:
+        """The first row of a result among those of the kernel; -1 if it is not computed."""
+        row = 0
+        for name in self.results:
+            if name == result:
+                return row
+            row += RESULT_ROWS[name]
+        return -1
+
+    @property
+    def tangential_rows(self) -> tuple[int, ...]:
+        """Rows of results that a unit without load does not show: of force and displacement all but
+        what is normal."""
+        rows: list[int] = []
+        for name in self.results:
+            row, normal = self.row(name), name.startswith(("force", "displacement"))
+            if not name.startswith(("temperature", "film")):
+                rows += range(row, row + RESULT_ROWS[name] - normal)
+        return tuple(rows)
 
 
 def _results(
@@ -177,7 +223,7 @@ def _results(
     computed |= {"force", "tangential"} if relaxed else set()
     computed |= {"displacement"} if sweeps or ambient else set()
     if ambient:
-        warm = (topology.wired[CHANNELS.index("gel")] | ~_needed(topology)).all()
+        warm = (topology.wired[CHANNELS.index("gel")] | ~topology.feels).all()
         computed |= {"field", "temperature"} if warm else {"field"}
     plain = tuple(name for name in QUANTITIES if name in computed)
     others = {
@@ -189,16 +235,11 @@ def _results(
     return (*plain, *sigmas, *(name for name, is_computed in others.items() if is_computed))
 
 
-def _needed(topology: Topology) -> np.ndarray:
-    """Units that are decoded."""
-    return topology.feels
-
-
 def _inversion(
     topology: Topology, estimator: str | None, consistency: bool | None
 ) -> tuple[str, bool]:
     """The estimator, and whether the field is held against its model."""
-    others = ~_needed(topology)
+    others = ~topology.feels
     upright = topology.wired[CHANNELS.index("bz")] | others
     tabled = topology.parameters["field_angle_mm"].any(axis=0) | others
     angled = bool((upright & tabled).all())
@@ -231,7 +272,7 @@ def _wanted(topology: Topology, found: frozenset[str]) -> frozenset[str]:
             f"want: must be of the units, one of {', '.join(map(repr, UNIT_WANTS))}; "
             f"got {name!r}, which is of the array: use skin.open"
         )
-    needed = _needed(topology)
+    needed = topology.feels
     for name in UNIT_WANTS:
         for channel in NEEDS[name] if name in found else ():
             missing = needed & ~topology.wired[CHANNELS.index(channel)]

@@ -16,7 +16,7 @@ from bus import status
 from bus.status import Status
 
 if TYPE_CHECKING:
-    from skin.decode.parts import Parts
+    from skin.decode.plan import Plan
 
 LANES = 64
 """Units in a block: enough that what is done once for a block is cheap, few enough that it stays in
@@ -153,32 +153,34 @@ def _record(rows: dict[str, int], real: npt.DTypeLike) -> np.dtype:
     ])  # fmt: skip
 
 
-def coefficients(real: npt.DTypeLike, parts: Parts) -> np.dtype:
-    """The record of what is known of a block's units: what a kernel of `parts` reads, no more."""
-    tangential = parts.shear or parts.field
+def coefficients(plan: Plan) -> np.dtype:
+    """The record of what is known of a block's units: what the kernel of a plan reads, no more."""
+    with_field = "field" in plan.results
+    tangential = plan.shear or with_field
+    tabled = plan.angle or plan.consistency
     needed = {
         "gel": True,
-        "gel_sigma": parts.temperature and parts.sigma,
-        "film": parts.film_compensation,
-        "chip": parts.chip_compensation,
-        "chip_lag": parts.chip_lags,
+        "gel_sigma": "temperature" in plan.results and plan.sigma,
+        "film": plan.film_compensation,
+        "chip": plan.chip_compensation,
+        "chip_lag": plan.chip_lags,
         "field": tangential,
-        "vertical": parts.angle or parts.consistency or parts.field,
-        "shear": parts.shear,
-        "shear_sigma": parts.shear and parts.sigma,
-        "amplitude": parts.consistency or (parts.shear and not parts.angle),
-        "strength": parts.shear and not parts.angle,
-        "angle": parts.angle or parts.consistency,
-        "angle_sigma": parts.sigma and (parts.angle or parts.consistency),
-        "check": parts.consistency,
-        "correction": parts.theta_correction,
-        "centre": parts.film_centre,
+        "vertical": tabled or with_field,
+        "shear": plan.shear,
+        "shear_sigma": plan.shear and plan.sigma,
+        "amplitude": plan.consistency or (plan.shear and not plan.angle),
+        "strength": plan.shear and not plan.angle,
+        "angle": tabled,
+        "angle_sigma": plan.sigma and tabled,
+        "check": plan.consistency,
+        "correction": plan.theta_correction,
+        "centre": plan.film_centre,
         "background": tangential,
     }
     rows = {}
     for group, is_needed in needed.items():
         rows |= COEFFICIENT_ROWS[group] if is_needed else {}
-    return _record(rows, real)
+    return _record(rows, plan.dtype)
 
 
 def state(real: npt.DTypeLike) -> np.dtype:

@@ -19,7 +19,7 @@ class Rows(NamedTuple):
 
     Attributes
     ----------
-    values : ndarray, shape (t * r * n,)
+    values : ndarray, shape (r * n,)
     units : uintp
         n, from one row to the next.
     first : uintp
@@ -32,11 +32,9 @@ class Rows(NamedTuple):
 
 
 @jitable
-def rows_of(values, cycle, first):
-    """Rows of a cycle, of an array of shape (t, r, n)."""
-    rows, units = values.shape[1], values.shape[2]
-    place = np.uintp(cycle * rows * units + first)
-    return Rows(values.reshape(values.size), np.uintp(units), place)
+def rows_of(values, first):
+    """Rows of an array of shape (r, n), from a unit on."""
+    return Rows(values.reshape(values.size), np.uintp(values.shape[1]), np.uintp(first))
 
 
 @jitable

@@ -20,7 +20,7 @@ from skin.decode.field import (
 )
 from skin.decode.functions import atan2, sin_cos
 from skin.decode.normal import Normal, law_variance, normal_law
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.records import EXTRAPOLATED, IDLE, KNOTS, LANES, SILENT
 from skin.decode.rows import read, write
 from skin.decode.temperature import EXTRAPOLATION
@@ -50,9 +50,9 @@ class Shear(NamedTuple):
     stiffening: float
 
 
-def shear_variance_of(parts: Parts) -> Callable:
+def shear_variance_of(plan: Plan) -> Callable:
     """Variance of the tangential force along its direction."""
-    push_of = force if parts.cubes else lines
+    push_of = force if plan.cubes else lines
 
     @jitable
     def shear_variance(shear, along, depth_sigma, unit, j):
@@ -88,14 +88,14 @@ def correct(x, y, unit, j):
     return x * cosine - y * sine, x * sine + y * cosine
 
 
-def shear_of(parts: Parts) -> Callable:
+def shear_of(plan: Plan) -> Callable:
     """Direction, displacement and force of a unit from its R; what is wanted is shown."""
-    with_correction, with_centre = parts.theta_correction, parts.film_centre
-    with_force, with_tangential = parts.force, parts.tangential
-    with_theta, with_displacement = parts.theta, parts.displacement
-    push_row, tangential_row = parts.row("force"), parts.row("tangential")
-    theta_row, row = parts.row("theta"), parts.row("displacement")
-    push_of = force if parts.cubes else lines
+    with_correction, with_centre = plan.theta_correction, plan.film_centre
+    with_force, with_tangential = "force" in plan.results, "tangential" in plan.results
+    with_theta, with_displacement = "theta" in plan.results, "displacement" in plan.results
+    push_row, tangential_row = plan.row("force"), plan.row("tangential")
+    theta_row, row = plan.row("theta"), plan.row("displacement")
+    push_of = force if plan.cubes else lines
 
     @jitable
     def shear(field, inverted, depth, unit, out, j):
@@ -130,13 +130,13 @@ def shear_of(parts: Parts) -> Callable:
     return shear
 
 
-def sigma_of(parts: Parts) -> Callable:
+def sigma_of(plan: Plan) -> Callable:
     """One-sigma of all that is tangential."""
-    with_force, with_tangential = parts.force, parts.tangential
-    with_theta, with_displacement = parts.theta, parts.displacement
-    push_row, tangential_row = parts.row("force_sigma"), parts.row("tangential_sigma")
-    theta_row, row = parts.row("theta_sigma"), parts.row("displacement_sigma")
-    shear_variance = shear_variance_of(parts)
+    with_force, with_tangential = "force" in plan.results, "tangential" in plan.results
+    with_theta, with_displacement = "theta" in plan.results, "displacement" in plan.results
+    push_row, tangential_row = plan.row("force_sigma"), plan.row("tangential_sigma")
+    theta_row, row = plan.row("theta_sigma"), plan.row("displacement_sigma")
+    shear_variance = shear_variance_of(plan)
 
     @jitable
     def sigma(shear, inverted, depth_sigma, unit, out, j):
@@ -169,12 +169,12 @@ def sigma_of(parts: Parts) -> Callable:
     return sigma
 
 
-def field_of(parts: Parts) -> Callable:
+def field_of(plan: Plan) -> Callable:
     """The field and its strength, which is shown if it is wanted."""
     with_field, with_film, with_chip = (
-        parts.field, parts.film_compensation, parts.chip_compensation
+        "field" in plan.results, plan.film_compensation, plan.chip_compensation
     )  # fmt: skip
-    row, law = parts.row("field"), field_law(parts)
+    row, law = plan.row("field"), field_law(plan)
 
     @jitable
     def field_at(unit, counts, background, j, above, out):
@@ -194,9 +194,9 @@ def field_of(parts: Parts) -> Callable:
     return field_at
 
 
-def keep_of(parts: Parts) -> tuple[Callable, Callable]:
+def keep_of(plan: Plan) -> tuple[Callable, Callable]:
     """What writes a unit down between two stages, and what reads it."""
-    with_sigma = parts.sigma
+    with_sigma = plan.sigma
 
     @jitable
     def keep(tile, j, field, inverted, normal, gain):
@@ -230,13 +230,14 @@ def keep_of(parts: Parts) -> tuple[Callable, Callable]:
     return keep, kept
 
 
-def show_of(parts: Parts, loaded: bool) -> Callable:
+def show_of(plan: Plan, loaded: bool) -> Callable:
     """Forces, displacements and their one-sigma of a unit that is `loaded`, or what shows without
     load."""
-    with_force, with_displacement, with_sigma = parts.force, parts.displacement, parts.sigma
-    push_row, push_sigma_row = parts.row("force") + 2, parts.row("force_sigma") + 2
-    depth_row, depth_sigma_row = parts.row("displacement") + 2, parts.row("displacement_sigma") + 2
-    shear_from, sigma_from = shear_of(parts), sigma_of(parts)
+    with_force, with_displacement = "force" in plan.results, "displacement" in plan.results
+    with_sigma = plan.sigma
+    push_row, push_sigma_row = plan.row("force") + 2, plan.row("force_sigma") + 2
+    depth_row, depth_sigma_row = plan.row("displacement") + 2, plan.row("displacement_sigma") + 2
+    shear_from, sigma_from = shear_of(plan), sigma_of(plan)
 
     @jitable
     def show(field, inverted, normal, unit, out, j):
@@ -256,14 +257,14 @@ def show_of(parts: Parts, loaded: bool) -> Callable:
     return show
 
 
-def units_stage(parts: Parts, loaded: bool) -> Callable:
+def units_stage(plan: Plan, loaded: bool) -> Callable:
     """The stage that decodes units but for their temperatures: those that are `loaded`, or what
     shows without load."""
-    with_shear, with_check = parts.shear, loaded and parts.consistency
-    with_field = loaded and (parts.shear or parts.field)
-    shows_later = with_check and parts.sigma
-    normal_of, field_at, invert = normal_law(parts), field_of(parts), inversion(parts)
-    (keep, kept), show, check = keep_of(parts), show_of(parts, loaded), anomaly_stage(parts)
+    with_shear, with_check = plan.shear, loaded and plan.consistency
+    with_field = loaded and (plan.shear or "field" in plan.results)
+    shows_later = with_check and plan.sigma
+    normal_of, field_at, invert = normal_law(plan), field_of(plan), inversion(plan)
+    (keep, kept), show, check = keep_of(plan), show_of(plan, loaded), anomaly_stage(plan)
 
     @jitable
     def invert_units(unit, counts, background, size, tile, flag, out):

@@ -14,7 +14,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import log2
-from skin.decode.parts import Parts
+from skin.decode.plan import Plan
 from skin.decode.records import CHIP, GEL, INVALID, LANES
 from skin.decode.rows import read, write
 
@@ -37,11 +37,11 @@ def gel_law(gel, unit, j):
     return real(20.0) + rise * octaves, current
 
 
-def lag_law(parts: Parts, calm: bool) -> Callable:
+def lag_law(plan: Plan, calm: bool) -> Callable:
     """Film and chip temperature above reference; both follow the gel. `calm`: all units are kept,
     and advance; a state that is stored for some lanes alone costs more than all else here."""
-    with_film, with_chip = parts.film_compensation, parts.chip_compensation
-    with_lag = parts.chip_lags
+    with_film, with_chip = plan.film_compensation, plan.chip_compensation
+    with_lag = plan.chip_lags
 
     @jitable
     def follow(t, chip_count, unit, state, j, keep, advance):
@@ -88,10 +88,10 @@ def sigma_law(t, current, unit, j):
     return sigma + real(EXTRAPOLATION) * max(over, real(0.0))
 
 
-def temperature_stage(parts: Parts) -> Callable:
+def temperature_stage(plan: Plan) -> Callable:
     """The stage that decodes temperatures."""
-    with_compensation = parts.film_compensation or parts.chip_compensation
-    calmly, carefully = gel_stage(parts, calm=True), gel_stage(parts, calm=False)
+    with_compensation = plan.film_compensation or plan.chip_compensation
+    calmly, carefully = gel_stage(plan, calm=True), gel_stage(plan, calm=False)
 
     @jitable
     def temperature(unit, counts, size, state, above, flag, out, found, advance):
@@ -105,13 +105,13 @@ def temperature_stage(parts: Parts) -> Callable:
     return temperature
 
 
-def gel_stage(parts: Parts, calm: bool) -> Callable:
+def gel_stage(plan: Plan, calm: bool) -> Callable:
     """The stage that decodes the gel's temperature, and what follows it."""
-    with_temperature, with_film = parts.temperature, parts.film_above
-    with_compensation = parts.film_compensation or parts.chip_compensation
-    with_sigma, follow = parts.temperature and parts.sigma, lag_law(parts, calm)
-    row, sigma_row = parts.row("temperature"), parts.row("temperature_sigma")
-    film_row = parts.row("film_above")
+    with_temperature, with_film = "temperature" in plan.results, "film_above" in plan.results
+    with_compensation = plan.film_compensation or plan.chip_compensation
+    with_sigma, follow = "temperature" in plan.results and plan.sigma, lag_law(plan, calm)
+    row, sigma_row = plan.row("temperature"), plan.row("temperature_sigma")
+    film_row = plan.row("film_above")
 
     @jitable
     def gel(unit, counts, size, state, above, flag, out, advance):

@@ -236,7 +236,7 @@ def test_a_filter_that_loses_its_covariance_is_found():
 
     pipeline, touched = Pipeline(array_of(64, alike=True), Options()), np.zeros(64, bool)
     assert stress_lasting._broken(pipeline, touched) == 0
-    pipeline.decoder.ambient._data.bodies.covariance_ut2[0, 0, 1] += 1.0
+    pipeline.decoder.ambient.covariance_ut2[0, 0, 1] += 1.0
     assert stress_lasting._broken(pipeline, touched) == 1
     pipeline.contacts.data.slips["lag_variance"][5] = -1e-9
     assert stress_lasting._broken(pipeline, touched) == 2

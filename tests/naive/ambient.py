@@ -9,6 +9,7 @@ import numpy as np
 
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
+from skin.decode.ambient_model import memory_of
 from skin.physics.rest import film_at_rest_ut
 
 PRIOR_UT2 = 2500.0
@@ -25,7 +26,7 @@ class NaiveAmbient:
     Its state has the names of `skin.decode.ambient_model`.
     """
 
-    def __init__(self, skin, body, *, guard_m=0.03, near_votes=False):
+    def __init__(self, skin, body, *, near_votes=False):
         p, n = skin.parameters, skin.n
         step = np.abs(skin.scale) / np.sqrt(12.0)
         self.body, self.near_votes, self.skin = body, near_votes, skin
@@ -44,7 +45,7 @@ class NaiveAmbient:
                            [p["field_yx"][i], p["field_yy"][i]]]) for i in range(n)
         ]  # fmt: skip
         apart = np.linalg.norm(skin.position[:, :, None] - skin.position[:, None], axis=0)
-        self.near = apart < guard_m
+        self.near = apart < 0.03
         self.slow_s = max(1.0, 100.0 / skin.cycle_rate_hz)
         self.period_s = 1.0 / skin.cycle_rate_hz
 
@@ -239,6 +240,7 @@ def state_of(ambient):
     """A copy of what an `Ambient` remembers."""
     data = ambient._data
     bodies = {name: data.bodies[name] for name in BODIES}
-    memory = {name: getattr(ambient._memory, name) for name in MEMORY}
+    bodies |= {name: bodies[name].swapaxes(0, 1) for name in ("kept_ut", "kept_ut2")}
+    memory = {name: getattr(memory_of(data.memory), name) for name in MEMORY}
     touched = data.marks & kernels.TOUCHED != 0
     return copy.deepcopy(SimpleNamespace(zero=data.zero, touched=touched, **bodies, **memory))

@@ -9,9 +9,8 @@ import topology
 from bus.status import Status
 from skin.decode import ambient_kernels
 from skin.decode.ambient import Ambient
-from skin.errors import OptionError
 from tests.fixtures.ambient import World, apart, without_bz
-from tests.fixtures.decode import calibrated, with_parameters
+from tests.fixtures.decode import calibrated
 
 EARTH = np.array([[20.0], [30.0], [-44.0]])
 TURN = 1.0  # rad/s
@@ -37,29 +36,6 @@ def test_uniform_field_is_found_on_skins_of_any_shape(name):
     assert np.abs(ambient.zero[1:]).max() < 0.5
 
 
-def test_film_beside_its_chip_is_no_ambient_field():
-    """What it adds at rest is the unit's own: 165 µT for 0.1 mm, all of them to one side."""
-    skin = with_parameters(topology.load("palm").exact(), film_x_mm=0.08, film_y_mm=-0.06)
-    ambient, world = Ambient(skin), World(skin)
-    world.stray_ut[:2] = np.array([[0.8], [-0.6]]) * 11073.0 * np.exp(-1.44) * np.sin(0.02 * np.pi)
-    world.run(ambient, 8.0)
-    assert np.abs(ambient.field_ut).max() < 15.0
-    assert ambient.followed.all()
-
-
-def test_background_reads_as_the_counts_do():
-    """Through the map, the axes and the rotation of each unit."""
-    skin = calibrated(topology.load("fingertip").exact(), seed=5)
-    ambient, world = settled(skin, noise=False, dtype="float64")
-    before = world.cycle(np.zeros((4, skin.n))).field_ut.copy()
-    taken = ambient.background.copy()
-    world.ambient_ut[:] = EARTH
-    world.run(ambient, 4.0)
-    after = world.cycle(ambient.background - taken).field_ut
-    assert np.abs(after - before).max() < 0.5
-    assert np.abs(ambient.background[1:]).max() > 30.0
-
-
 def test_field_of_the_earth_is_tracked_while_the_robot_turns():
     ambient, world = settled(topology.load("palm").exact())
     misses = []
@@ -83,7 +59,7 @@ def test_covariance_holds_for_a_field_that_wanders_as_assumed():
         world.ambient_ut += step * rng.standard_normal((3, 1))
         ambient.update(world.cycle(ambient.background))
         misses.append(ambient.field_ut[:, 0] - world.ambient_ut[:, 0])
-    spread = np.mean(np.square(misses[500:]), axis=0) / np.diag(ambient.covariance_ut2[..., 0])
+    spread = np.mean(np.square(misses[500:]), axis=0) / np.diag(ambient.covariance_ut2[0])
     assert np.all((0.7 < spread) & (spread < 1.4))
 
 
@@ -152,45 +128,6 @@ def test_too_few_unloaded_units_hold_the_field_and_say_so():
     assert np.sqrt(ambient.residue_ut2[0]) < 10.0
 
 
-def test_loaded_units_and_those_near_have_no_vote():
-    skin = topology.load("palm").exact()
-    ambient, world = settled(skin, guard_m=0.013)
-    middle = skin.unit_index("palm/r3c3")
-    world.drop_hz[middle] = 300.0
-    near = np.linalg.norm(skin.position - skin.position[:, [middle]], axis=0) < 0.013
-    world.stray_ut[0, near] = 400.0
-    world.run(ambient, 2.0)
-    assert ambient.voters.tolist() == [64 - 5]
-    assert np.abs(ambient.field_ut).max() < 12.0
-    assert not ambient.followed[near].any()
-
-
-def test_units_near_a_press_vote_where_cross_talk_is_taken_off():
-    skin = topology.load("palm").exact()
-    ambient, world = settled(skin, crosstalk=True)
-    pressed = np.random.default_rng(6).random(64) < 0.3
-    world.drop_hz[pressed] = 500.0
-    world.ambient_ut[:] = EARTH
-    world.run(ambient, 2.0)
-    assert ambient.voters.tolist() == [np.sum(~pressed)]
-    assert np.abs(ambient.field_ut - EARTH).max() < 15.0
-    assert not ambient.followed.any()
-    held = Ambient(skin)
-    world.run(held, 1.0)
-    assert held.voters[0] < 4
-
-
-@pytest.mark.parametrize("flag", [Status.FROZEN, Status.LATE, Status.SATURATED, Status.DISABLED])
-def test_flagged_units_have_no_vote(flag):
-    ambient, world = settled(apart(8, 250.0))
-    world.status[:3] = flag
-    world.stray_ut[:, :3] = 1000.0
-    world.run(ambient, 1.0)
-    assert ambient.voters.tolist() == [5]
-    assert np.abs(ambient.field_ut).max() < 25.0
-    assert not ambient.followed[:3].any()
-
-
 def test_parts_that_move_apart_have_a_field_each():
     skin = topology.load("hand").exact()
     body = np.array([skin.patch_frames[patch] for patch in skin.patch])
@@ -212,7 +149,7 @@ def test_flat_skin_without_bz_knows_nothing_of_the_field_across_it():
     world.run(ambient, 3.0)
     assert np.abs(ambient.field_ut[:2] - EARTH[:2]).max() < 16.0
     assert abs(ambient.field_ut[2, 0]) < 1e-6
-    sigma = np.sqrt(np.diag(ambient.covariance_ut2[..., 0]))
+    sigma = np.sqrt(np.diag(ambient.covariance_ut2[0]))
     assert sigma[2] == pytest.approx(50.0)
     assert sigma[:2].max() < 6.0
 
@@ -253,9 +190,3 @@ def copied(data):
 def arrays_of(data):
     """The arrays of nested named tuples."""
     return [a for part in data for a in arrays_of(part)] if isinstance(data, tuple) else [data]
-
-
-@pytest.mark.parametrize("guard_m", [-0.01, np.nan, np.inf])
-def test_impossible_guard_is_refused(guard_m):
-    with pytest.raises(OptionError, match="guard_m: must be 0 or above"):
-        Ambient(apart(8, 250.0), guard_m=guard_m)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient import Ambient
+from skin.decode.ambient_model import memory_of
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
 
@@ -43,7 +44,7 @@ def tumbled(rate_hz=250.0):
 
 def any_state(ambient, naive, rng):
     """Memories on both sides of every bound, of units that may be pressed or not."""
-    memory, n = ambient._memory, UNITS
+    memory, n = memory_of(ambient._data.memory), UNITS
     bodies = ambient._data.bodies.view(np.recarray)
     pressed = rng.random(n) < rng.choice([0.0, 0.1, 0.6])  # none, few, or most, side by side
     pressed = np.arange(n) < rng.integers(7, n) if rng.random() < 0.2 else pressed
@@ -73,7 +74,8 @@ def any_state(ambient, naive, rng):
         covariance[:] = 20.0 * root @ root.T + 9.0 * np.eye(3)
     bodies.kept_s[:] = rng.choice([0.0, 0.045, 0.2], 2)
     bodies.kept_ut[:] = 40.0 * rng.standard_normal((2, 2, 3))
-    bodies.kept_ut2[:] = rng.uniform(0.5, 2.0, (2, 2, 1, 1)) * bodies.covariance_ut2
+    more = rng.uniform(0.5, 2.0, (2, 2, 1, 1)) * bodies.covariance_ut2
+    bodies.kept_ut2[:] = more.swapaxes(0, 1)
 
 
 def any_reading(naive, state, rng):

@@ -199,17 +199,6 @@ def test_a_reading_beyond_is_shown_and_doubted_and_the_second_in_a_row_is_flagge
     assert not (decoder(right).status & Status.MAGNETIC_ANOMALY).any()
 
 
-def test_a_cycle_that_is_decoded_again_is_no_second_reading():
-    skin = with_parameters(row_of(UNITS), **EXACT)
-    decoder = Decoder(skin, None, "field-angle", sweeps=0, ambient=False)
-    odd = counts_at(skin, DEPTH, REACH, 0.0, gain=1.5)
-    decoder(odd)
-    for _ in range(3):
-        assert decoder(odd, advance=False).valid.all()
-    decoder(odd)
-    assert not decoder(odd, advance=False).valid.any()
-
-
 def test_where_no_check_is_made_there_is_no_test_ratio():
     decoder = Decoder(row_of(UNITS), {"test_ratio"}, consistency=False)
     assert np.isnan(decoder(counts_at(row_of(UNITS), DEPTH, REACH, 0.0)).test_ratio).all()

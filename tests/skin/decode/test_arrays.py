@@ -9,12 +9,10 @@ from bus.status import Status
 from skin.decode.decoder import Decoder
 from skin.decode.records import LANES
 from skin.errors import CountsError
-from tests.fixtures.decode import row_of, sensible_counts
+from tests.fixtures.decode import row_of
 from tests.skin.decode.test_field_angle import counts_at
 
 pytestmark = pytest.mark.usefixtures("few_variants")
-
-NAMES = ("temperature", "force", "displacement_mm", "status", "valid")
 
 
 @pytest.mark.usefixtures("interpreted")
@@ -36,22 +34,6 @@ def test_units_of_a_block_are_idle_together(background):
         idle = decoder(counts_at(skin, depth, 0.0, 0.0), status, background).status == Status.IDLE
         expected = ~np.isin(np.arange(150) // LANES, pressed)
         np.testing.assert_array_equal(idle, expected & (status == 0))
-
-
-def test_a_fifth_row_of_the_background_is_a_variance():
-    """With it, and without it after it; one by one, and as a batch."""
-    skin = row_of(4)
-    raw = sensible_counts(skin, 3, 1, most=0.8)
-    background = np.zeros((3, 5, 4), np.float32)
-    background[:, 4] = 300.0**2
-    whole = Decoder(skin, sweeps=0, ambient=False)(raw, None, background)
-    bare = Decoder(skin, sweeps=0, ambient=False)(raw, None, background[:, :4])
-    one = Decoder(skin, sweeps=0, ambient=False)
-    for t in range(3):
-        wide = one(raw[t], None, background[t]).displacement_sigma_mm.copy()
-        np.testing.assert_array_equal(wide, whole.displacement_sigma_mm[t])
-    assert (whole.displacement_sigma_mm[:, 0] > bare.displacement_sigma_mm[:, 0]).all()
-    np.testing.assert_array_equal(Decoder(skin, sweeps=0, ambient=False)(raw).force, bare.force)
 
 
 @pytest.mark.parametrize(
@@ -77,8 +59,9 @@ def test_bound_arrays_must_lie_together():
     for raw, flags in ((np.zeros((4, 6), np.int16).T, status), (frozen, status),
                        (counts, np.zeros(8, np.uint16)[::2])):  # fmt: skip
         with pytest.raises(CountsError, match="row: must be contiguous and writeable to be bound"):
-            decoder.bind(raw, flags)
+            decoder.inputs(raw, flags)
     for raw, flags in ((counts[:5], status), (counts, status[:3])):
         with pytest.raises(CountsError, match="must be an array of"):
-            decoder.bind(raw, flags)
-    assert decoder.bind(counts, status)() is decoder.reading
+            decoder.inputs(raw, flags)
+    decoder.step(decoder.inputs(counts, status))
+    assert decoder.reading.valid.shape == (4,)

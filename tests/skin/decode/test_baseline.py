@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-import topology
-from bus.status import Status
 from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
 from skin.sim.thermal import ThermalChain
@@ -150,91 +146,6 @@ def test_zero_goes_no_farther_than_its_span_and_wants_a_tare():
     assert ambient.zero[0, :2] == pytest.approx([60.0, 60.0])
     assert ambient.wants_tare.tolist() == [True, True] + [False] * (UNITS - 2)
     assert load_hz(ambient, world)[0] == pytest.approx(12.0)
-
-
-def test_nothing_that_is_taken_off_is_hidden():
-    ambient, world = begun()
-    world.drop_hz[7] = 100.0
-    creep(world, ambient, 300.0, drift=0.5)
-    told = json.loads(json.dumps(ambient.report()))
-    names = ambient.topology.unit_names
-    assert told["followed"] == [names[i] for i in np.flatnonzero(ambient.followed)]
-    assert names[7] not in told["followed"]
-    assert told["wants_tare"] == []
-    taken = ambient.background
-    for i, name in enumerate(names):
-        zero, field = told["zeros"][name], told["ambient"]["skin"]["field_ut"]
-        chip = np.array([-1.0, -1.0, 1.0]) * (ambient.topology.rotation[:, :, i].T @ field)
-        assert taken[0, i] == pytest.approx(zero[0], rel=1e-6)
-        assert taken[1:, i] == pytest.approx(np.add(chip, [*zero[1:], 0.0]), abs=1e-3)
-    assert told["ambient"]["skin"]["voters"] == UNITS - 1
-
-
-@pytest.mark.parametrize(
-    "trouble",
-    [
-        lambda world: world.status.__setitem__(5, Status.FROZEN),
-        lambda world: world.status.__setitem__(5, Status.LATE),
-        lambda world: world.drop_hz.__setitem__(5, 40.0),
-        lambda world: world.drop_hz.__setitem__(5, -40.0),
-        lambda world: world.temperature.__setitem__(5, np.nan),
-    ],
-    ids=["frozen", "late", "pressed", "pulled", "no temperature"],
-)
-def test_unit_in_doubt_is_let_be(trouble):
-    ambient, world = begun()
-    trouble(world)
-    world.run(ambient, 30.0)
-    assert not ambient.followed[5]
-    zero = ambient.zero[:, 5]
-    creep(world, ambient, 300.0, drift=0.5)
-    assert np.array_equal(ambient.zero[:, 5], zero)
-
-
-def test_units_near_a_press_are_let_be():
-    skin = topology.load("fingertip").exact()
-    ambient, world = Ambient(skin), World(skin)
-    world.run(ambient, 12.0)
-    assert ambient.followed.all()
-    world.drop_hz[0] = 200.0
-    world.run(ambient, 2.0)
-    near = np.linalg.norm(skin.position - skin.position[:, [0]], axis=0) < 0.03
-    assert near.sum() > 6
-    assert np.array_equal(ambient.followed, ~near)
-
-
-def test_zero_waits_for_a_steady_temperature():
-    ambient, world = begun()
-    for _ in range(60):
-        world.temperature[3] += 0.25  # 5 °C a minute
-        world.run(ambient, 3.0)
-    assert not ambient.followed[3]
-    assert ambient.followed.mean() > 0.8
-    world.run(ambient, 600.0)
-    assert ambient.followed[3]
-
-
-def test_nothing_that_is_not_a_number_stays_in_memory():
-    """One cycle without a value, and the unit is as it was after a while."""
-    ambient, world = begun()
-    good = world.temperature.copy(), world.stray_ut.copy()
-    world.temperature[3], world.stray_ut[1, 5] = np.nan, np.inf
-    with np.errstate(invalid="ignore"):
-        world.run(ambient, 0.2)
-    assert ambient.voters.tolist() == [UNITS - 2]
-    world.temperature[:], world.stray_ut[:] = good
-    world.run(ambient, BEGIN_S)
-    assert ambient.followed[[3, 5]].all()
-    assert ambient.voters.tolist() == [UNITS]
-    assert np.isfinite(ambient.background).all()
-
-
-def test_missing_cycles_do_not_count_as_calm():
-    skin = apart(UNITS)
-    ambient, world = Ambient(skin), World(skin)
-    for _ in range(40):
-        ambient.update(world.cycle(ambient.background), dt_s=60.0)
-    assert not ambient.followed.any()
 
 
 def test_rest_of_bz_is_learnt_and_hardly_moves():

@@ -77,13 +77,6 @@ def test_the_sigma_holds_its_share_of_errors_of_off_centre_films():
     assert 0.66 < held < 0.71
 
 
-def test_films_in_the_middle_cost_nothing():
-    plain = row_of(UNITS)
-    assert not Decoder(plain, sweeps=0, ambient=False).plan.film_centre
-    assert Decoder(off_centre(plain), sweeps=0, ambient=False).plan.film_centre
-    assert not Decoder(off_centre(plain), {"temperature"}).plan.film_centre
-
-
 def test_kernels_have_cubes_only_where_a_force_law_has_one():
     plain = calibrated(row_of(5), seed=3)
     cubed = with_parameters(plain, shear_cubic_n_per_mm3=[0.0, 0.0, 0.1, 0.0, 0.0])

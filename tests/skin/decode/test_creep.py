@@ -154,17 +154,6 @@ def test_batches_are_single_cycles_whatever_is_wanted(want, loop):
                 np.testing.assert_array_equal(of_batch[t], single, err_msg=name)
 
 
-def test_size_and_direction_are_those_of_the_force():
-    rng = np.random.default_rng(6)
-    decoder = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)
-    for counts in counts_at(SKIN, *history(rng, 40), DIRECTION + rng.uniform(-1, 1, (40, 1))):
-        reading = decoder(counts)
-    x, y, _ = reading.force
-    np.testing.assert_allclose(reading.tangential, np.hypot(x, y), rtol=1e-12)
-    turn = np.angle(np.exp(1j * (reading.theta - np.arctan2(y, x))))
-    assert np.abs(turn).max() < 1e-6
-
-
 def test_a_cycle_that_is_decoded_once_more_does_not_move_on():
     raw = counts_at(SKIN, np.array([[0.0], [1.5]]), 1.0, DIRECTION)
     plain, again = Decoder(SKIN, sweeps=0, ambient=False), Decoder(SKIN, sweeps=0, ambient=False)
@@ -176,14 +165,6 @@ def test_a_cycle_that_is_decoded_once_more_does_not_move_on():
         again(raw[1], advance=False).force, plain(raw[1], advance=False).force
     )
     np.testing.assert_array_equal(again(raw[0]).force, plain(raw[0]).force)
-
-
-def test_reset_forgets():
-    raw = counts_at(SKIN, np.array([[0.0], [1.5], [1.5]]), 1.0, DIRECTION)
-    decoder = Decoder(SKIN, sweeps=0, ambient=False)
-    first = run(decoder, raw)
-    decoder.reset()
-    np.testing.assert_array_equal(run(decoder, raw), first)
 
 
 def test_a_run_that_starts_under_load_shows_what_it_cannot_know():
@@ -266,8 +247,8 @@ def test_tangential_sigmas_are_those_of_the_turned_ellipse():
         along2 = bare.tangential_sigma[i] ** 2
         across2 = (bare.force_sigma[:2, i] ** 2).sum() - along2
         turn = np.array([[x, -y], [y, x]])
-        sharper2 = decoder.creep._model.sharper[i] ** 2
-        own = sharper2 * turn @ np.diag([along2, across2]) @ turn.T
+        gain2 = decoder.creep._model.step_gain[i] ** 2
+        own = gain2 * turn @ np.diag([along2, across2]) @ turn.T
         more = reading.force_sigma[:2, i] ** 2 - np.diag(own)
         whole = own + np.diag(more)
         d = reading.force[:2, i] / reading.tangential[i]

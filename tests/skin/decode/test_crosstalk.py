@@ -7,8 +7,6 @@ import functools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from msgspec import structs
 
 import topology
@@ -16,12 +14,9 @@ from skin.calibrate.field_angle import angle_powers, field_angle
 from skin.decode import crosstalk as crosstalk_module
 from skin.decode import crosstalk_kernels
 from skin.decode.crosstalk import CrossTalk
-from skin.decode.decoder import Decoder
-from skin.decode.density import contraction_of
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
-from skin.sim.unit import UnitSimulator
 from tests.fixtures.decode import strokes
 from tests.skin.physics.test_stencil import change_ut, displaced, neighbours_ut, palm
 
@@ -82,47 +77,6 @@ def test_the_prediction_is_that_of_the_stencil(name):
         np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("slant", [0.0, 0.5])
-def test_lattices_may_be_slanted_have_holes_and_any_numbering(slant):
-    whole = plane(9, 7, slant=slant)
-    keep = np.random.default_rng(0).permutation(np.setdiff1d(np.arange(63), [0, 24, 25, 26, 40]))
-    skin = part_of(whole, keep)
-    stencil = Stencil.of(skin, degree=2)
-    crosstalk = CrossTalk(skin, stencil, dtype="float64")
-    moved = displaced(skin.n, cycles=1)[0]
-    np.testing.assert_allclose(predict(crosstalk, moved), stencil(moved), atol=1e-9)
-
-
-def test_a_film_at_the_end_of_a_row_is_no_neighbour_of_the_next_row():
-    skin, stencil = topology.load("palm").exact(), stencil_of("palm")
-    crosstalk = crosstalk_of("palm")
-    for unit in range(skin.n):
-        alone = np.zeros((3, skin.n))
-        alone[:, unit] = 1.0, -0.5, 1.5
-        found = predict(crosstalk, alone)
-        felt = stencil.unit[stencil.neighbour == unit]
-        others = np.setdiff1d(np.arange(skin.n), felt)
-        assert (found[:, others] == 0.0).all()
-        np.testing.assert_allclose(found, stencil(alone), atol=1e-9)
-
-
-def test_pairs_that_were_measured_one_by_one_have_coefficients_of_their_own():
-    skin, shared = (
-        topology.load("palm").exact(),
-        Stencil.of(topology.load("palm").exact(), degree=2),
-    )
-    rng = np.random.default_rng(0)
-    each = shared.coefficients[shared.kind]
-    own = dataclasses.replace(
-        shared, kind=np.arange(each.shape[0], dtype=np.int32),
-        coefficients=each * (1.0 + 0.05 * rng.standard_normal(each.shape)),
-        sigma_ut=shared.sigma_ut[shared.kind],
-    )  # fmt: skip
-    crosstalk = CrossTalk(skin, own, dtype="float64")
-    moved = displaced(skin.n, cycles=1)[0]
-    np.testing.assert_allclose(predict(crosstalk, moved), own(moved), atol=1e-9)
-
-
 # -- against magnet theory -------------------------------------------------------------------------
 @pytest.mark.long_but_first
 @pytest.mark.parametrize("name", ["palm", "hand", "fingertip"])
@@ -142,61 +96,12 @@ def test_what_is_missed_is_what_the_residue_says(name):
 
 
 # -- laws ------------------------------------------------------------------------------------------
-@settings(max_examples=8)
-@given(st.randoms(use_true_random=False))
-def test_numbering_the_units_otherwise_changes_nothing(random):
-    skin = topology.load("fingertip").exact()
-    order = np.array(random.sample(range(skin.n), skin.n))
-    moved = displaced(skin.n, cycles=1)[0]
-    found = predict(CrossTalk(part_of(skin, order), dtype="float64"), moved[:, order])
-    expected = predict(CrossTalk(skin, dtype="float64"), moved)
-    np.testing.assert_allclose(found, expected[:, order], atol=1e-9)
-
-
-def test_a_mirrored_skin_feels_mirrored_fields():
-    skin = plane(6, 5)
-    mirror = np.array([[-1.0], [1.0], [1.0]])
-    mirrored = dataclasses.replace(skin, position=mirror * skin.position)
-    moved = displaced(skin.n, cycles=1)[0]
-    one = predict(CrossTalk(skin, dtype="float64"), moved)
-    other = predict(CrossTalk(mirrored, dtype="float64"), mirror * moved)
-    np.testing.assert_allclose(other, mirror * one, atol=0.1)
-
-
-def test_what_is_not_moved_adds_nothing_and_the_rest_of_the_background_stays():
-    skin = topology.load("hand").exact()
-    crosstalk = crosstalk_of("hand")
-    nothing = np.zeros((3, skin.n))
-    assert (predict(crosstalk, nothing) == 0.0).all()
-    base = np.random.default_rng(0).normal(0.0, 50.0, (5, skin.n))
-    assert (predict(crosstalk, nothing, base=base) == base[1:4]).all()
-    moved = displaced(skin.n, cycles=1)[0]
-    found = predict(crosstalk, moved, base=base)
-    np.testing.assert_allclose(found, base[1:4] + predict(crosstalk, moved), atol=1e-9)
-
-
 @pytest.mark.parametrize("skin", [plane(1, 1), plane(3, 3, 60.0), plane(6, 1)])
 def test_units_alone_far_apart_or_in_one_row_are_skins_too(skin):
     crosstalk = CrossTalk(skin, dtype="float64")
     moved = displaced(skin.n, cycles=1)[0]
     np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
     assert (crosstalk.contraction > 0.0) == (crosstalk.stencil.kind.size > 0)
-
-
-def test_a_stronger_film_is_felt_more():
-    crosstalk = CrossTalk(topology.load("palm").exact(), stencil_of("palm"), dtype="float64")
-    alone = np.zeros((3, 64))
-    alone[:, 27] = 1.0, 0.5, 1.0
-    one = predict(crosstalk, alone)
-    crosstalk.strength[27] *= 0.95
-    np.testing.assert_allclose(predict(crosstalk, alone), 0.95 * one, atol=1e-9)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_film_that_moves_along_one_axis_counts(axis):
-    crosstalk = crosstalk_of("palm")
-    moved = displaced(64, cycles=1)[0] * (np.arange(3) == axis)[:, np.newaxis]
-    np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
 
 
 # -- units that are not known, idle, or beyond the range -------------------------------------------
@@ -259,22 +164,6 @@ def test_a_unit_that_was_not_looked_at_counts_as_not_displaced():
     moved[:2, 27] = np.nan
     np.testing.assert_array_equal(predict(crosstalk, moved), predict(crosstalk, straight))
     np.testing.assert_allclose(crosstalk.residue_ut2, crosstalk.residue_ut**2)
-
-
-def test_films_that_count_as_at_rest_add_less_than_the_bound():
-    idle_mm = 0.05
-    gated = crosstalk_of("palm", idle_mm=idle_mm)
-    every = crosstalk_of("palm", idle_mm=0.0)
-    rng = np.random.default_rng(0)
-    for angle in rng.uniform(-np.pi, np.pi, 20):
-        still = np.zeros((3, 64))
-        still[0], still[1] = 2.99 * idle_mm * np.cos(angle), 2.99 * idle_mm * np.sin(angle)
-        still[2] = 0.99 * idle_mm * rng.choice([-1.0, 1.0], 64)
-        assert (predict(gated, still) == 0.0).all()
-        assert np.abs(predict(every, still)).max() < 1.05 * gated.idle_ut
-    assert gated.idle_ut < 10.0 * np.sqrt(np.mean(predict(every, still) ** 2))
-    still[2, 27] = 1.01 * idle_mm
-    assert (predict(gated, still) != 0.0).any()
 
 
 def test_a_film_beyond_the_range_stands_where_the_polynomials_end_and_is_not_known():
@@ -355,28 +244,6 @@ def test_a_sweep_takes_away_what_the_contraction_says():
         assert errors[1] < 1.2 * crosstalk.contraction * errors[0]
 
 
-def test_the_nearer_the_units_the_less_a_sweep_takes_away():
-    contractions = [
-        contraction_of(skin, Stencil.of(skin, degree=2))
-        for skin in (plane(6, 6, pitch) for pitch in (15.0, 13.5, 12.0, 10.0))
-    ]
-    assert contractions == sorted(contractions)
-    assert contractions[0] < 0.1 < contractions[2] < 0.25
-    assert contraction_of(plane(1, 1), Stencil.of(plane(1, 1))) == 0.0
-    # the spectral radius is that of the whole matrix
-    skin = plane(3, 4)
-    stencil = Stencil.of(skin, degree=1)
-    whole = np.zeros((2, skin.n, 2, skin.n))
-    whole[:, stencil.unit, :, stencil.neighbour] = (
-        stencil.coefficients[stencil.kind, :2, :2] * stencil.strength[0]
-    )
-    p = skin.parameters
-    rest = p["field_amplitude_ut"] * np.exp(-p["field_growth_per_mm"] * p["field_reference_mm"])
-    whole /= (p["field_wavenumber_rad_per_mm"] * rest)[0]
-    radius = np.abs(np.linalg.eigvals(whole.reshape(2 * skin.n, -1))).max()
-    assert contraction_of(skin, stencil) == pytest.approx(radius, rel=0.02)
-
-
 def test_units_too_near_for_their_films_are_refused():
     skin = plane(4, 4, 12.0)
     weak = dict(skin.parameters)
@@ -390,47 +257,6 @@ def test_units_too_near_for_their_films_are_refused():
 
 
 # -- heat ------------------------------------------------------------------------------------------
-
-
-def test_warm_films_are_weaker_as_are_those_at_rest():
-    skin, crosstalk = topology.load("palm").exact(), crosstalk_of("palm")
-    moved = displaced(skin.n, cycles=1)[0]
-    above = np.random.default_rng(2).uniform(-10.0, 55.0, skin.n)
-    gain = skin.parameters["film_drift_per_k"] * above
-    out, usable = np.empty((5, skin.n)), np.ones(skin.n, bool)
-    base = np.arange(5.0 * skin.n).reshape(5, skin.n)
-    crosstalk.predict(moved, usable, out, base, above)
-    weaker = CrossTalk(skin, dataclasses.replace(
-        stencil_of("palm"), strength=stencil_of("palm").strength * (1.0 + gain)
-    ), dtype="float64", idle_mm=0.0)  # fmt: skip
-    rest = stencil_of("palm").rest_ut * gain
-    np.testing.assert_allclose(out[1:4], base[1:4] + rest + predict(weaker, moved), atol=1e-6)
-    assert np.abs(out[1:4] - base[1:4] - predict(crosstalk, moved)).max() > 20.0
-    np.testing.assert_array_equal(out[0], base[0])
-    np.testing.assert_allclose(out[4], base[4] + crosstalk.residue_ut2)
-
-
-@pytest.mark.parametrize("film_c", [25.0, 75.0])
-def test_a_hot_array_is_decoded_as_well_as_a_cold_one(film_c):
-    """Weaker films of the neighbours, at rest and displaced, and the chips' gain on their field."""
-    skin = topology.load("palm").exact()
-    assert skin.parameters["hall_gain_per_k"].all()
-    units = UnitSimulator(skin, seed=1, field=HalbachField(skin, reach_m=1.0))
-    decoder = Decoder(
-        skin, {"displacement", "temperature"}, dtype="float64", sweeps=2, ambient=False
-    )
-    rng, off = np.random.default_rng(3), []
-    for _ in range(8):
-        pressed = rng.random(skin.n) < 0.6
-        depth, reach = 2.0 * rng.random(skin.n), 2.5 * np.sqrt(rng.random(skin.n))
-        way = rng.uniform(-np.pi, np.pi, skin.n)
-        moved = reach * pressed * np.stack([np.cos(way), np.sin(way)])
-        values = units.quantities(depth * pressed, moved, np.full(skin.n, film_c))
-        decoder.reset()
-        for _ in range(3):
-            reading = decoder(units.quantise(values))
-        off.append((reading.displacement_mm[:2] - moved)[:, pressed])
-    assert 1e3 * np.sqrt(np.mean(np.sum(np.concatenate(off, axis=1) ** 2, axis=0))) < 7.0
 
 
 # -- the kernels as Python -------------------------------------------------------------------------

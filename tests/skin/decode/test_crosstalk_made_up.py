@@ -145,19 +145,6 @@ def test_a_film_counts_from_its_bounds_on_and_stands_still_beyond_its_range(name
     assert (crosstalk.residue_ut2 > crosstalk.residue_ut**2 * 1.001).any() == (not known)
 
 
-def test_what_films_at_rest_may_add_is_bounded_by_the_linear_terms():
-    skin = plane(4, 4)
-    stencil = made_up(skin, 2)
-    c = (
-        np.abs(stencil.coefficients[stencil.kind, :, :3])
-        * stencil.strength[stencil.neighbour, np.newaxis, np.newaxis]
-    )
-    each = 0.3 * np.hypot(c[:, :, 0], c[:, :, 1]) + 0.1 * c[:, :, 2]
-    worst = max(each[stencil.unit == i, axis].sum() for i in range(16) for axis in range(3))
-    assert crosstalk_of(skin, stencil, idle_mm=0.1).idle_ut == pytest.approx(worst)
-    assert crosstalk_of(skin, stencil).idle_ut == 0.0
-
-
 def test_contraction_is_the_largest_eigenvalue_over_the_depths():
     """Of how the field changes with a displacement, over how a displacement follows a field."""
     skin = plane(3, 4)

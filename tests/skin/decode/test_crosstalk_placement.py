@@ -60,13 +60,6 @@ def test_units_off_their_places_add_what_the_variance_says(kind, tared):
     assert ((ratio > 0.45) & (ratio < 1.5)).all()
 
 
-def test_the_variance_grows_with_the_square_of_the_error_and_is_none_without():
-    once, twice = (placed(0.1 * k, 0.01 * k) for k in (1.0, 2.0))
-    stencil = Stencil.of(once)
-    np.testing.assert_allclose(placement_ut2(twice, stencil), 4.0 * placement_ut2(once, stencil))
-    assert (placement_ut2(plane(4, 4), stencil) == 0.0).all()
-
-
 def test_cross_talk_of_the_drawing_holds_it_and_that_of_a_stencil_that_is_given_does_not():
     """A stencil that was measured on the skin knows the places."""
     skin = placed(0.2, 0.01)

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from bus.status import Status
-from skin.decode import records
 from skin.decode.decoder import Decoder
-from skin.decode.flags import judge
-from skin.errors import CalibrationError, CountsError, OptionError, SkinError
+from skin.errors import CalibrationError, CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
 pytestmark = pytest.mark.usefixtures("few_variants")
@@ -96,18 +94,6 @@ def test_rails_are_those_of_the_wire():
     assert decoder(raw).status[0] & Status.SATURATED
 
 
-def test_displacement_beyond_its_calibration_is_extrapolated():
-    skin = with_parameters(row_of(2), tangential_max_mm=[1.0, 2.4])
-    reading = sine(skin)(counts_of(2, frequency=frequency_of(2.0), bx=4000))
-    assert 1.0 < reading.displacement_mm[0, 0] < 2.4
-    assert reading.status.tolist() == [Status.EXTRAPOLATED, Status.OK]
-
-
-def test_growth_that_leaves_the_exponential_is_refused():
-    with pytest.raises(CalibrationError, match="row/r0c0: field_growth_per_mm: must be a growth "):
-        Decoder(with_parameters(row_of(1), field_growth_per_mm=20.0), sweeps=0, ambient=False)
-
-
 def test_flags_of_the_bus_come_first():
     raw = counts_of(4)
     raw[0, 1] = 0
@@ -125,13 +111,6 @@ def test_disabled_units_say_so_without_a_bus():
     skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
     reading = sine(skin)(counts_of(3))
     assert reading.status.tolist() == [0, Status.DISABLED, 0]
-
-
-def test_a_disabled_unit_has_no_other_flag_whatever_it_reads():
-    skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
-    reading = Decoder(skin, sweeps=0, ambient=False)(counts_of(3, bx=8000))
-    extrapolated = Status.EXTRAPOLATED
-    assert reading.status.tolist() == [extrapolated, Status.DISABLED, extrapolated]
 
 
 # -- memory --------------------------------------------------------------------------------------
@@ -282,12 +261,6 @@ def test_arrays_that_are_filled_again_are_read_again():
     assert np.isfinite(decoder(counts).temperature[3])
 
 
-def test_no_cycles_make_an_empty_batch():
-    assert Decoder(row_of(3), sweeps=0, ambient=False)(
-        np.zeros((0, 6, 3), np.int16)
-    ).force.shape == (0, 3, 3)
-
-
 # -- refusals ------------------------------------------------------------------------------------
 
 EXPECTED = "row: raw: must be an array of int16, shape (6, 3) or shape (t, 6, 3); got "
@@ -380,12 +353,6 @@ def test_a_correction_is_not_a_rotation():
         Decoder(with_parameters(row_of(2), theta_correction_rad=table), sweeps=0, ambient=False)
 
 
-def test_every_refusal_is_a_skin_error():
-    assert issubclass(OptionError, SkinError)
-    assert issubclass(CountsError, SkinError)
-    assert issubclass(CalibrationError, SkinError)
-
-
 def test_public_names_load_late():
     code = (
         "import sys, skin; assert 'numba' not in sys.modules; "
@@ -397,34 +364,6 @@ def test_public_names_load_late():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "module 'skin' has no attribute 'Decodr'"
-
-
-def test_flags_are_those_of_a_unit_alone_at_every_end_of_every_range():
-    skin = calibrated(row_of(150, layout="f3t-fd16"), seed=4)
-    enabled = np.arange(skin.n) != 140
-    skin = dataclasses.replace(skin, enabled=enabled)
-    decoder = sine(skin, {"temperature"})
-    limits = decoder._model.limits
-    tidy = sensible_counts(skin, 1)[0]
-    tidy[records.BX :] = 0
-    lanes, seen = records.LANES, set()
-    for unit in (0, 5, 127, 128, 139, 140):
-        block, lane = limits[unit // lanes], unit % lanes
-        kinds = ("rail", "possible", "calibrated")
-        for channel, name in enumerate(records.CHANNEL_NAMES):
-            for row in {f"{kind}_{name}" for kind in kinds}.intersection(block.dtype.names):
-                low = int(block[row]["low"][lane])
-                high = low + (int(block[row]["width"][lane]) & 0xFFFF)
-                for count in (low - 1, low, high, high + 1):
-                    raw = tidy.copy()
-                    raw[channel, unit] = np.array(count).astype(np.int16)
-                    flags = judge(0, raw[:, unit], block, lane)
-                    shown = int(decoder(raw).status[unit])
-                    assert shown == flags, (unit, channel, count)
-                    others = np.delete(decoder.reading.status, [unit, 140])
-                    assert not others.any()
-                    seen.add(flags)
-    assert {0, int(Status.DISABLED), int(Status.SATURATED), int(Status.EXTRAPOLATED)} <= seen
 
 
 def test_a_message_does_not_list_all_units_of_a_skin():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mpmath import mp, mpf
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
@@ -18,8 +17,6 @@ from tests.fixtures.decode import (
     any_counts,
     calibrated,
     row_of,
-    sensible_counts,
-    sine,
     with_parameters,
 )
 
@@ -59,126 +56,10 @@ def counts_at(skin, depth, reach, direction, temperature=25.0, gain=1.0, noise=N
     )
 
 
-def oracle(skin, counts):
-    """R x, R y, Ft of one cycle with 40 digits."""
-    rows = []
-    with mp.workdps(40):
-        for i in range(skin.n):
-            p = {name: mpf(float(v[i])) for name, v in skin.parameters.items() if v.ndim == 1}
-            table = [mpf(float(v)) for v in skin.parameters["field_angle_mm"][:, i]]
-            _, f, bx, by, bz, chip = (
-                mpf(float(skin.scale[c, i])) * int(counts[c, i]) + mpf(float(skin.offset[c, i]))
-                for c in range(6)
-            )
-            above = chip - p["hall_reference_c"]
-            bx, by, bz = (
-                b - p[f"hall_offset_{axis}_ut"] - p[f"hall_drift_{axis}_ut_per_k"] * above
-                for b, axis in ((bx, "x"), (by, "y"), (bz, "z"))
-            )
-            x, y = p["field_xx"] * bx + p["field_xy"] * by, p["field_yx"] * bx + p["field_yy"] * by
-            h = (p["frequency_rest_hz"] - f) / p["frequency_slope_hz_per_mm"]
-            psi = mp.atan2(mp.hypot(x, y), bz)
-            r = sum(table[4 * a + b] * psi ** (2 * a + 1) * h**b
-                    for a in range(4) for b in range(4))  # fmt: skip
-            ft = p["shear_soft_n_per_mm"] * r
-            ft += p["shear_stiff_n_per_mm"] * max(r - p["shear_break_mm"], 0)
-            ft *= 1 + p["shear_gain_per_mm"] * (h - p["field_reference_mm"])
-            theta = mp.atan2(y, x)
-            rows.append([r * mp.cos(theta), r * mp.sin(theta), ft])
-    return np.array([[float(v) for v in row] for row in rows]).T
-
-
 # -- truth -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("dtype", "most_mm", "most_n"), [("float64", 1e-9, 1e-9),
-                                                           ("float32", 5e-6, 2e-5)])  # fmt: skip
-def test_it_is_the_polynomial_with_forty_digits(dtype, most_mm, most_n):
-    skin = calibrated(row_of(60), seed=11)
-    rng = np.random.default_rng(2)
-    raw = counts_at(
-        skin, rng.uniform(0.0, 1.9, 60), rng.uniform(0.0, 2.9, 60), rng.uniform(-3.1, 3.1, 60)
-    )
-    got, exact = angled(skin, dtype=dtype)(raw), oracle(skin, raw)
-    assert np.abs(got.displacement_mm[:2] - exact[:2]).max() <= most_mm
-    assert np.abs(got.tangential - exact[2]).max() <= most_n
-
-
-@given(seeds, st.sampled_from(["f3t-fd16", "f3t-classic"]))
-def test_it_knows_no_crest(seed, layout):
-    """To 3 mm, where the arcsine has ended; what is left is the rounding of the counts."""
-    skin = row_of(30, layout)
-    rng = np.random.default_rng(seed)
-    depth, reach = rng.uniform(0.3, 1.9, 30), rng.uniform(0.0, 2.95, 30)
-    direction = rng.uniform(-np.pi, np.pi, 30)
-    got = angled(skin, dtype="float64")(counts_at(skin, depth, reach, direction))
-    step = skin.scale[2:5].max(axis=0)
-    whole = amplitude_of(skin, depth) * 0.9
-    expected = reach * np.stack([np.cos(direction), np.sin(direction)])
-    assert np.all(np.abs(got.displacement_mm[:2] - expected) <= 3.0 * step / whole + 5e-3)
-    assert not (got.status & (Status.SATURATED | Status.MAGNETIC_ANOMALY)).any()
-
-
 # -- what it does not feel -------------------------------------------------------------------------
-
-
-@pytest.mark.long
-@given(seeds, st.floats(0.8, 1.2))
-def test_the_strength_of_the_magnet_and_the_gain_of_the_chip_cancel(seed, gain):
-    skin = row_of(30)
-    rng = np.random.default_rng(seed)
-    place = rng.uniform(0.5, 1.9, 30), rng.uniform(0.2, 2.4, 30), rng.uniform(-3.0, 3.0, 30)
-    plain, weak = (angled(skin, dtype="float64")(counts_at(skin, *place, gain=g)).displacement_mm
-                   for g in (1.0, gain))  # fmt: skip
-    assert np.abs(plain - weak).max() < 3e-3
-    arcsine = sine(skin, dtype="float64")(counts_at(skin, *place, gain=0.95))
-    assert np.abs(plain - arcsine.displacement_mm).max() > 0.03
-
-
-@given(seeds, dtypes, st.sampled_from([(-1, -1), (-1, 1), (1, -1)]))
-def test_reflected_fields_give_reflected_displacements_to_the_bit(seed, dtype, signs):
-    skin = row_of(40)
-    raw = sensible_counts(skin, 1, seed)[0]
-    decoder = angled(skin, dtype=dtype)
-    before = decoder(raw).displacement_mm.copy()
-    raw[2:4] *= np.array(signs, np.int16)[:, np.newaxis]
-    decoder.reset()
-    np.testing.assert_array_equal(
-        decoder(raw).displacement_mm, before * np.array([*signs, 1], dtype)[:, np.newaxis]
-    )
-
-
-@given(seeds, dtypes)
-def test_a_quarter_turn_of_the_field_turns_the_displacement(seed, dtype):
-    skin = row_of(40)
-    raw = sensible_counts(skin, 1, seed)[0]
-    turned = raw.copy()
-    turned[2], turned[3] = -raw[3], raw[2]
-    one, other = (angled(skin, dtype=dtype)(r).displacement_mm for r in (raw, turned))
-    limit = 2e-6 if dtype == "float32" else 1e-12
-    assert np.abs(other[0] + one[1]).max() <= limit
-    assert np.abs(other[1] - one[0]).max() <= limit
-
-
-@given(seeds, dtypes, st.sampled_from([2, 3, 4]))
-def test_all_of_the_field_scaled_is_the_same_angle(seed, dtype, factor):
-    skin = row_of(40)
-    raw = sensible_counts(skin, 1, seed)[0]
-    raw[2:5] //= 4
-    more = raw.copy()
-    more[2:5] *= factor
-    one, other = (angled(skin, dtype=dtype)(r).displacement_mm for r in (raw, more))
-    assert np.abs(one - other).max() <= (3e-6 if dtype == "float32" else 1e-12)
-
-
-@pytest.mark.long
-@given(seeds)
-def test_float32_agrees_with_float64(seed):
-    skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
-    raw = sensible_counts(skin, 2, seed)
-    single, double = (angled(skin, dtype=dtype)(raw) for dtype in ("float32", "float64"))
-    assert np.abs(single.displacement_mm - double.displacement_mm).max() < 5e-6
-    assert np.abs(single.force - double.force).max() < 5e-5
 
 
 # -- its end ---------------------------------------------------------------------------------------
@@ -229,49 +110,7 @@ def test_no_lateral_field_is_no_shear(dtype):
     assert np.all((sigma[:2] > 0.02) & (sigma[:2] < 0.05))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_no_field_at_all_is_an_anomaly(dtype):
-    raw = counts_at(row_of(2), 1.0, np.zeros(2), 0.0)
-    raw[2:5] = 0
-    decoder = angled(row_of(2), dtype=dtype)
-    decoder(raw)
-    got = decoder(raw)
-    expected = Status.MAGNETIC_ANOMALY | Status.EXTRAPOLATED
-    assert got.status.tolist() == [expected] * 2
-    assert not got.valid.any()
-    assert np.isfinite(got.displacement_sigma_mm).all()
-
-
 # -- consistency -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-@pytest.mark.parametrize(("gain", "odd"), [(1.0, False), (0.97, False), (1.6, True), (0.5, True)])
-def test_a_field_too_strong_or_too_weak_is_an_anomaly(estimator, gain, odd):
-    """Everywhere, at R = 0 as well: steel near a unit does not pass as a displacement."""
-    skin = row_of(60)
-    rng = np.random.default_rng(3)
-    reach = np.where(np.arange(60) < 20, 0.0, rng.uniform(0.0, 2.4, 60))
-    raw = counts_at(skin, rng.uniform(0.8, 1.9, 60), reach, rng.uniform(-3, 3, 60), gain=gain)
-    decoder = Decoder(skin, None, estimator, sweeps=0, ambient=False)
-    decoder(raw)
-    reading = decoder(raw)
-    found = reading.status & Status.MAGNETIC_ANOMALY != 0
-    assert found.all() if odd else not found.any()
-    np.testing.assert_array_equal(reading.valid, ~found)
-
-
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-def test_noise_and_a_hot_magnet_are_no_anomaly(estimator):
-    skin = row_of(500)
-    rng = np.random.default_rng(4)
-    for warm in (20.0, 80.0):
-        raw = counts_at(
-            skin, rng.uniform(0.0, 1.95, 500), rng.uniform(0.0, 2.45, 500),
-            rng.uniform(-3, 3, 500), np.full(500, warm), 1.0 - 0.0011 * (warm - 25.0), rng,
-        )  # fmt: skip
-        reading = Decoder(skin, None, estimator, sweeps=0, ambient=False)(raw)
-        assert not (reading.status & Status.MAGNETIC_ANOMALY).any()
 
 
 # -- which estimator -------------------------------------------------------------------------------

@@ -10,10 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.peers_decode import array_of, counts_of
 from bus.status import Status
 from skin.decode import kernel
-from skin.decode import parts as parts_module
 from skin.decode.decoder import Decoder
 from skin.options import ESTIMATORS
 from skin.sim.unit import UnitSimulator
@@ -49,12 +47,6 @@ def subset(skin, units):
 
 def values_of(reading):
     return [getattr(reading, name) for name in FIELDS]
-
-
-def assert_same_bits(one, other):
-    for name, a, b in zip(FIELDS, values_of(one), values_of(other), strict=True):
-        assert a.dtype == b.dtype
-        assert a.tobytes() == b.tobytes(), name
 
 
 def nominal_counts(gel=1430, frequency=12000, bx=0, by=0, chip=0, n=1, layout="f3t-fd16"):
@@ -182,6 +174,9 @@ def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
         np.testing.assert_allclose(a, b, err_msg=name, **loose)
 
 
+# -- symmetries ----------------------------------------------------------------------------------
+
+
 @given(seeds)
 def test_float32_agrees_with_float64(seed):
     skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
@@ -195,9 +190,6 @@ def test_float32_agrees_with_float64(seed):
     assert np.abs(single.force - double.force).max() < 4e-5
     assert np.abs(single.displacement_mm - double.displacement_mm).max() < 2e-5
     np.testing.assert_array_equal(single.status, double.status)
-
-
-# -- symmetries ----------------------------------------------------------------------------------
 
 
 @given(seeds, dtypes, st.sampled_from([(-1, -1), (-1, 1), (1, -1)]))
@@ -216,21 +208,6 @@ def test_reflected_fields_give_reflected_forces_to_the_bit(seed, dtype, signs):
     np.testing.assert_array_equal(after.displacement_mm, signs * place)
 
 
-@given(seeds, dtypes)
-def test_a_quarter_turn_of_the_field_turns_the_force(seed, dtype):
-    skin = row_of(40)
-    raw = sensible_counts(skin, 1, seed, most=0.9)
-    turned = raw.copy()
-    turned[:, 2], turned[:, 3] = -raw[:, 3], raw[:, 2]
-    decoder = sine(skin, dtype=dtype)
-    before = decoder(raw)
-    decoder.reset()
-    after = decoder(turned)
-    limit = 2e-5 if dtype == "float32" else 1e-11
-    assert np.abs(after.force[:, 0] + before.force[:, 1]).max() <= limit
-    assert np.abs(after.force[:, 1] - before.force[:, 0]).max() <= limit
-
-
 @pytest.mark.long
 @given(seeds, dtypes, st.integers(1, 150))
 def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
@@ -245,37 +222,6 @@ def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
     )
     for name, a, b in zip(FIELDS, values_of(every), values_of(some), strict=True):
         assert np.ascontiguousarray(a[..., order]).tobytes() == b.tobytes(), name
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("machine_code")
-def test_units_that_are_fetched_ahead_change_no_bit_either():
-    many = array_of(parts_module.FAR + 77, alike=True)
-    raw = counts_of(many)
-    last = slice(many.n - 300, None)
-    few = array_of(300, alike=True)
-    want = {"temperature", "force"}
-    every = sine(many, want)(raw)
-    some = sine(few, want)(np.ascontiguousarray(raw[:, last]))
-    for name in ("temperature", "force", "status", "valid"):
-        a, b = getattr(every, name)[..., last], getattr(some, name)
-        assert np.ascontiguousarray(a).tobytes() == b.tobytes(), name
-
-
-@given(seeds, dtypes)
-def test_units_do_not_see_each_other(seed, dtype):
-    skin = calibrated(row_of(35), seed=2)
-    raw = sensible_counts(skin, 2, seed)
-    other = raw.copy()
-    lone = seed % 35
-    other[:, :, lone] = any_counts(skin, 2, seed)[:, :, lone]
-    decoder = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)
-    before = decoder(raw)
-    decoder.reset()
-    after = decoder(other)
-    rest = np.arange(35) != lone
-    for a, b in zip(values_of(before), values_of(after), strict=True):
-        np.testing.assert_array_equal(a[..., rest], b[..., rest])
 
 
 @given(seeds, dtypes)
@@ -306,51 +252,7 @@ def test_units_that_are_alike_decode_as_units_that_differ():
 # -- monotony ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_tangential_force_grows_with_the_field(dtype):
-    skin = row_of(1)
-    raw = np.repeat(nominal_counts()[np.newaxis], 8000, axis=0)
-    raw[:, 2, 0] = np.arange(8000)
-    got = sine(skin, dtype=dtype)(raw)
-    assert np.all(np.diff(got.tangential[:, 0]) >= 0.0)
-    assert got.displacement_mm[-1, 0, 0] == pytest.approx(2.5, abs=1e-6)
-
-
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_normal_force_falls_with_the_frequency_without_a_step(dtype):
-    skin = row_of(1)
-    raw = np.repeat(nominal_counts()[np.newaxis], 21600, axis=0)
-    raw[:, 1, 0] = np.arange(21600)
-    normal = sine(skin, dtype=dtype)(raw).force[:, 2, 0]
-    steps = np.diff(normal.astype(float))
-    assert np.all(steps < 0.0)
-    assert np.abs(steps).max() <= 0.25 / 200.0 * 1.01
-    assert normal[18000] == pytest.approx(0.0, abs=1e-6)
-    assert normal[18040] == pytest.approx(-10.0 / 600.0, abs=1e-6)  # a pull is not clipped
-    assert normal[4 * (4500 - 540)] == pytest.approx(0.9, abs=1e-5)
-    assert normal[4 * (4500 - 1800)] == pytest.approx(7.2, abs=1e-5)
-
-
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_temperature_grows_with_the_gel_current(dtype):
-    skin = row_of(1)
-    gel = np.arange(250, 32767)
-    raw = np.repeat(nominal_counts()[np.newaxis], gel.size, axis=0)
-    raw[:, 0, 0] = gel
-    steps = np.diff(sine(skin, dtype=dtype)(raw).temperature[:, 0])
-    assert np.all(steps >= (0.0 if dtype == "float64" else -2e-5))
-
-
 # -- edges ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_no_field_is_no_shear(dtype):
-    got = sine(row_of(3), dtype=dtype)(nominal_counts(n=3))
-    assert not got.force[:2].any()
-    assert not got.displacement_mm[:2].any()
-    assert not got.tangential.any()
-    assert not got.theta.any()
 
 
 @given(seeds, dtypes, st.sampled_from(["f3t-fd16", "f3t-classic"]))

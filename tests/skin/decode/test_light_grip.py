@@ -126,16 +126,6 @@ def test_shear_of_light_pads_is_felt(pair, pad_n, field_ut):
     assert np.mean(shares) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize(("load_n", "shear_n"), [(0.01, 0.1), (0.02, 0.1), (0.03, 0.03)])
-def test_shear_of_a_palm_that_is_hardly_pressed_is_felt(load_n, shear_n):
-    """64 units at 10 mN each are below the gate of a contact by three, and 28 sigma together."""
-    grip = settled(topology.load("palm").exact(), EARTH, seed=1)
-    assert grip.close(load_n, shear_n, 0.5) == pytest.approx(1.0, abs=0.1)
-    assert grip.ambient.voters.tolist() == [0]
-    # and it is still there when the grip grows
-    assert grip.close(0.1, shear_n, 0.1) == pytest.approx(1.0, abs=0.1)
-
-
 def test_a_grip_that_closes_within_seconds_is_noticed_before_its_shear_is_lost(pair):
     shares = [settled(pair, EARTH, seed).close(0.04, 0.02, 3.0) for seed in range(4)]
     assert np.mean(shares) == pytest.approx(1.0, abs=0.1)
@@ -165,7 +155,7 @@ def test_a_grip_that_is_let_go_for_a_moment_goes_back_to_no_old_field(pair):
     grip.run(0.1)
     assert grip.ambient.voters.tolist() == [0]
     off = grip.ambient.field_ut[:, 0] - grip.field_ut
-    sigma = np.sqrt(np.einsum("aa->a", grip.ambient.covariance_ut2[..., 0]))
+    sigma = np.sqrt(np.einsum("aa->a", grip.ambient.covariance_ut2[0]))
     assert (np.abs(off) < 2.5 * sigma).all()
 
 
@@ -205,7 +195,7 @@ def test_a_turn_that_is_reported_turns_the_field_that_is_held(learns):
         turn(1, 1.5, 1.5)
         assert grip.ambient.voters[0] == 0
         misses.append(grip.ambient.field_ut[:, 0] - grip.field_ut)
-        sigmas.append(np.sqrt(np.einsum("aa->a", grip.ambient.covariance_ut2[..., 0])))
+        sigmas.append(np.sqrt(np.einsum("aa->a", grip.ambient.covariance_ut2[0])))
     spread, sigma = np.sqrt(np.mean(np.square(misses))), np.sqrt(np.mean(np.square(sigmas)))
     assert spread < 1.5 * sigma
     assert spread < 15.0 if learns else spread > 30.0
@@ -282,7 +272,7 @@ def test_residue_is_of_the_lateral_axes_of_each_unit():
     """A flat skin whose wire has no Bz knows nothing of the field along it, which is no error of
     what it decodes from the lateral one."""
     grip = settled(without_bz(topology.load("palm").exact()), EARTH, seed=7)
-    assert grip.ambient.covariance_ut2[2, 2, 0] == pytest.approx(2500.0)
+    assert grip.ambient.covariance_ut2[0, 2, 2] == pytest.approx(2500.0)
     assert np.sqrt(grip.ambient.residue_ut2).max() < 6.0
 
 
@@ -298,10 +288,3 @@ def test_residue_holds_what_an_unknown_vertical_field_does_to_the_angle(pair, sh
     as_field = moved * np.hypot(across, up)
     assert np.sqrt(grip.ambient.residue_ut2.mean() - lateral2) == pytest.approx(as_field, rel=0.05)
     assert as_field > 10.0
-
-
-def test_body_of_each_unit_is_public():
-    hand = topology.load("hand")
-    ambient = Ambient(hand)
-    frames = [ambient.bodies[g] for g in ambient.body]
-    assert frames == [hand.patch_frames[patch] for patch in hand.patch]

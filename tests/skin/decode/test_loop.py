@@ -29,39 +29,6 @@ def pressed_palm():
     return palm, simulated.quantise(values), place
 
 
-def error_um(reading, place):
-    off = (reading.displacement_mm - place)[:2, place[2] > 0.0]
-    return 1e3 * np.sqrt(np.mean(off**2))
-
-
-@pytest.mark.parametrize("sweeps", [1, 2])
-def test_sweeps_take_off_what_neighbours_add(sweeps):
-    palm, counts, place = pressed_palm()
-    decoder = Decoder(palm, None, "field-angle", sweeps=sweeps, ambient=False)
-    alone = error_um(Decoder(palm, None, "field-angle", sweeps=0, ambient=False)(counts), place)
-    found = [error_um(decoder(counts), place) for _ in range(4)]
-    assert alone > 30.0
-    assert found[-1] < 0.7 * alone
-    if sweeps == 2:
-        assert found[0] < 0.8 * alone  # the first cycle knows its own neighbours
-
-
-def test_a_batch_goes_through_the_loop_as_its_cycles_do():
-    palm, counts, _ = pressed_palm()
-    raw = np.stack([counts, counts, np.roll(counts, 8, axis=1), counts])
-    status = np.zeros(raw.shape[::2], np.uint16)
-    status[2, 5] = Status.LATE
-    want = {"displacement", "sigma"}
-    batch = Decoder(palm, want, "field-angle", sweeps=1, ambient=True)(raw, status)
-    single = Decoder(palm, want, "field-angle", sweeps=1, ambient=True)
-    for t in range(len(raw)):
-        one = single(raw[t], status[t])
-        for name in ("displacement_mm", "displacement_sigma_mm", "status", "valid"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(batch, name)[t], name)
-    assert batch.field_ut is None  # the loop needs it, the caller did not want it
-    assert batch.force is None
-
-
 def test_reset_forgets_neighbours_and_drifts():
     palm, counts, _ = pressed_palm()
     decoder = Decoder(palm, {"displacement", "sigma"}, "field-angle", sweeps=1, ambient=True)
@@ -70,21 +37,6 @@ def test_reset_forgets_neighbours_and_drifts():
     assert np.abs(first - later).max() > 1e-3
     decoder.reset()
     np.testing.assert_array_equal(decoder(counts).displacement_mm, first)
-
-
-def test_a_field_that_all_units_see_comes_off():
-    palm, _, _ = pressed_palm()
-    simulated = UnitSimulator(palm, noise=False, field=HalbachField(palm))
-    still = simulated.quantities(np.zeros(palm.n), np.zeros((2, palm.n)), np.full(palm.n, 25.0))
-    still[2] += 50.0
-    counts = simulated.quantise(still)
-    options = {"sweeps": 1, "ambient": True}
-    decoder = Decoder(palm, {"displacement", "sigma"}, "field-angle", **options)
-    first = decoder(counts).displacement_mm[0].mean()
-    for _ in range(250):
-        reading = decoder(counts)
-    assert abs(first) > 0.01
-    assert np.abs(reading.displacement_mm[0].mean()) < 0.2 * abs(first)
 
 
 def test_units_without_load_are_looked_at_now_and_then_for_the_ambient_field():

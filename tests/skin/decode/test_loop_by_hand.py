@@ -154,10 +154,11 @@ def test_a_batch_and_bound_arrays_go_through_the_loop_as_cycles_do():
                 np.testing.assert_array_equal(getattr(found, name)[t], getattr(reading, name), name)
     counts, flags = np.zeros((6, 9), np.int16), np.zeros(9, np.uint16)
     one, bound = Decoder(skin, WANT, **options), Decoder(skin, WANT, **options)
-    call = bound.bind(counts, flags)
+    inputs = bound.inputs(counts, flags)
     for t in range(5):
         counts[:], flags[:] = raw[t], status[t]
-        same(call(), one(raw[t], status[t]))
+        bound.step(inputs)
+        same(bound.reading, one(raw[t], status[t]))
 
 
 @pytest.mark.parametrize("loop", [{"sweeps": 2}, {"ambient": True}, {"sweeps": 1, "ambient": True}])

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
-from skin.errors import CountsError, OptionError
-from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts, with_parameters
+from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts
 from tests.skin.decode.test_field_angle import counts_at
 
 seeds = st.integers(0, 2**32 - 1)
@@ -49,37 +48,10 @@ def plan_of(skin, want=None, **options):
 # -- the plan --------------------------------------------------------------------------------------
 
 
-def test_a_plan_is_no_longer_than_the_scene():
-    nominal = plan_of(row_of(3))
-    assert nominal.quantities == (
-        "temperature", "force", "tangential", "theta", "displacement", "field",
-        "test_ratio",
-    )  # fmt: skip
-    assert nominal.sigma
-    assert nominal.film_compensation  # the check of the field needs M0
-    assert not nominal.theta_correction
-    short = plan_of(row_of(3), {"force"}, consistency=False)
-    assert not short.film_compensation  # the angle does not
-    assert not short.chip_compensation  # no offset drifts, and the gain cancels
-    assert plan_of(row_of(3), {"force"}, estimator="sine", consistency=False).film_compensation
-    drifting = with_parameters(row_of(3), hall_drift_z_ut_per_k=1.0)
-    assert plan_of(drifting, {"force"}, consistency=False).chip_compensation
-    heat = plan_of(row_of(3), {"temperature"})
-    assert not any((heat.film_compensation, heat.chip_compensation, heat.consistency))
-    assert plan_of(row_of(3, "f3t-classic")).chip_lags
-    assert plan_of(calibrated(row_of(3), turn_rad=0.1)).theta_correction
-
-
 def test_units_without_load_are_looked_at_every_twentieth_of_a_second():
     for rate, every in ((10.0, 1), (100.0, 5), (1000.0, 50)):
         assert plan_of(row_of(3, rate_hz=rate), skip=True).look_every == every
         assert plan_of(row_of(3, rate_hz=rate)).look_every == 1
-
-
-@pytest.mark.parametrize("sweeps", [3, -1])
-def test_other_numbers_of_sweeps_are_refused(sweeps):
-    with pytest.raises(OptionError, match=f"sweeps: must be 0, 1 or 2; got {sweeps}"):
-        plan_of(row_of(3), sweeps=sweeps)
 
 
 # -- skipping --------------------------------------------------------------------------------------
@@ -123,16 +95,6 @@ def idle_beside_full(skin, raw, status, estimator):
         limit = 2.9 * 6.01 / 900.0 + 1e-3
         assert np.all(every.displacement_mm[2][resting] <= limit)
     return idle
-
-
-def test_a_batch_skips_as_its_cycles_do():
-    skin, raw, status = scene(150, 7)
-    batch = Decoder(skin, skip=True, sweeps=0, ambient=False)(raw, status)
-    single = Decoder(skin, skip=True, sweeps=0, ambient=False)
-    for t in range(len(raw)):
-        one = single(raw[t], status[t])
-        for name in (*FIELDS, "status"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(batch, name)[t], name)
 
 
 def test_idle_is_not_untouched_and_not_invalid():
@@ -199,13 +161,6 @@ def test_a_background_is_taken_off_the_counts(dtype, estimator, request):
     for t in range(3):
         one = live(moved[t], None, background[t])
         np.testing.assert_array_equal(one.force, taken.force[t])
-
-
-def test_another_shape_of_background_is_refused():
-    raw = np.zeros((6, 3), np.int16)
-    for background in (np.zeros((3, 3), np.float32), np.zeros((4, 3)), [0]):
-        with pytest.raises(CountsError, match="row: background: must be an array of float32"):
-            Decoder(row_of(3), sweeps=0, ambient=False)(raw, None, background)
 
 
 def test_the_field_is_that_of_the_film_in_the_units_frame():

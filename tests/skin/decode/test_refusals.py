@@ -10,7 +10,6 @@ from msgspec import structs
 
 from skin.decode.decoder import Decoder
 from skin.decode.model import field_angle_ends
-from skin.decode.parts import Parts
 from skin.errors import CalibrationError, OptionError
 from tests.fixtures.decode import planned, row_of, with_parameters
 
@@ -198,23 +197,24 @@ def test_the_loop_follows_zeros_where_all_that_work_tell_their_temperature():
 # -- no more than is wanted ------------------------------------------------------------------------
 
 
-def parts_of(skin, want, **options):
+def kernel_of(skin, want, **options):
     options = {"sweeps": 0, "ambient": False} | options
-    return Parts.of(planned(skin, want, **options))
+    return planned(skin, want, **options).kernel
 
 
 def test_what_is_not_wanted_is_not_compiled():
     skin = row_of(3)
-    warm = parts_of(skin, {"temperature"}, estimator="sine")
-    assert warm == parts_of(skin, {"temperature"}) == Parts(temperature=True)
+    warm = kernel_of(skin, {"temperature"}, estimator="sine")
+    assert warm == kernel_of(skin, {"temperature"})
+    assert warm.results == ("temperature",)
     assert not warm.shear
-    assert parts_of(skin, {"field"}).angle is False
+    assert kernel_of(skin, {"field"}).angle is False
     for name in ("force", "tangential", "theta", "displacement"):
-        assert parts_of(skin, {name}).angle
-        assert parts_of(skin, {name}).shear
-    assert parts_of(skin, {"force"}, skip=True).look is False
-    assert parts_of(skin, {"force"}, skip=True, ambient=True).look
-    assert parts_of(skin, {"force"}, ambient=True).look is False
+        assert kernel_of(skin, {name}).angle
+        assert kernel_of(skin, {name}).shear
+    assert kernel_of(skin, {"force"}, skip=True).look is False
+    assert kernel_of(skin, {"force"}, skip=True, ambient=True).look
+    assert kernel_of(skin, {"force"}, ambient=True).look is False
 
 
 def test_compensations_are_those_of_drifts_that_matter():

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from skin.decode.decoder import Decoder
-from tests.fixtures.decode import calibrated, row_of, sensible_counts, stiffening, with_parameters
-from tests.naive.decode import naive_decode
+from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
 NAMES = ("temperature", "fx", "fy", "fz", "x", "y", "h", "tangential", "theta")
@@ -83,90 +80,11 @@ def test_at_hinges_and_at_the_crest_the_share_is_what_is_documented():
             assert 0.4 <= share <= 0.85, (name, share)
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-def test_sigma_is_what_the_noise_of_each_channel_does_to_the_naive_decoder(estimator):
-    """Slopes by differences of the naive decoder, in units that all differ."""
-    skin = stiffening(calibrated(row_of(200), seed=3))
-    p = skin.parameters
-    raw = sensible_counts(skin, 1, 8, most=0.8)
-    got = Decoder(
-        skin, None, estimator, dtype="float64", consistency=False, sweeps=0, ambient=False
-    )(raw)
-    steps = {
-        0: p["gel_noise_relative"] * (skin.scale[0] * raw[0, 0] + skin.offset[0]),
-        1: p["frequency_noise_hz"], 2: p["field_noise_ut"], 3: p["field_noise_ut"],
-        4: p["field_noise_ut"] if estimator == "field-angle" else 0.0,
-    }  # fmt: skip
-    total = {name: 0.0 for name in NAMES}
-    kinks = np.zeros((1, 200), bool)
-    for channel, noise in steps.items():
-        sigma = np.hypot(noise, skin.scale[channel] * 12.0**-0.5) * (np.asarray(noise) > 0.0)
-        both = []
-        for way in (-0.05, 0.05):
-            moved = skin.offset.copy()
-            moved[channel] += way * sigma
-            told = naive_decode(with_offset(skin, moved), raw, None, estimator)
-            both.append(naive_rows(told))
-        for name in NAMES:
-            total[name] = total[name] + ((both[1][name] - both[0][name]) / 0.1) ** 2
-    sigma = rows_of(got, sigma=True)
-    value = rows_of(got)
-    r = np.hypot(value["x"], value["y"])
-    kinks |= np.abs(r - p["shear_break_mm"]) < 5.0 * sigma["x"] + 5.0 * sigma["y"]
-    kinks |= np.abs(value["h"] - p["normal_break_hz"] / p["frequency_slope_hz_per_mm"]) < 0.05
-    kinks |= np.abs(np.abs(value["theta"]) - np.pi) < 0.2
-    plain = ~kinks & (got.status == 0)
-    assert plain.sum() > 60
-    for name in NAMES:
-        ratio = (sigma[name] / np.sqrt(total[name]))[plain]
-        # maps that stretch unequally and residues of compensation are in the sigma alone
-        assert np.all(np.abs(ratio - 1.0) < 0.1), (name, ratio.min(), ratio.max())
-
-
-def with_offset(skin, offset):
-    return dataclasses.replace(skin, offset=offset)
-
-
 def naive_rows(told):
     force, place = told["force"], told["displacement_mm"]
     rows = (told["temperature"], *force.swapaxes(0, 1), *place.swapaxes(0, 1),
             told["tangential"], told["theta"])  # fmt: skip
     return dict(zip(NAMES, rows, strict=True))
-
-
-def test_calibration_sigmas_add_to_their_own_outputs():
-    """And to those that follow from them, as the square root of a sum of squares."""
-    skin = row_of(40)
-    raw = counts_at(skin, 1.5, np.linspace(0.3, 1.8, 40), np.linspace(-3, 3, 40))
-    plain = rows_of(
-        Decoder(skin, None, "field-angle", dtype="float64", sweeps=0, ambient=False)(
-            raw[np.newaxis]
-        ),
-        True,
-    )
-    expected = {
-        "temperature_sigma_c": {"temperature": 0.3},
-        "frequency_sigma_hz": {"h": 9.0 / 900.0, "fz": 9.0 / 200.0},
-        "normal_sigma_relative": {"fz": 0.02 * (1.5 * 1.5 + 3.0 * 0.9)},
-        "shear_sigma_relative": {"tangential": 0.02 * 0.5 * np.linspace(0.3, 1.8, 40)},
-        "field_angle_sigma_mm": {"theta": 0.01 / np.linspace(0.3, 1.8, 40)},
-    }
-    size = {"temperature_sigma_c": 0.3, "frequency_sigma_hz": 9.0, "field_angle_sigma_mm": 0.01}
-    for name, added in expected.items():
-        other = with_parameters(skin, **{name: size.get(name, 0.02)})
-        found = rows_of(
-            Decoder(other, None, "field-angle", dtype="float64", sweeps=0, ambient=False)(
-                raw[np.newaxis]
-            ),
-            True,
-        )
-        for row in NAMES:
-            more = np.sqrt(np.maximum(found[row] ** 2 - plain[row] ** 2, 0.0))
-            if row in added:
-                np.testing.assert_allclose(more[0], added[row], rtol=0.02, err_msg=(name, row))
-            elif name in ("temperature_sigma_c", "normal_sigma_relative"):
-                assert np.all(more <= 1e-4), (name, row)
 
 
 def test_field_sigma_widens_the_field_and_the_residue_of_a_background_does_the_same():
@@ -182,19 +100,6 @@ def test_field_sigma_widens_the_field_and_the_residue_of_a_background_does_the_s
         np.testing.assert_allclose(getattr(told, name), getattr(wider, name), rtol=1e-4)
     plain = Decoder(skin, None, "field-angle", sweeps=0, ambient=False)(raw)
     assert np.all(told.displacement_sigma_mm[:2] > 1.5 * plain.displacement_sigma_mm[:2])
-
-
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-def test_sigma_grows_beyond_the_calibrated_depth(estimator):
-    """A fifth of what lies beyond it by more than a sigma."""
-    skin, sigma = row_of(60), 6.02 / 900.0
-    depth = np.linspace(1.9, 3.2, 60)
-    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(
-        counts_at(skin, depth, 0.5, 0.3)
-    )
-    beyond = 0.2 * np.maximum(depth - 2.0 - sigma, 0.0)
-    np.testing.assert_allclose(got.displacement_sigma_mm[2], sigma + beyond, rtol=0.02, atol=1e-4)
-    np.testing.assert_allclose(got.force_sigma[2], 4.5 * got.displacement_sigma_mm[2], rtol=1e-3)
 
 
 def test_a_direction_of_which_nothing_is_known_is_uniform():

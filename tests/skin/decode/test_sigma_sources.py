@@ -164,19 +164,6 @@ def test_sources_of_the_amplitude(source):
     np.testing.assert_allclose(found["tangential"], expected["tangential"], rtol=0.03)
 
 
-def test_amplitude_of_the_calibration():
-    """One percent of M0 is tan(k R) / k percent of a millimetre."""
-    skin, raw = pose(silent(field_amplitude_sigma_relative=0.01))
-    found, k = sigma_of(skin, raw, "sine"), skin.parameters["field_wavenumber_rad_per_mm"]
-    radius = np.hypot(
-        *Decoder(skin, None, "sine", dtype="float64", sweeps=0, ambient=False)(raw).displacement_mm[
-            :2
-        ]
-    )
-    np.testing.assert_allclose(np.hypot(found["x"], found["y"]), 0.01 * np.tan(k * radius) / k,
-                               rtol=0.01)  # fmt: skip
-
-
 @pytest.mark.parametrize("source", ["noise", "step", "calibration"])
 def test_temperature(source):
     given = {
@@ -240,15 +227,6 @@ def test_displacement_beyond_its_range(estimator):
     np.testing.assert_allclose(found, 0.2 * beyond, rtol=0.05)
 
 
-def test_shares_of_the_forces_add_to_the_rest():
-    skin, raw = pose(silent(normal_sigma_relative=0.03, shear_sigma_relative=0.05))
-    got = Decoder(skin, None, "field-angle", dtype="float64", sweeps=0, ambient=False)(raw)
-    np.testing.assert_allclose(got.force_sigma[2], 0.03 * got.force[2], rtol=1e-3)
-    np.testing.assert_allclose(got.tangential_sigma, 0.05 * got.tangential, rtol=1e-3)
-    for axis in range(2):
-        np.testing.assert_allclose(got.force_sigma[axis], 0.05 * np.abs(got.force[axis]), rtol=1e-2)
-
-
 @pytest.mark.parametrize("depth", [0.0, 0.02, 0.3, 1.5])
 def test_absolute_parts_of_the_forces_add_to_the_rest_but_are_no_more_than_the_force(depth):
     skin, raw = pose(silent(normal_sigma_n=0.1, shear_sigma_n=0.2), depth=depth, reach=0.7)
@@ -283,12 +261,3 @@ def test_errors_of_a_film_are_such_of_its_field(estimator):
         along = across * np.tan(u) / u
         total = np.hypot(*got.displacement_sigma_mm[:2])
         np.testing.assert_allclose(total, np.hypot(along, across), rtol=1e-2)
-
-
-def test_a_film_with_less_errors_than_none_has_none():
-    skin, raw = pose(silent(field_angle_sigma_mm=0.03))
-    table = np.repeat(np.array([[-2.0], *5 * [[0.0]]]), skin.n, axis=1)
-    skin = with_parameters(skin, field_angle_variance_relative=table)
-    for estimator in ESTIMATORS:
-        got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
-        assert got.displacement_sigma_mm[:2].max() < 1e-3

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 import topology
-from skin.decode.density import contraction_of, sparse_enough
+from skin.decode.density import contraction_of
 from skin.decode.spacing import (
     DEPTHS_MM,
     DISTANCES_MM,
     GAINS,
     REACH_M,
     contraction_at_most,
-    far_apart,
 )
 from skin.physics.film_table import load_film_table
 from skin.physics.stencil import Stencil
@@ -69,19 +68,6 @@ def test_it_is_an_upper_limit_for_units_in_any_pose():
             known += 1
             assert contraction_of(skin, Stencil.of(skin)) <= most
     assert known >= 6
-
-
-def test_what_is_taken_without_a_closer_look_is_taken_with_it():
-    base = topology.load("palm")
-    taken = []
-    for pitch in np.linspace(0.5, 1.2, 8):
-        skin = dataclasses.replace(base, position=pitch * base.position, path=None)
-        taken.append(far_apart(skin))
-        if taken[-1]:
-            _, contraction = sparse_enough(skin)
-            assert contraction < 1.0
-    assert taken == sorted(taken)
-    assert {*taken} == {False, True}
 
 
 def test_films_that_grow_in_another_way_are_looked_at():

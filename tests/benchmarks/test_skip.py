@@ -7,8 +7,6 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import skin
 from benchmarks import skip as benchmark
@@ -18,52 +16,6 @@ from skin.decode.decoder import Decoder
 from skin.options import Options
 from tests.fixtures.decode import row_of
 from tests.skin.decode.test_field_angle import counts_at
-from tests.skin.decode.test_plan import FIELDS, scene
-
-
-@pytest.mark.long
-@settings(max_examples=30)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([64, 128, 300]), st.booleans())
-def test_backgrounds_and_units_that_come_and_go_are_of_their_own_cycle(seed, n, twice):
-    """Backgrounds are told now and then, units are heard of and not, cycles decoded once more."""
-    assert rested_beside_full(seed, n, twice) > 0
-
-
-@pytest.mark.parametrize(("n", "seed"), [(20, 3), (40, 5), (140, 7)])
-def test_a_few_cycles_do_not_mix_either(n, seed):
-    rested_beside_full(seed, n, True, cycles=9)
-
-
-def rested_beside_full(seed, n, twice, cycles=24):
-    """Cycles in which a unit was idle; all are compared with the full pass."""
-    rng = np.random.default_rng(seed)
-    skin, raw, status = scene(n, seed, cycles)
-    for unit in rng.integers(0, n, 3):
-        status[:, unit] = np.where(rng.random(len(raw)) < 0.5, Status.NEVER, 0)
-    # no unit without load is held against its film: its first reading beyond is one under load
-    alone = {"sweeps": 0, "ambient": False, "consistency": False}
-    skipping = Decoder(skin, skip=True, **alone)
-    full = Decoder(skin, **alone)
-    told = rng.normal(0.0, [[10.0], [200.0], [200.0], [200.0]], (4, n)).astype(np.float32)
-    rested = 0
-    for counts, flags in zip(raw, status, strict=True):
-        background = told if rng.random() < 0.6 else None
-        some, every = skipping(counts, flags, background), full(counts, flags, background)
-        if twice and rng.random() < 0.5:
-            some = skipping(counts, flags, told, advance=False)
-            every = full(counts, flags, told, advance=False)
-        idle = some.status & Status.IDLE != 0
-        rested += idle.any()
-        for name in FIELDS:
-            shown, wanted = getattr(some, name), getattr(every, name)
-            assert np.array_equal(shown[..., ~idle], wanted[..., ~idle], equal_nan=True), name
-            left_out = np.isnan(shown) | (shown == wanted)
-            assert left_out[..., idle].all(), name
-        np.testing.assert_array_equal(some.temperature, every.temperature)
-        np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
-        np.testing.assert_array_equal(some.force[2], every.force[2])
-        np.testing.assert_array_equal(some.status[~idle], every.status[~idle])
-    return rested
 
 
 @pytest.mark.usefixtures("interpreted")
