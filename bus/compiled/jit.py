@@ -48,7 +48,7 @@ def compiled(
         of its arguments, of which numba's cost 0.1 µs each in every call.
     made_by : tuple
         Of a closure: the name of the function of its module that makes the kernel, and the
-        arguments, by which other processes make it, and which tell the closures apart.
+        arguments, by which other processes make it, and which distinguish the closures.
 
     Returns
     -------

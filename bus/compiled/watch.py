@@ -12,7 +12,7 @@ __all__ = ["watch"]
 
 
 class Listener(event.Listener):
-    """Tells of the outermost compilations: those within others are parts of them."""
+    """Reports the outermost compilations: those within others are parts of them."""
 
     def __init__(self, begun: Callable[[str], None], done: Callable[[str], None]) -> None:
         self._begun, self._done, self._depth = begun, done, 0

@@ -16,6 +16,7 @@ from bus.compiled.aligned import zeros
 from skin.decode.crosstalk_kernels import (
     FieldModel,
     FilmModel,
+    Films,
     PairModel,
     StrayData,
     StrayModel,
@@ -261,7 +262,8 @@ def _data_of(model: StrayModel, real: np.dtype) -> StrayData:
     stale, todo = np.zeros((2, n), np.uint8)
     return StrayData(
         displacement_mm=zeros((3, n), real), usable=np.zeros(n, bool), film_above_k=zeros(n, real),
-        base=zeros((5, n), real), films=zeros((4, n), real), known=np.ones(n, real), stale=stale,
+        base=zeros((5, n), real), films=Films(*(zeros(n, real) for _ in Films._fields)),
+        known=np.ones(n, real), stale=stale,
         residue_ut2=model.pairs.always_ut2.copy(), out=zeros((5, n), real), todo=todo,
         term=zeros(1 + fields.parent.size, real), sums=zeros(most, real),
     )  # fmt: skip

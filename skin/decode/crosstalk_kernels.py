@@ -10,14 +10,12 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 
 __all__ = [
-    "FieldModel", "FilmModel", "PairModel", "StrayData", "StrayModel", "add_stray",
+    "FieldModel", "FilmModel", "Films", "PairModel", "StrayData", "StrayModel", "add_stray",
     "add_stray_python",
 ]  # fmt: skip
 
 FREQUENCY, FIELD, VARIANCE = 0, 1, 4
 """Rows of a background: Hz, three of the field in the axes of the chips, variance of an axis."""
-DX, DY, DEPTH, WEIGHT = range(4)
-"""Rows of films."""
 
 
 class FilmModel(NamedTuple):
@@ -56,6 +54,15 @@ class PairModel(NamedTuple):
     always_ut2: np.ndarray  # (n,) variance of an axis where all neighbours are known
 
 
+class Films(NamedTuple):
+    """Where the films are that count, shape (n,) each: zero for those that do not."""
+
+    dx_mm: np.ndarray
+    dy_mm: np.ndarray
+    depth_mm: np.ndarray
+    weight: np.ndarray  # the film's strength as warm as it is, in the unit of the stencil
+
+
 class StrayModel(NamedTuple):
     """All that does not change."""
 
@@ -71,8 +78,7 @@ class StrayData(NamedTuple):
     usable: np.ndarray  # (n,) bool
     film_above_k: np.ndarray  # (n,) temperature of each film above that of its calibration
     base: np.ndarray  # (5, n), background that the result begins with
-    films: np.ndarray  # (4, n), where the films are that count, and their strength as warm as they
-    # are, in the unit of the stencil: zero for those that do not count
+    films: Films
     known: np.ndarray  # (n,) 1 for films that are usable and within the range, else 0
     stale: np.ndarray  # (n,) uint8, 1 where `known` has changed
     residue_ut2: np.ndarray  # (n,) variance of an axis
@@ -117,10 +123,10 @@ def find_films(model, data):
         # NaN: a unit that has not been heard of
         warmer = above[i] if above[i] == above[i] else nothing
         gain = one + model.drift_per_k[i] * warmer
-        films[DX, i] = min(max(x, -far), far) if counts else nothing
-        films[DY, i] = min(max(y, -far), far) if counts else nothing
-        films[DEPTH, i] = min(max(h, highest), deepest) if counts else nothing
-        films[WEIGHT, i] = model.strength[i] * gain if counts else nothing
+        films.dx_mm[i] = min(max(x, -far), far) if counts else nothing
+        films.dy_mm[i] = min(max(y, -far), far) if counts else nothing
+        films.depth_mm[i] = min(max(h, highest), deepest) if counts else nothing
+        films.weight[i] = model.strength[i] * gain if counts else nothing
         within = (max(abs(x), abs(y)) <= far) & (h >= highest) & (h <= deepest)
         now = one if finite & within else nothing
         other = known[i] != now
@@ -145,11 +151,11 @@ def add_fields(model, data):
     """Add the fields of the films that count, sum(c w dx^i dy^j H^k), film by film."""
     films, out, term, sums = data.films, data.out, data.term, data.sums
     parent, factor, coefficients = model.parent, model.factor, model.coefficients
-    for film in range(films.shape[1]):
-        weight, first, last = films[WEIGHT, film], model.start[film], model.start[film + 1]
+    for film in range(films.weight.size):
+        weight, first, last = films.weight[film], model.start[film], model.start[film + 1]
         if weight == 0.0 or first == last:
             continue
-        moved = films[DX, film], films[DY, film], films[DEPTH, film]
+        moved = films.dx_mm[film], films.dy_mm[film], films.depth_mm[film]
         term[0] = weight
         for k in range(parent.size):
             term[1 + k] = term[parent[k]] * moved[factor[k]]

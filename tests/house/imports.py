@@ -32,16 +32,15 @@ ROOMS: dict[str, frozenset[str]] = {
     "owned": frozenset(),
     "state": frozenset({"errors", "notebook", "owned"}),
     "options": frozenset({"errors", "state"}),
-    "decode": COMMON | {"physics", "cycle"},
+    "decode": COMMON | {"physics"},
     "contact": COMMON | {"physics"},
     "calibrate": COMMON | {"physics", "decode", "worker", "arrow", "sinks"},
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
-    "cycle": frozenset({"clock"}),
     "robot": COMMON | {"physics", "contact"},
     "pipeline": COMMON
-    | {"physics", "decode", "contact", "calibrate", "clock", "cycle", "robot"}
+    | {"physics", "decode", "contact", "calibrate", "clock", "compiling", "robot"}
     | {"sinks"},
     "live": COMMON
     | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim", "robot"}
@@ -52,7 +51,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "opening": COMMON
     | {"physics", "contact", "pipeline", "compiling", "sim", "live", "io"}
     | {"calibrate"},
-    "blocks": COMMON | {"pipeline", "contact", "cycle"},
+    "blocks": COMMON | {"pipeline", "contact"},
     "offline": COMMON | {"pipeline", "compiling", "blocks", "sinks"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker", "sinks", "io", "robot"},
     "behaviours": COMMON | {"contact"},
