@@ -281,10 +281,9 @@ def _send(fd, first, count, words, buffers):
 settle = compiled(settle_python, [_void(_long, _long, _long, _rows, _buffers)])
 stage = compiled(stage_python, [_void(_long, _long, _rows_in, _buffers)])
 _received = _long(_long, _flat, _long, _long, _long, _long, _rows, _buffers)
-# numba takes a number at an address for an array of the kernel's own
-wait = compiled(_wait, [_long(_flat, _long)], allocates=True)
-receive = compiled(_receive, [_received], allocates=True)
-send = compiled(_send, [_long(_long, _long, _long, _rows_in, _buffers)], allocates=True)
+wait = compiled(_wait, [_long(_flat, _long)])
+receive = compiled(_receive, [_received])
+send = compiled(_send, [_long(_long, _long, _long, _rows_in, _buffers)])
 
 
 def pollfds(*descriptors: int) -> np.ndarray:

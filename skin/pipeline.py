@@ -131,12 +131,12 @@ class Pipeline:
         absent: tuple[str, ...] = () if self.lists_contacts else ("contacts",)
         absent += ("whole", "untracked") if self.contacts is None else ()
         whole = [] if self.contacts is None else [self.contacts.records[-1:]]
-        others = {"sampled_ns": self.assembler.sampled_ns}
+        others = {"sampled_ns": self.assembler.sampled_ns, "totals": self.assembler.totals}
         self._array = Layout(self.shown | others | dict.fromkeys(absent), whole)
         self._units = self.decoder.layout
         shown: dict[str, Any] = dict(self.shown)
         self.now = State(
-            -1, 0, self.decoder.reading, ClosedBy.END, self.counters, **shown,
+            -1, 0, self.decoder.reading, ClosedBy.END, self.assembler.totals, **shown,
             sampled_ns=self.assembler.sampled_ns, topology=topology,
         )  # fmt: skip
         if options.auto_tare and self._lacks_zeros():
@@ -368,6 +368,7 @@ class Pipeline:
                     f"{own.shape}; got {given.dtype}, shape {given.shape}"
                 )
             own[:] = given
+        self.assembler.totals[:] = cycle.totals
         if cycle.sampled_ns.size:
             self.assembler.sampled_ns[:] = cycle.sampled_ns
         return self.state(cycle)
@@ -419,7 +420,6 @@ class Pipeline:
         """The state of a cycle whose counts and flags are in `counts` and `status` already."""
         now = self.step(cycle)
         own = now.owned(self._units, self._array)
-        own.counters = cycle.counters
         if self.contacts is not None and self.lists_contacts:
             own.contacts = self.contacts.contacts
         return own
@@ -446,6 +446,5 @@ class Pipeline:
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
         now.overruns = clock.overruns
         if self.sinks.live:
-            now.counters = cycle.counters
             self.sinks.tell("state", now)
         return now

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -152,8 +152,8 @@ class State(_Wanted):
         All units.
     closed_by : ClosedBy
         Reason for the end of the cycle.
-    counters : FrameCounters
-        Counts of frames by outcome, running totals.
+    totals : ndarray, shape (15,), int64
+        Counts of frames by outcome, running totals, in the order of `FrameCounters`.
     wrench : ndarray, shape (6,), float64
         Force in newton and torque in newton metre about the origin of the skin frame, exerted by
         the world on the valid units in contact; 0 where nothing touches.
@@ -202,7 +202,7 @@ class State(_Wanted):
     stamp_ns: int
     units: Reading
     closed_by: ClosedBy
-    counters: FrameCounters
+    totals: np.ndarray
     wrench: np.ndarray = UNWANTED
     wrench_sigma: np.ndarray = UNWANTED
     centroid: np.ndarray = UNWANTED
@@ -253,6 +253,11 @@ class State(_Wanted):
         return 1e-9 * self.stamp_ns
 
     @property
+    def counters(self) -> FrameCounters:
+        """Counts of frames by outcome, running totals."""
+        return FrameCounters(*self.totals.tolist())
+
+    @property
     def coverage(self) -> float:
         """Share of the sensing area whose units are valid."""
         return valid_share(self.topology, self.units.valid)
@@ -277,10 +282,8 @@ class State(_Wanted):
         return own
 
     def copy(self) -> State:
-        """The same state with writable arrays, contacts and counters of its own."""
-        others: dict[str, Any] = {
-            "units": _copied(self.units), "counters": replace(self.counters)
-        }  # fmt: skip
+        """The same state with writable arrays and contacts of its own."""
+        others: dict[str, Any] = {"units": _copied(self.units)}
         if (contacts := if_wanted(self, "contacts")) is not None:
             others["contacts"] = [contact.copy() for contact in contacts]
         return _copied(self, **others)

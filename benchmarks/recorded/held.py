@@ -26,7 +26,7 @@ from benchmarks.recorded.eflesh import CHIPS, POSITION_M, RATE_HZ, Eflesh, turne
 from benchmarks.recorded.probe import per_mm
 from benchmarks.recorded.recording import Label, Recording
 from benchmarks.slip_intervals import per_minute, rate
-from bus.cycle import ClosedBy, FrameCounters
+from bus.cycle import ClosedBy
 from skin.behaviours.gesture import Gesture, Gestures
 from skin.state import Reading, State
 from topology import Topology
@@ -136,7 +136,7 @@ def _gestures(fingers: Topology, force: np.ndarray, sigma: np.ndarray) -> dict[s
         )  # fmt: skip
         stamp_ns = round(cycle * 1e9 / RATE_HZ)
         gesture = gestures.update(
-            State(cycle, stamp_ns, reading, ClosedBy.COMPLETE, FrameCounters())
+            State(cycle, stamp_ns, reading, ClosedBy.COMPLETE, np.zeros(15, np.int64))
         )
         disturbed = disturbed or gestures.disturbance.active
         if gesture is not None:

@@ -231,9 +231,9 @@ _views_in = types.NamedTuple((_words_in, _data_in), FrameViews)
 # See `bus.codec_kernels` for the options.
 close_cycle = compiled(
     close_cycle_python,
-    [types.void(_int, TABLES, _memory, _shown)],
-)
+    [types.void(_int, TABLES, _memory, _shown)], allocates=False,
+)  # fmt: skip
 feed = compiled(
     feed_python,
-    [_int(_int, _views_in, TABLES, _memory, _shown)],
-)
+    [_int(_int, _views_in, TABLES, _memory, _shown)], allocates=False,
+)  # fmt: skip

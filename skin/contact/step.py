@@ -83,8 +83,8 @@ def follow_slip_python(model, data):
     detect_slip(model, data)
 
 
-step = compiled(step_python, fastmath={"contract"})
-follow_slip = compiled(follow_slip_python, fastmath={"contract"})
+step = compiled(step_python, fastmath={"contract"}, allocates=False)
+follow_slip = compiled(follow_slip_python, fastmath={"contract"}, allocates=False)
 
 
 class Steps:

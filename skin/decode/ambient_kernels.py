@@ -509,7 +509,7 @@ def update_python(model, data):
     _compose(model, data)
 
 
-update = compiled(update_python, fastmath={"contract", "reassoc"})
+update = compiled(update_python, fastmath={"contract", "reassoc"}, allocates=False)
 
 
 def compose_python(model, data):
@@ -518,4 +518,4 @@ def compose_python(model, data):
     _compose(model, data)
 
 
-compose = compiled(compose_python, fastmath={"contract", "reassoc"})
+compose = compiled(compose_python, fastmath={"contract", "reassoc"}, allocates=False)

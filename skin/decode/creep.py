@@ -262,7 +262,7 @@ def across(sigma_x, sigma_y, along, size, theta_sigma):
         theta_sigma[i] = min(np.sqrt(max(rest, zero)) / max(size[i], feeble), most)
 
 
-relax = compiled(relax_python, fastmath={"contract"})
+relax = compiled(relax_python, fastmath={"contract"}, allocates=False)
 
 
 class Creep:

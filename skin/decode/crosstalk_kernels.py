@@ -207,4 +207,4 @@ def add_stray_python(model, data):
         add_fields(model.fields, data)
 
 
-add_stray = compiled(add_stray_python, fastmath={"contract"})
+add_stray = compiled(add_stray_python, fastmath={"contract"}, allocates=False)

@@ -202,4 +202,5 @@ def decode_python(plan: Plan) -> Callable:
 @functools.cache
 def decode(plan: Plan) -> Callable:
     """The kernel of a `Plan.kernel`, compiled."""
-    return compiled(decode_python(plan), fastmath={"contract"}, made_by=("decode", plan))
+    kernel = decode_python(plan)
+    return compiled(kernel, fastmath={"contract"}, allocates=False, made_by=("decode", plan))

@@ -311,5 +311,5 @@ def chip_fields_python(tables, units, rows, films, out):
             out[t, 0, receiver], out[t, 1, receiver], out[t, 2, receiver] = bx, by, bz
 
 
-film_fields = compiled(film_fields_python, fastmath=("contract", "reassoc"), allocates=True)
-chip_fields = compiled(chip_fields_python, fastmath=("contract", "reassoc"), allocates=True)
+film_fields = compiled(film_fields_python, fastmath=("contract", "reassoc"))
+chip_fields = compiled(chip_fields_python, fastmath=("contract", "reassoc"))

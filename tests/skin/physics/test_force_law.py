@@ -103,7 +103,7 @@ def test_kernels_and_arrays_have_the_same_numbers(dtype, cubic):
     law[3] *= cubic
     law = law.astype(dtype)
     out = np.empty((5, 999), dtype)
-    compiled(all_python, cache=False)(x, law, out)
+    compiled(all_python)(x, law, out)
     expected = (
         force_law.force(x, law), force_law.slope(x, law), force_law.energy(x, law),
         force_law.inverse(x, law), force_law.stiffening(x, *law[:2]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def state_of(palm, status=None, load=0.0):
         wrench=wrench,
         centroid=np.full(3, np.nan),
         closed_by=ClosedBy.COMPLETE,
-        counters=FrameCounters(data=13, lost=2),
+        totals=np.array(astuple(FrameCounters(data=13, lost=2))),
         topology=palm,
     )
 
