@@ -18,7 +18,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 __all__ = [
     "MOST_SEED",
@@ -31,6 +34,7 @@ __all__ = [
     "SceneError",
     "SkinError",
     "TooDenseError",
+    "check_array",
     "check_choice",
     "check_flag",
     "check_kind",
@@ -188,3 +192,14 @@ class SceneError(SkinError, ValueError):
 
 class ScanError(SkinError, ValueError):
     """A recording of a bench lacks data that a fit needs; the message names them."""
+
+
+def check_array(name: str, array: np.ndarray, like: np.ndarray) -> None:
+    """Require an array that kernels read in place."""
+    flags = array.flags
+    fits = array.dtype == like.dtype and array.shape == like.shape
+    if not (fits and flags.c_contiguous and flags.aligned):
+        raise SkinError(
+            f"{name}: must be contiguous {like.dtype} of shape {like.shape}; "
+            f"got {array.dtype} of shape {array.shape}"
+        )

@@ -24,7 +24,7 @@ from skin.contact.shared_field import COMMON, Common, set_common
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, Steps
-from skin.errors import OptionError, SkinError, check_number, check_numbers, shown
+from skin.errors import OptionError, SkinError, check_array, check_number, check_numbers, shown
 from skin.options import MOST_CONTACTS, wanted
 
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
@@ -288,7 +288,7 @@ class ContactStream:
         bound = {}
         for name, array, like in zip(own._fields, given, own, strict=False):
             if array is not None:
-                _check_array(name, array, like)
+                check_array(name, array, like)
                 bound[name] = array
         if common is not None:
             set_common(self.model, common)
@@ -343,17 +343,6 @@ class ContactStream:
         kept = self._live.copy(in_use, touching)
         present = self._present[:count].tolist()
         return [Contact(kept, slot, self.shocks, self._names) for slot in present]
-
-
-def _check_array(name: str, array: np.ndarray, like: np.ndarray) -> None:
-    """Require an array that kernels read in place."""
-    flags = array.flags
-    fits = array.dtype == like.dtype and array.shape == like.shape
-    if not (fits and flags.c_contiguous and flags.aligned):
-        raise SkinError(
-            f"{name}: must be contiguous {like.dtype} of shape {like.shape}; "
-            f"got {array.dtype} of shape {array.shape}"
-        )
 
 
 def _copy(name: str, values: object, own: np.ndarray) -> None:

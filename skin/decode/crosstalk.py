@@ -25,6 +25,7 @@ from skin.decode.crosstalk_kernels import (
 from skin.decode.crosstalk_placement import films_ut2, placement_ut2
 from skin.decode.density import sparse_enough
 from skin.decode.resting import FilmsSeen
+from skin.errors import check_array
 from skin.physics.stencil import Stencil, check_stencil
 from skin.physics.stray import powers
 from topology import Topology
@@ -85,7 +86,7 @@ class CrossTalk:
         Units are too near to each other: sweeps would not converge, or a film is moved into a
         neighbour's chip. The message has the line of the file and the nearest value that works.
     SkinError
-        A stencil of other units.
+        A stencil of other units; an array of another type or shape.
 
     Examples
     --------
@@ -94,8 +95,9 @@ class CrossTalk:
     >>> crosstalk = CrossTalk(palm)
     >>> pressed = np.zeros((3, palm.n), np.float32)
     >>> pressed[2, 27] = 1.5
-    >>> stray = crosstalk.predict(pressed, np.ones(palm.n, bool), np.empty_like(pressed))
-    >>> bool(stray[0, 28] != 0.0 and stray[0, 27] == 0.0)
+    >>> background = np.zeros((5, palm.n), np.float32)
+    >>> _, *stray, _ = crosstalk.predict(pressed, np.ones(palm.n, bool), background)
+    >>> bool(stray[0][28] != 0.0 and stray[0][27] == 0.0)
     True
     """
 
@@ -170,6 +172,13 @@ class CrossTalk:
         film_above: np.ndarray | None = None,
     ) -> tuple[Any, ...]:
         """The kernel of a prediction, with its arguments; as of `predict`."""
+        like = self._data
+        for name, array, own in (("displacement_mm", displacement_mm, like.displacement_mm),
+                                 ("usable", usable, like.usable), ("out", out, like.out),
+                                 ("base", base, like.base),
+                                 ("film_above", film_above, like.film_above_k)):  # fmt: skip
+            if array is not None:
+                check_array(name, array, own)
         data = self._data._replace(
             displacement_mm=displacement_mm, usable=usable, out=out,
             base=self._data.base if base is None else base,

@@ -256,6 +256,18 @@ def test_units_too_near_for_their_films_are_refused():
         CrossTalk(skin, stencil_of("palm"))
 
 
+def test_arrays_that_the_kernel_would_leave_are_refused():
+    crosstalk, moved = crosstalk_of("palm"), np.zeros((3, 64))
+    for name, out, base in (
+        ("out", np.zeros((3, 64)), None), ("out", np.zeros((5, 64), np.float32), None),
+        ("out", np.zeros((64, 5)).T, None), ("base", np.zeros((5, 64)), np.zeros((4, 64))),
+    ):  # fmt: skip
+        with pytest.raises(
+            SkinError, match=rf"^{name}: must be contiguous float64 of shape \(5, 64"
+        ):
+            crosstalk.predict(moved, np.ones(64, bool), out, base)
+
+
 # -- heat ------------------------------------------------------------------------------------------
 
 
