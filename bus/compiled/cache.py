@@ -49,11 +49,12 @@ _log = logging.getLogger("bus")
 @contextmanager
 def kept() -> Iterator[bool]:
     """Let numba keep what is decorated within this context; yields whether it can."""
-    place, settings = folder(), numba.config
+    place = folder()
+    settings: Any = getattr(numba, "config")  # noqa: B009, missing in numba's stubs
     if place is None:
         yield False
         return
-    before: Any = settings.CACHE_DIR
+    before = settings.CACHE_DIR
     settings.CACHE_DIR = str(place)
     try:
         yield True

@@ -50,9 +50,9 @@ class Gather:
         self._capacity = capacity if most is None else max(1, min(most, capacity))
         self._most_contacts = pipeline.contact_capacity if self._lists else 0
         self._room = 2 * self._capacity + self._most_contacts if self._lists else 0
-        if self._lists:
+        if self._lists and self._contacts is not None:
             data = self._contacts.data
-            self._records = memoryview(data.contacts.view(np.uint8))
+            self._records = data.contacts.view(np.uint8).data
             self._present, self._found = data.slots["present"], data.cycle["present"]
         self._rows = memoryview(bytearray(self._capacity * layout.size))
         self._listed = memoryview(bytearray(self._room * CONTACT.itemsize))

@@ -372,9 +372,11 @@ def contact_capacity(n: int) -> int:
 
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     """Arrays for the readings of n units, all valid."""
-    lone = np.zeros((2, n), dtype)
+    force, force_sigma, moved, moved_sigma, field, field_moved = np.zeros((6, 3, n), dtype)
+    temperature, residue = np.zeros((2, n), dtype)
+    valid = np.ones(n, bool)
     return Readings(
-        *np.zeros((4, 3, n), dtype), lone[0], np.ones(n, bool), *np.zeros((2, 3, n), dtype), lone[1]
+        force, force_sigma, moved, moved_sigma, temperature, valid, field, field_moved, residue
     )
 
 

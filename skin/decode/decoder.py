@@ -316,7 +316,8 @@ class Decoder:
             self._phase += goes_on
             if creep is not None:
                 creep.relax(advance=goes_on)
-        if advance and self._look is not None and phase % self.plan.look_every == 0:
+        looks = advance and phase % self.plan.look_every == 0
+        if looks and self._look is not None and self.ambient is not None:
             self.ambient.elapsed_s[0], self._unseen_s = max(self._unseen_s, 0.0), 0.0
             self._look()
 
@@ -423,8 +424,9 @@ class Decoder:
         check_call(self.topology, self.dtype, raw, status, background, cycles)
         out = Results(self.plan.results, self.topology.n, self.dtype, cycles)
         for t in range(raw.shape[0]):
-            here = (None if array is None else array[t] for array in (status, background))
-            self._one(raw[t], *here, advance, elapsed_s)
+            flags = None if status is None else status[t]
+            given = None if background is None else background[t]
+            self._one(raw[t], flags, given, advance, elapsed_s)
             for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
                 whole[t] = array
         return out.reading(self.plan.quantities)

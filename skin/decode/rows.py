@@ -27,8 +27,8 @@ class Rows(NamedTuple):
     """
 
     values: np.ndarray
-    units: int
-    first: int
+    units: np.unsignedinteger
+    first: np.unsignedinteger
 
 
 @jitable
