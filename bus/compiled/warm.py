@@ -117,7 +117,7 @@ def main() -> None:
     os.dup2(2, 1)  # what a module prints is no answer
     while True:
         try:
-            job: Job = pickle.load(into)
+            job: Job = pickle.load(into)  # of the process that has started this one
         except EOFError:
             return
         with suppress(Exception):  # the process that needs the kernel meets it as well

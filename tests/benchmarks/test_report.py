@@ -24,13 +24,16 @@ def test_page_and_readme_show_what_was_stored():
     assert "missed" in readme or all(row["held"] is not False for row in stored.values())
 
 
-def test_every_figure_is_of_a_benchmark_and_stored():
+def test_every_stored_figure_is_of_a_benchmark():
+    """One whose subject has changed is not stored until it is measured again."""
     known = command.names()
     assert {figure.benchmark for figure in FIGURES} <= set(known)
     assert set(TIMED) <= set(known)
     stored = json.loads(report.STORE.read_text(encoding="utf-8"))
-    assert list(stored) == [report._key(figure) for figure in FIGURES]
-    assert {key for sentence in SENTENCES for key in sentence.keys} <= set(stored)
+    keys = [report._key(figure) for figure in FIGURES]
+    assert list(stored) == [key for key in keys if key in stored]
+    assert len(stored) > 200
+    assert {key for sentence in SENTENCES for key in sentence.keys} <= set(keys)
     assert set(TITLES) == {figure.benchmark for figure in FIGURES}
     assert {figure.kind for figure in FIGURES} == {"", "share", "count"}
 
@@ -46,7 +49,8 @@ def test_a_share_stays_one_in_its_interval():
     shares = [figure for figure in FIGURES if figure.kind == "share" or figure.trials]
     assert len(shares) > 20
     for figure in shares:
-        row = stored[report._key(figure)]
+        if (row := stored.get(report._key(figure))) is None:
+            continue
         ends = [row["value"], *(end for end in (row["low"], row["high"]) if end is not None)]
         assert all(0.0 <= end <= 1.0 for end in ends), figure
 
