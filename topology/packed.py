@@ -46,6 +46,8 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
 
     name: str
     path: str | None
+    cycle_rate_hz: float
+    sync_id: int | None
     buses: tuple[Bus, ...]
     layouts: tuple[WireLayout, ...]
     unit_names: tuple[str, ...]

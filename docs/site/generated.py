@@ -20,8 +20,8 @@ import gallery
 from bus import heartbeat
 from skin.cli import COMMANDS, main
 from skin.state import Status
-from topology.calibration_schema import CalibrationFile
-from topology.json_schema import json_schema
+from topology.calibration import CalibrationFile
+from topology.schema import json_schema
 from topology.model import MODELS, UnitModel
 from topology.schema import File
 from topology.wire import LAYOUTS, QUANTITIES

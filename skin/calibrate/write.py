@@ -19,7 +19,7 @@ from skin.calibrate.comments import carry_comments
 from skin.errors import CalibrationError, OptionError
 from skin.physics.least_squares import Fit
 from topology import Topology, UnitModel
-from topology.calibration_schema import CalibrationFile
+from topology.calibration import CalibrationFile
 from topology.files import Kind, whole_file
 
 __all__ = ["OfUnits", "calibration_of", "parameter_values", "with_fits", "write_calibration"]
@@ -37,7 +37,7 @@ class OfUnits(NamedTuple):
     simulated: Collection[str] = ()
     """Those of them that were simulated."""
     measured: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Unit to its table of `topology.calibration_schema.Measured`."""
+    """Unit to its table of `topology.calibration.Measured`."""
 
 
 def calibration_of(patch: str, units: Collection[str] | None = None) -> Kind:

@@ -9,15 +9,20 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from topology.check.names import all_named, check_name, entries, refer
 from topology.gel import gel_ends, gel_temperature
-from topology.model import MODELS, TABLES, THETA_KNOTS, UnitModel
-from topology.report import Report
-from topology.schema import PARAMETERS, File, Scale
+from topology.model import MODELS, PARAMETERS, TABLES, THETA_KNOTS, UnitModel
+from topology.schema import File, Scale
 from topology.source import Key, Source
 from topology.wire import CHANNELS, LARGEST_SCALE, SMALLEST_SCALE
 
-__all__ = ["Fault", "given_parameters", "parameter_faults", "resolve_models", "to_arrays"]
+__all__ = [
+    "Fault",
+    "check_scale",
+    "given_parameters",
+    "parameter_faults",
+    "resolve_models",
+    "to_arrays",
+]
 
 
 @dataclass(frozen=True)
@@ -26,88 +31,72 @@ class Fault:
 
     Attributes
     ----------
-    code : str
-        Of the message.
     field : str
         Parameter that is reported.
     broken : ndarray, shape (n,), bool
+    expected, got : str
+        The message, with places for the values.
     values : dict of str to ndarray, shape (n,)
-        Values for the message.
+        Those of the message.
     """
 
-    code: str
     field: str
     broken: np.ndarray
+    expected: str
+    got: str
     values: dict[str, np.ndarray]
+
+    def report(self, unit: int, key: Key, source: Source) -> None:
+        """Report it for one unit, whose parameters stand in the table at `key`."""
+        values = {name: value[unit] for name, value in self.values.items()}
+        expected, got = self.expected.format(**values), self.got.format(**values)
+        source.fault((*key, self.field), expected, got)
 
 
 def resolve_models(
-    file: File, source: Source, report: Report
-) -> tuple[dict[str, UnitModel | None], dict[str, dict[str, Scale]]]:
-    """Models by name, None where one is invalid, and their own physical scales."""
-    first: dict[str, Key] = {}
-    models: dict[str, UnitModel | None] = dict(MODELS)
+    file: File, source: Source
+) -> tuple[dict[str, UnitModel], dict[str, dict[str, Scale]]]:
+    """Models by name, and their own physical scales by channel."""
+    models = dict(MODELS)
     scales: dict[str, dict[str, Scale]] = {name: {} for name in MODELS}
-    complete = all_named("models", file, source, report)
-    for key, entry in entries(file, "models"):
-        named = report.sound(source, key, "name")
-        if named:
-            check_name(entry.name, key, first, MODELS, source, report)
-        given = given_parameters(entry, key, source, report)
-        based = report.sound(source, key, "base") and refer(
-            entry.base,
-            "a model further up or built in",
-            models,
-            (*key, "base"),
-            source,
-            report,
-            complete,
-        )
-        base = models[entry.base] if based else None
-        model = None
-        if base is not None:
-            model = msgspec.structs.replace(base, **given)
-            _report_faults(model, key, source, report)
-        sound = model is not None and report.sound(source, key, *PARAMETERS)
-        _check_scales(entry.scales, (*key, "scales"), source, report)
-        if named and first.get(entry.name) == key:
-            models[entry.name] = model if sound else None
-            inherited = scales[entry.base] if based else {}
-            scales[entry.name] = inherited | {
-                channel: scale
-                for channel, scale in entry.scales.items()
-                if channel in CHANNELS and scale is not None
-            }
+    wrong: set[str] = set()
+    source.unique("models", [entry.name for entry in file.models], MODELS)
+    for index, entry in enumerate(file.models):
+        key = ("models", index)
+        given = given_parameters(entry, key, source)
+        at, base = (*key, "base"), entry.base
+        if source.refer(base, "a model further up or built in", models, at):
+            model = msgspec.structs.replace(models[base], **given)
+            for fault in parameter_faults(to_arrays([model])):
+                if fault.broken[0]:
+                    wrong.add(entry.name)
+                    if base not in wrong:  # those of the base are reported there
+                        fault.report(0, key, source)
+            models.setdefault(entry.name, model)
+        for channel, scale in entry.scales.items():
+            at = (*key, "scales", channel)
+            if source.refer(channel, "a channel", CHANNELS, at):
+                check_scale(scale.scale, (*at, "scale"), source)
+        scales[entry.name] = scales.get(base, {}) | entry.scales
     return models, scales
 
 
-def given_parameters(table: Any, key: Key, source: Source, report: Report) -> dict[str, Any]:
-    """The parameters in a table, if all of them are valid."""
-    if not report.sound(source, key, *PARAMETERS):
-        return {}
+def check_scale(scale: float, key: Key, source: Source) -> None:
+    """Report a scale that is 0, or next to it, or too large."""
+    if not SMALLEST_SCALE <= abs(scale) <= LARGEST_SCALE:
+        bounds = f"from {SMALLEST_SCALE:g} to {LARGEST_SCALE:g}, positive or negative"
+        source.fault(key, bounds, f"{scale:g}")
+
+
+def given_parameters(table: Any, key: Key, source: Source) -> dict[str, Any]:
+    """The parameters in a table."""
     given = {name: value for name in PARAMETERS if (value := getattr(table, name)) is not None}
     for name, length in TABLES.items():
         count = len(given.get(name, ()))
         if count not in (0, length):
-            report.add("table-count", source, (*key, name), length=length, got=count)
+            source.fault((*key, name), f"a list of {length} numbers or of none", count)
             del given[name]
     return given
-
-
-def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -> None:
-    for fault in parameter_faults(to_arrays([model])):
-        if fault.broken[0]:
-            values = {name: value[0] for name, value in fault.values.items()}
-            report.add(fault.code, source, (*key, fault.field), **values)
-
-
-def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report: Report) -> None:
-    for channel, scale in scales.items():
-        known = refer(channel, "a channel", CHANNELS, (*key, channel), source, report)
-        given = scale.scale if known and scale is not None else None
-        if given is not None and abs(given) < SMALLEST_SCALE:
-            report.add("scale", source, (*key, channel, "scale"), least=SMALLEST_SCALE,
-                       most=LARGEST_SCALE, got=given)  # fmt: skip
 
 
 def to_arrays(models: list[UnitModel]) -> dict[str, np.ndarray]:
@@ -130,44 +119,51 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
         Parameters of n units.
     """
     low, high = p["temperature_min_c"], p["temperature_max_c"]
-    yield Fault("temperature-range", "temperature_max_c", high <= low,
-                {"minimum": low, "got": high})  # fmt: skip
+    yield Fault("temperature_max_c", high <= low, "above temperature_min_c, {low:g}", "{got:g}",
+                {"low": low, "got": high})  # fmt: skip
 
     first, last = (gel_temperature(p, p["gel_current_ratio"] ** x) for x in gel_ends(p))
-    yield Fault("gel-fold", "gel_bend_c", (first > low) | (last < high),
+    yield Fault("gel_bend_c", (first > low) | (last < high),
+                "of a temperature that rises with the current from temperature_min_c to "
+                "temperature_max_c", "one that rises from {first:.4g} to {last:.4g} °C",
                 {"first": first, "last": last})  # fmt: skip
 
-    limit = p["normal_max_n"] / p["normal_soft_n_per_hz"]
-    at_break = p["normal_break_hz"]
-    yield Fault("normal-break", "normal_break_hz", at_break >= limit,
+    limit, at_break = p["normal_max_n"] / p["normal_soft_n_per_hz"], p["normal_break_hz"]
+    yield Fault("normal_break_hz", at_break >= limit,
+                "below {limit:.4g}, where the soft slope alone reaches normal_max_n", "{got:g}",
                 {"limit": limit, "got": at_break})  # fmt: skip
 
     fall, rest = _fall_at_most(p), p["frequency_rest_hz"]
-    yield Fault("frequency-range", "frequency_rest_hz", rest <= fall,
+    yield Fault("frequency_rest_hz", rest <= fall,
+                "above {fall:.4g}, the fall of the frequency at normal_max_n", "{got:g}",
                 {"fall": fall, "got": rest})  # fmt: skip
 
     reach = p["tangential_max_mm"]
-    yield Fault("shear-break", "shear_break_mm", p["shear_break_mm"] > reach,
+    yield Fault("shear_break_mm", p["shear_break_mm"] > reach,
+                "at most tangential_max_mm, {limit:g}", "{got:g}",
                 {"limit": reach, "got": p["shear_break_mm"]})  # fmt: skip
 
     crest = np.pi / (2 * p["field_wavenumber_rad_per_mm"])
-    yield Fault("crest", "tangential_max_mm", reach > crest * (1 + 1e-9),
-                {"crest": crest, "got": reach})  # fmt: skip
+    yield Fault("tangential_max_mm", reach > crest * (1 + 1e-9),
+                "at most {crest:.4g}, the crest pi / (2 field_wavenumber_rad_per_mm) beyond which "
+                "the field falls again", "{got:g}", {"crest": crest, "got": reach})  # fmt: skip
 
     determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
-    yield Fault("field-map", "field_xx", ~(np.abs(determinant) >= 1e-6), {"got": determinant})
+    yield Fault("field_xx", ~(np.abs(determinant) >= 1e-6), "of a 2x2 map that can be inverted",
+                "determinant {got:.3g}", {"got": determinant})  # fmt: skip
 
     spacing = 2 * np.pi / THETA_KNOTS
     theta = p["theta_correction_rad"]
     drop = theta - np.roll(theta, -1, axis=0)
-    knot = np.argmax(drop, axis=0)
     worst = np.max(drop, axis=0)
-    yield Fault("theta-fold", "theta_correction_rad", worst >= spacing,
-                {"spacing": np.full_like(worst, spacing), "got": worst, "knot": knot})  # fmt: skip
+    yield Fault("theta_correction_rad", worst >= spacing,
+                f"falling by less than {spacing:.4g} from knot to knot, or directions fold over",
+                "{got:.4g} after knot {knot}",
+                {"got": worst, "knot": np.argmax(drop, axis=0)})  # fmt: skip
 
     angle, slope = _least_slope(p["field_angle_mm"], p["field_angle_max_mm"])
-    yield Fault("field-angle-fold", "field_angle_mm", slope <= 0.0,
-                {"got": slope, "angle": angle})  # fmt: skip
+    yield Fault("field_angle_mm", slope <= 0.0, "rising with the angle throughout its range",
+                "{got:.3g} mm/rad at {angle:.2f} rad", {"got": slope, "angle": angle})  # fmt: skip
 
     for law in ("normal", "shear"):
         weights, times = p[f"{law}_creep_relative"], p[f"{law}_creep_s"]
@@ -176,11 +172,10 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
         limit = np.vstack([np.zeros_like(before[:1]), before[:-1]])
         wrong = (weights > 0.0) & (times <= limit)
         term = np.argmax(wrong, axis=0)
-        got, least = (
-            np.take_along_axis(a, term[np.newaxis], axis=0)[0] for a in (times, limit)
-        )  # fmt: skip
-        yield Fault("creep-times", f"{law}_creep_s", np.asarray(wrong.any(axis=0)),
-                    {"limit": least, "got": got, "term": term})  # fmt: skip
+        got, least = (np.take_along_axis(a, term[np.newaxis], axis=0)[0] for a in (times, limit))
+        yield Fault(f"{law}_creep_s", np.asarray(wrong.any(axis=0)),
+                    "rising from 0 where a term has a weight", "{got:g} after {limit:g} at term "
+                    "{term}", {"limit": least, "got": got, "term": term})  # fmt: skip
 
 
 def _least_slope(table: np.ndarray, reach_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

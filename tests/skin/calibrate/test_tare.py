@@ -36,6 +36,7 @@ name = "pair"
 
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
 
 [[models]]

@@ -20,11 +20,12 @@ BUS = """
 format = 1
 name = "dense"
 
-[[buses]]
-name = "main"
-data_bitrate = 5_000_000
 sync_id = 0x80
 cycle_rate_hz = 50
+[[buses]]
+name = "main"
+interface = "memory"
+data_bitrate = 5_000_000
 """
 
 

@@ -142,7 +142,7 @@ def test_meshes_of_packages_are_found_around_the_model(tmp_path):
         ("<robot ", "<!DOCTYPE x [<!ENTITY a 'b'>]>\n<robot ", "a document type, whose entities"),
         ('<child link="right"/>', '<child link="left"/>', "'close' carries it already"),
         ('<link name="palm">', '<link name="other"/><link name="palm">', "got 'other, palm'"),
-        ('type="prismatic"', 'type="floating"', "must be fixed, revolute (hinge), continuous"),
+        ('type="prismatic"', 'type="floating"', "must be fixed, revolute, continuous"),
         ("<robot ", "<sdf ", "mismatched tag"),
         ('<mimic joint="close"/>', '<mimic joint="close_right"/>', "nearest: 'close'"),
         (
