@@ -122,5 +122,7 @@ def jitable(
     if function is None:
         return lambda wrapped: jitable(wrapped, fastmath=fastmath)
     flags = set(fastmath)
-    options: dict[str, Any] = {"forceinline": True} | ({"fastmath": flags} if flags else {})
+    # no wrapper for callers in C, of which there are none
+    options: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True}
+    options |= {"fastmath": flags} if flags else {}
     return register_jitable(**options)(function)
