@@ -20,6 +20,7 @@ from skin.contact.record import (
     FREE,
     LOST,
     MERGED,
+    NEW,
     OPEN,
     PRESENT,
     RESUMED,
@@ -36,38 +37,28 @@ NEARBY = 1e-3
 
 
 @jitable
-def _keep_heaviest(parts, room, data):
-    """Keep the `room` heaviest clusters, of equal ones the first; the units of the others get label
-    -1 and come last."""
-    units, lists, pairs, members = data.units, data.lists, data.pairs, data.members
+def _drop_lightest(parts, data):
+    """Remove the lightest cluster, of equal ones the last: its units get label -1 and come last, so
+    that the next ones move up."""
+    units, lists, members = data.units, data.lists, data.members
+    lightest, least = 0, np.inf
     for part in range(parts):
-        total = 0.0
-        for at in range(lists[part]["begin"], lists[part + 1]["begin"]):
-            total += units[members[at]]["force"][2]
-            lists[at]["queue"] = members[at]
-        pairs[part]["worth"] = total
-    for _ in range(parts - room):
-        lightest = -1
-        for part in range(parts):
-            worth = pairs[part]["worth"]
-            if worth >= 0.0 and (lightest < 0 or worth <= pairs[lightest]["worth"]):
-                lightest = part
-        pairs[lightest]["worth"] = -1.0
-    for part in range(parts + 1):
-        lists[part]["loaded"] = lists[part]["begin"]
-    stored, kept = 0, 0
-    for wanted in range(2):
-        for part in range(parts):
-            dropped = pairs[part]["worth"] < 0.0
-            if dropped != (wanted == 1):
-                continue
-            for at in range(lists[part]["loaded"], lists[part + 1]["loaded"]):
-                members[stored] = lists[at]["queue"]
-                data.label[members[stored]] = -1 if dropped else kept
-                stored += 1
-            if not dropped:
-                kept += 1
-                lists[kept]["begin"] = stored
+        load = 0.0
+        for i in members[lists[part]["begin"] : lists[part + 1]["begin"]]:
+            load += units[i]["force"][2]
+        if load <= least:
+            lightest, least = part, load
+    begin, end, last = lists[lightest]["begin"], lists[lightest + 1]["begin"], lists[parts]["begin"]
+    for at in range(begin, end):
+        lists[at]["queue"] = members[at]
+        data.label[members[at]] = -1
+    for at in range(end, last):
+        members[at - end + begin] = members[at]
+        data.label[members[at]] -= 1
+    for at in range(begin, end):
+        members[last - end + at] = lists[at]["queue"]
+    for part in range(lightest, parts):
+        lists[part]["begin"] = lists[part + 1]["begin"] - end + begin
 
 
 @jitable
@@ -86,34 +77,25 @@ def _add(load, part, slot, first, end, data):
 
 
 @jitable
-def _share(parts, data):
-    """Pairs of a cluster and a slot that owned units of it in the cycle before; returns how
-    many."""
-    end = 0
-    data.slots["mark"][:] = -1
-    for part in range(parts):
-        first = end
-        for i in data.members[data.lists[part]["begin"] : data.lists[part + 1]["begin"]]:
-            u = data.units[i]
-            if u["touching"] and u["owner"] >= 0:
-                end = _add(u["force"][2], part, u["owner"], first, end, data)
-    return end
+def _share(parts, begin, nearby, model, data):
+    """Pairs of a cluster and a slot that owned units of it in the cycle before, from `begin` on;
+    returns their end.
 
-
-@jitable
-def _share_nearby(parts, begin, model, data):
-    """The same of clusters that are new and have not split: common load including units that a slot
-    owned once, and neighbours of such units. The pairs come after `begin`; returns their end."""
+    Where `nearby`, those of clusters that are new and have not split: common load including
+    units that a slot owned once, and neighbours of such units.
+    """
     units, slots, end = data.units, data.slots, begin
     slots["mark"][:] = -1
     for part in range(parts):
-        if slots[part]["slot_of"] >= 0 or slots[part]["parent"] >= 0:
+        if nearby and (slots[part]["slot_of"] >= 0 or slots[part]["parent"] >= 0):
             continue
         first = end
         for i in data.members[data.lists[part]["begin"] : data.lists[part + 1]["begin"]]:
-            load = units[i]["force"][2]
-            if units[i]["owner"] >= 0:
-                end = _add(load, part, units[i]["owner"], first, end, data)
+            load, owner = units[i]["force"][2], units[i]["owner"]
+            if owner >= 0 and (nearby or units[i]["touching"]):
+                end = _add(load, part, owner, first, end, data)
+            if not nearby:
+                continue
             for j in model.neighbour[model.start[i] : model.start[i + 1]]:
                 if units[j]["owner"] >= 0:
                     end = _add(NEARBY * load, part, units[j]["owner"], first, end, data)
@@ -256,7 +238,7 @@ def _claim(parts, count, model, data):
     for part in range(parts):
         if slots[part]["parent"] >= 0:
             contacts[slots[part]["parent"]]["event"] |= SPLIT
-    end = _share_nearby(parts, count, model, data)
+    end = _share(parts, count, True, model, data)
     _assign(pairs[count:end], LOST, PRESENT, 1.0, contacts, slots)
     vacant = 0
     for part in range(parts):
@@ -267,11 +249,12 @@ def _claim(parts, count, model, data):
         slot = vacant if vacant < slots.size else _longest_away(contacts, slots)
         slots[part]["slot_of"] = slot
         slots[slot]["part_of"] = part
+        contacts[slot] = NEW[0]
         record, parent = contacts[slot], slots[part]["parent"]
         cycle["last_id"] += 1
         record["track"], record["event"], record["id"] = PRESENT, BORN, cycle["last_id"]
         record["parent"] = contacts[parent]["id"] if parent >= 0 else 0
-        record["born_ns"], record["cycles"] = cycle["now_ns"], 0
+        record["born_ns"] = cycle["now_ns"]
     _disown(contacts, data.units)
 
 
@@ -308,7 +291,7 @@ def _match(parts, count, model, data):
 def _identify(parts, model, data):
     """Match clusters with slots; begin, continue and end contacts."""
     slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
-    count = _share(parts, data)
+    count = _share(parts, 0, False, model, data)
     in_use = _match(parts, count, model, data)
     cycle["in_use"] = in_use
     cycle["ended"] = _end(count, in_use, model.settings[0]["settle_ns"], data)
@@ -382,9 +365,9 @@ def find_contacts(readings, model, data):
         for i in range(data.units.size):
             data.units[i]["touching"] = 0
         return 0
-    if parts > room:
-        _keep_heaviest(parts, room, data)
-        parts = room
+    while parts > room:
+        _drop_lightest(parts, data)
+        parts -= 1
     _identify(parts, model, data)
     _order(parts, before, data)
     for i in range(data.units.size):

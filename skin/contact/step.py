@@ -12,8 +12,8 @@ from skin.contact.identity import find_contacts
 from skin.contact.model import ContactData, ContactModel, Readings
 from skin.contact.record import OPEN, UNSEEN
 from skin.contact.shock import follow_shocks
-from skin.contact.silent_units import nothing_touches, remember
 from skin.contact.slip.detector import detect_slip
+from skin.contact.unseen import remember
 
 __all__ = [
     "EARLY", "SAME", "Steps", "follow_slip", "follow_slip_python", "step", "step_python",
@@ -50,11 +50,9 @@ def step_python(readings, model, data):
     cycle["begun"], cycle["last_ns"] = 1, cycle["now_ns"]
     cycle["elapsed_before_s"], cycle["elapsed_s"] = cycle["elapsed_s"], dt_s
     count = find_contacts(readings, model, data)
-    silent = remember(model, data)
-    if count == 0 and wants["total"]:
-        nothing_touches(silent, model, data)
-    if count > 0 and wants["total"]:
-        describe(count, silent, model, data)
+    remember(model, data)
+    if wants["total"]:
+        describe(count, model, data)
         if wants["slip"]:
             cycle["slips"] = count
         if wants["shocks"]:

@@ -20,7 +20,7 @@ from skin.contact.model import (
     set_poses,
 )  # fmt: skip
 from skin.contact.record import BRIDGE
-from skin.contact.shared_field import COMMON, Common, set_common
+from skin.contact.shared_field import Common
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, Steps
@@ -131,17 +131,12 @@ class ContactStream:
         poses, edges = self.model.poses, self.model.neighbour.size
         starts = start_sigmas(n, edges // 2, rate_hz, false_contacts_per_day)
         settings = asdict(slip or SlipSettings()) | {
-            "start_sigma": starts[0], "repeat_sigma": starts[1], "pair_sigma": starts[2],
+            "start_sigma": starts[0], "repeat_sigma": starts[0], "pair_sigma": starts[1],
             "keep_sigma": KEEP_SIGMA, "needs_displacement": slips,
             "total": bool(wants), "slip": slips, "shocks": "shocks" in wants,
         }  # fmt: skip
         for name, value in settings.items():
             self.model.settings[name] = value
-        if starts[0] < KEEP_SIGMA:
-            raise SkinError(
-                "false_contacts_per_day: must leave a start of contact at "
-                f"{KEEP_SIGMA} sigmas or more; got {false_contacts_per_day:g}, {starts[0]:.2f}"
-            )
         poses["feels"], poses["most"] = 1.0 if feels is None else feels, most_n
         self.data = contact_data(n, capacity, edges, rate_hz, slip=slips)
         self.shocks = Shocks(rate_hz) if "shocks" in wants else None
@@ -291,10 +286,13 @@ class ContactStream:
                 check_array(name, array, like)
                 bound[name] = array
         if common is not None:
-            set_common(self.model, common)
-            bound |= {name: getattr(common, name) for name in COMMON}
-            shape = data.sums.size, 2 * len(common.covariance_ut2), 6, 3
-            data = data._replace(gain=np.zeros(shape), covariance_ut2=common.covariance_ut2)
+            for name, values in common.laws.items():
+                self.model.poses[name] = values
+            self.model.settings["rest_ut2"] = common.rest_ut2
+            covariance, *readings = common[2:]
+            bound |= dict(zip(own._fields[-3:], readings, strict=True))
+            gain = np.zeros((2, len(covariance), 2, 6, 3))
+            data = data._replace(gain=gain, covariance_ut2=covariance)
         self._give(displacement_mm, temperature, common)
         self.bound = Steps(own._replace(**bound), self.model, data)
 

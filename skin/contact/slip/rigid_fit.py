@@ -58,8 +58,9 @@ def design_motions(pose, fit, size, motions, s):
 def fit_motion(members, motions, floor_mm, data):
     """Weighted least squares of the body's motion: derivations.md, equations 2 to 4.
 
-    Returns the one-sigma, mm, of the motion out of the contact's plane that the anchors may have
-    missed.
+    Each unit gets the variance of its predicted displacement, mean of both components, by the
+    factor of the normal equations. Returns the one-sigma, mm, of the motion out of the contact's
+    plane that the anchors may have missed.
     """
     fit, floor, variance = data.all[0], floor_mm**2, 0.0
     equations = fit["equations"]
@@ -71,13 +72,33 @@ def fit_motion(members, motions, floor_mm, data):
             deeper += data.slips[i]["weight"] * data.slips[i]["deeper"] ** 2
             total += data.slips[i]["weight"]
         variance = floor + deeper / total
-        _place(members, motions, fit, data.slips)
-        for a in range(PLANE, motions):
-            equations[a, a] += 1.0 / variance
-            equations[a, MOTIONS] += fit["placement"][a - PLANE] / variance
+        # Pose of the body out of the plane by the anchors (equation 4). A late unit was anchored
+        # further along the plane than the others, so only motions out of it are compared.
+        placement, out = fit["placement_equations"], motions - PLANE
+        for a in range(out):
+            placement[a, MOTIONS] = 0.0
+            for b in range(a + 1):
+                placement[a, b] = equations[a + PLANE, b + PLANE]
+            placement[a, a] *= 1.0 + RIDGE
+            for i in members:
+                s = data.slips[i]
+                for c in range(2):
+                    share = s["weight"] * s["design"][c, a + PLANE]
+                    placement[a, MOTIONS] += share * s["followed_out"][c]
+        _solve(placement, out, fit["placement"])
+        for a in range(out):
+            equations[a + PLANE, a + PLANE] += 1.0 / variance
+            equations[a + PLANE, MOTIONS] += fit["placement"][a] / variance
     _solve(equations, motions, fit["motion"])
     for i in members:
-        _body_variance(motions, equations, data.slips[i])
+        s, solved = data.slips[i], data.slips[i]["nuisance"]  # not in use yet
+        for c in range(2):
+            for a in range(motions):
+                rest = s["design"][c, a]
+                for b in range(a):
+                    rest -= equations[a, b] * solved[b]
+                solved[a] = rest / equations[a, a] if equations[a, a] > 0.0 else 0.0
+                s["body_variance"] += 0.5 * solved[a] * solved[a]
     return np.sqrt(variance)
 
 
@@ -96,20 +117,6 @@ def move_units(members, motions, motion, slips):
 
 
 @jitable
-def _body_variance(motions, factor, s):
-    """Variance of the predicted displacement of a unit, mean of both components, by the Cholesky
-    factor of the normal equations."""
-    solved = s["nuisance"]  # not in use yet
-    for c in range(2):
-        for a in range(motions):
-            rest = s["design"][c, a]
-            for b in range(a):
-                rest -= factor[a, b] * solved[b]
-            solved[a] = rest / factor[a, a] if factor[a, a] > 0.0 else 0.0
-            s["body_variance"] += 0.5 * solved[a] * solved[a]
-
-
-@jitable
 def _normal_equations(members, motions, floor, equations, data):
     """Normal equations of the displacements since anchoring, without learned gains."""
     equations[:] = 0.0
@@ -123,27 +130,6 @@ def _normal_equations(members, motions, floor, equations, data):
                 equations[a, MOTIONS] += share * along
                 for b in range(a + 1):
                     equations[a, b] += share * s["design"][c, b]
-
-
-@jitable
-def _place(members, motions, fit, slips):
-    """Pose of the body out of the plane by the anchors (equation 4).
-
-    A late unit was anchored further along the plane than the others, so only motions out of it are
-    compared.
-    """
-    placement = fit["placement_equations"]
-    for a in range(PLANE, motions):
-        at, total = a - PLANE, 0.0
-        for b in range(at + 1):
-            placement[at, b] = fit["equations"][a, PLANE + b]
-        placement[at, at] *= 1.0 + RIDGE
-        for i in members:
-            s = slips[i]
-            for c in range(2):
-                total += s["weight"] * s["design"][c, a] * s["followed_out"][c]
-        placement[at, MOTIONS] = total
-    _solve(placement, motions - PLANE, fit["placement"])
 
 
 @jitable

@@ -11,7 +11,7 @@ from skin.contact.slip.parameters import PARAMETERS, SETTLED
 from skin.contact.slip.rigid_fit import design_motions
 
 __all__ = [
-    "begin_cycle", "correct", "is_noisy", "learn_noise", "lowpass_share", "predict", "take_units",
+    "begin_cycle", "correct", "learn_noise", "lowpass_share", "predict", "take_units",
 ]  # fmt: skip
 
 LEAST_SIGMA_MM = 1e-6
@@ -30,7 +30,14 @@ def take_units(record, members, size, motions, model, data):
     Returns the number of sticking units, and the number of units anchored to this body, sticking or
     slipping.
     """
-    stuck, known, remembered = 0, 0, _remembered_share(members, data)
+    stuck, known, deep, was_deep = 0, 0, 0.0, 0.0
+    noise, prior = data.all[0], PARAMETERS.unit_noise_prior
+    for i in members:
+        if data.slip[i] != UnitSlip.NO_CONTACT:
+            deep += data.units[i]["displacement"][2]
+            was_deep += data.slips[i]["anchor_depth"]
+    # Fraction of its depth at anchoring that a unit's film may keep without load.
+    remembered = PARAMETERS.film_memory * deep / max(was_deep, 1e-9)
     for i in members:
         u, s = data.units[i], data.slips[i]
         depth, sigma = u["displacement"][2], u["displacement_sigma"]
@@ -58,20 +65,14 @@ def take_units(record, members, size, motions, model, data):
             s["anchor_depth"] = s["anchor_depth"] if recovers else depth
             s["slid_shear"] = s["slid_load"] = s["slid_variance"] = s["borne"] = 0.0
         s["deeper"] = depth - s["anchor_depth"]
-        _unit_noise(s, data.all[0])
+        # equations 13 and 13a: variance of its noise, and of its slow noise over sigma squared
+        share = 1.0 / (s["noise_count"] + prior)
+        ratio = max(1.0, (s["noise_sum"] + prior * noise["lag_ratio"]) * share)
+        s["noise_ratio"] = noise["growth"] * ratio
+        s["noise"] = s["reported"] * s["noise_ratio"]
+        s["wander"] = max(0.0, (s["slow_sum"] + prior * noise["wander"]) * share)
         design_motions(model.poses[i], data.all[0], size, motions, s)
     return stuck, known
-
-
-@jitable
-def _remembered_share(members, data):
-    """Fraction of its depth at anchoring that a unit's film may keep without load."""
-    deep, was_deep = 0.0, 0.0
-    for i in members:
-        if data.slip[i] != UnitSlip.NO_CONTACT:
-            deep += data.units[i]["displacement"][2]
-            was_deep += data.slips[i]["anchor_depth"]
-    return PARAMETERS.film_memory * deep / max(was_deep, 1e-9)
 
 
 @jitable
@@ -222,26 +223,6 @@ def begin_cycle(noise, dt_s):
 
 
 @jitable
-def _unit_noise(s, noise):
-    """Variance of the noise of a unit, and of its slow noise over sigma squared: derivations.md,
-    equations 13 and 13a."""
-    prior = PARAMETERS.unit_noise_prior
-    share = 1.0 / (s["noise_count"] + prior)
-    ratio = max(1.0, (s["noise_sum"] + prior * noise["lag_ratio"]) * share)
-    s["noise_ratio"] = noise["growth"] * ratio
-    s["noise"] = s["reported"] * s["noise_ratio"]
-    s["wander"] = max(0.0, (s["slow_sum"] + prior * noise["wander"]) * share)
-
-
-@jitable
-def is_noisy(unit_sum, unit_count, limit):
-    """1 where the noise of a unit exceeds its sigma, else 0; `limit` is the log-odds of an alarm.
-    The one-sigma of a sum of squares is the root of twice their number."""
-    further = unit_sum - unit_count
-    return 1.0 if further > 0.0 and further**2 > 4.0 * limit * unit_count else 0.0
-
-
-@jitable
 def learn_noise(members, stuck, motions, share, data):
     """Update the variance of readings and of low-passed lags: derivations.md, equations 12 and 13.
 
@@ -258,7 +239,11 @@ def learn_noise(members, stuck, motions, share, data):
     keep = 1.0 - min(1.0, dt_s / PARAMETERS.memory_s)
     outlier = PARAMETERS.outlier_sigmas**2
     most, most_reading = outlier * noise["lag_ratio"], outlier * noise["reading_ratio"]
-    scale = share / (2.0 - share) * _left_by_mean(share, recent)
+    # Variance of low-passed white noise, and the fraction of it that remains without its mean.
+    keeps, slower = 1.0 - recent, 1.0 - share
+    common = recent / (1.0 - keeps * slower)
+    mean = (2.0 * keeps * slower * common + recent) * recent / (1.0 - keeps * keeps)
+    scale = share / (2.0 - share) * (1.0 - 2.0 * common + mean)
     lags, readings, steps, slow, count = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in members:
         s = data.slips[i]
@@ -293,13 +278,3 @@ def learn_noise(members, stuck, motions, share, data):
     noise["step_count"] += free * count
     noise["recent"] += free * steps
     noise["recent_count"] += free * count
-
-
-@jitable
-def _left_by_mean(share, recent):
-    """Fraction of the variance of low-passed white noise that remains without its mean, which has
-    the gain `recent`."""
-    keep = 1.0 - recent
-    common = recent / (1.0 - keep * (1.0 - share))
-    mean = 2.0 * recent * keep * (1.0 - share) * common + recent * recent
-    return 1.0 - 2.0 * common + mean / (1.0 - keep * keep)
