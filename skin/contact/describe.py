@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.jit import jitable
+from bus.compiled.jit import compiled, jitable
 from skin.contact.model import ADDED, WAYPOINTS
 from skin.contact.record import TORSION_BLIND, UNSEEN, UNTOUCHED, WEAK
 from skin.contact.shape import ROUND, add, add_faces, arm, cross, orient, shifted
 from skin.contact.shared_field import add_shared, spread_shared
+from skin.contact.shock import follow_shocks
 from skin.contact.unseen import add_apart, add_around, add_unseen
 
-__all__ = ["describe", "walk"]
+__all__ = ["describe", "describe_python", "walk"]
 
 STEP_SIGMAS = 3.0
 STEP_M = 2e-4
@@ -238,19 +239,16 @@ def walk(record, step_variance, path):
     record["waypoints"] += 1
 
 
-@jitable
-def describe(count, model, data):
-    """Describe the contacts that `find_contacts` has found, and their total, after `remember`.
+def describe_python(model, data):
+    """Describe the contacts that `find_contacts` has found, and their total; follow shocks.
 
     Parameters
     ----------
-    count : int
-        Contacts.
     model : ContactModel
     data : ContactData
         `contacts` and `slots` are written.
     """
-    settings, end, units = model.settings[0], 0, data.units
+    settings, end, units, count = model.settings[0], 0, data.units, data.cycle[0]["present"]
     _clear(1, data)
     for k in range(count + 2):  # the contacts, the units of none, and the total
         row, slot = (0 if k <= count else 1), data.contacts.size - 1
@@ -294,3 +292,9 @@ def describe(count, model, data):
         if k < count:
             arm(record, members, model, units)
             walk(record, s["step_variance"], data.slots[slot]["path"])
+    data.cycle[0]["whole"] = data.contacts[data.contacts.size - 1]["flags"] & UNSEEN == 0
+    if settings["shocks"]:
+        follow_shocks(count, data)
+
+
+describe = compiled(describe_python, fastmath={"contract"}, allocates=False)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.jit import jitable
+from bus.compiled.jit import compiled, jitable
 from skin.contact.cluster import join, take_readings
 from skin.contact.record import (
     ABSORBED,
@@ -26,8 +26,12 @@ from skin.contact.record import (
     RESUMED,
     SPLIT,
 )
+from skin.contact.unseen import remember
 
-__all__ = ["find_contacts"]
+__all__ = ["EARLY", "SAME", "find_contacts", "find_contacts_python"]
+
+SAME, EARLY = -1, -2
+"""Return values for an unchanged set of contacts, and for a stamp that is not later."""
 
 QUIET = 0.25
 """An absorbed contact represents itself again when its load exceeds the other's fourfold, or when
@@ -340,8 +344,35 @@ def _order(parts, before, data):
 
 
 @jitable
-def find_contacts(readings, model, data):
-    """Find the contacts of one cycle, at ``data.cycle["now_ns"]``.
+def _tick(cycle):
+    """Take over the time of the cycle; returns whether it is later than that of the last one."""
+    dt_s = cycle["period_s"]
+    if cycle["begun"]:
+        if cycle["now_ns"] <= cycle["last_ns"]:
+            return False
+        dt_s = 1e-9 * (cycle["now_ns"] - cycle["last_ns"])
+    cycle["begun"], cycle["last_ns"] = 1, cycle["now_ns"]
+    cycle["elapsed_before_s"], cycle["elapsed_s"] = cycle["elapsed_s"], dt_s
+    return True
+
+
+@jitable
+def _settle(data):
+    """Note which units touch, for the next cycle, and forget the slip of those that do not where
+    there is no contact."""
+    for i in range(data.units.size):
+        u = data.units[i]
+        bridge = u["kind"] == BRIDGE
+        u["touching"] = u["kind"] == OPEN or (bridge and data.label[i] >= 0)
+        if bridge:
+            data.label[i] = -1
+        # Silent units may be in contact still.
+        if data.cycle[0]["present"] == 0 and u["kind"] <= OPEN:
+            data.slip[i] = 0
+
+
+def find_contacts_python(readings, model, data):
+    """Find the contacts of the next cycle, at ``data.cycle["now_ns"]``.
 
     Parameters
     ----------
@@ -353,28 +384,30 @@ def find_contacts(readings, model, data):
     Returns
     -------
     int
-        Number of contacts.
+        Number of contacts; SAME where they are those of the last call; EARLY where the stamp is not
+        later than that, and nothing was done.
     """
-    cycle, room = data.cycle[0], data.slots.size // 2
+    slots, cycle, room = data.slots, data.cycle[0], data.slots.size // 2
+    if not _tick(cycle):
+        return EARLY
     before = cycle["present"]
     parts = join(take_readings(readings, model, data), model, data)
     cycle["touching_units"] = data.lists[parts]["begin"]
-    cycle["untracked"] = max(0, parts - room)
-    if parts == 0 and before == 0:
-        cycle["ended"] = 0
-        for i in range(data.units.size):
-            data.units[i]["touching"] = 0
-        return 0
+    cycle["untracked"], cycle["ended"] = max(0, parts - room), 0
     while parts > room:
         _drop_lightest(parts, data)
         parts -= 1
-    _identify(parts, model, data)
-    _order(parts, before, data)
-    for i in range(data.units.size):
-        u = data.units[i]
-        bridge = u["kind"] == BRIDGE
-        u["touching"] = u["kind"] == OPEN or (bridge and data.label[i] >= 0)
-        if bridge:
-            data.label[i] = -1
+    if parts > 0 or before > 0:
+        _identify(parts, model, data)
+        _order(parts, before, data)
     cycle["present"] = parts
-    return parts
+    _settle(data)
+    remember(model, data)
+    same = parts == before
+    for k in range(parts):
+        same &= slots[k]["before"] == slots[k]["present"]
+        slots[k]["before"] = slots[k]["present"]
+    return SAME if same else parts
+
+
+find_contacts = compiled(find_contacts_python, fastmath={"contract"}, allocates=False)

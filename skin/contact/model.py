@@ -141,7 +141,6 @@ CYCLE = _record(
     ("period_s", _F),  # nominal, which the first cycle counts as
     ("elapsed_s", _F),  # from the cycle before to this one
     ("elapsed_before_s", _F),  # from the one before that to the cycle before
-    ("slips", _L),  # contacts of this one whose slip is to be detected
     ("present", _L),  # contacts now
     ("untracked", _L),  # clusters beyond the capacity
     ("whole", _B),  # whether no silent unit may bear some of the load
@@ -375,6 +374,7 @@ def contact_data(
     """Arrays for so many contacts of n units, on a graph with so many edges."""
     slots = 2 * capacity
     units, cycle = np.zeros(n, UNIT), np.zeros(1, CYCLE)
+    cycle["whole"] = 1
     units["owner"], units["level_cycle"], units["borne"] = -1, -2, np.nan
     cycle["period_s"] = cycle["elapsed_s"] = 1.0 / rate_hz
     contacts, sums = np.zeros(slots + 1, CONTACT), np.zeros(2, SUMS)

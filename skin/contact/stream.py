@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from bus.compiled.jit import bound
 from skin.contact.cluster import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
 from skin.contact.contact import Contact, Kept
+from skin.contact.describe import describe
+from skin.contact.identity import EARLY, SAME, find_contacts
 from skin.contact.model import (
+    ContactData,
+    ContactModel,
+    Readings,
     check_poses,
     contact_capacity,
     contact_data,
@@ -23,7 +30,7 @@ from skin.contact.record import BRIDGE
 from skin.contact.shared_field import Common
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
-from skin.contact.step import EARLY, SAME, Steps
+from skin.contact.slip.detector import detect_slip
 from skin.errors import OptionError, SkinError, check_array, check_number, check_numbers, shown
 from skin.options import MOST_CONTACTS, wanted
 
@@ -33,6 +40,46 @@ DTYPES = np.dtype(np.float32), np.dtype(np.float64)
 CONTACT_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 """Quantities of contacts. Wrench and centroid are of the total and come together; slip and shocks
 imply contacts. With none wanted there are identities and units alone."""
+
+
+class Steps:
+    """The kernels of a cycle on the arrays of a stream: a call processes the next cycle, and
+    returns what `find_contacts` does. They are compiled side by side, and only those wanted.
+
+    Parameters
+    ----------
+    readings, model, data
+        As of `find_contacts`.
+
+    Attributes
+    ----------
+    readings : Readings
+    calls : list of tuple
+        The kernels with their arguments, those that take longest to compile first.
+    """
+
+    def __init__(self, readings: Readings, model: ContactModel, data: ContactData) -> None:
+        self.readings, wants = readings, model.settings[0]
+        find: tuple[Any, ...] = (find_contacts, readings, model, data)
+        self.calls = [(describe, model, data)] * bool(wants["total"])
+        self.calls += [(detect_slip, model, data)] * bool(wants["slip"])
+        self.calls.append(find)
+        self._present = data.cycle["present"].data
+        self._bound: list[Callable[..., int]] = []
+
+    def ready(self) -> None:
+        """Compile the kernels, or load them."""
+        self._bound = [bound(*call) for call in self.calls]
+
+    def __call__(self) -> int:
+        if not self._bound:
+            self.ready()
+        *others, find = self._bound
+        found = find()
+        if found != EARLY:
+            for kernel in others[: 1 + (self._present[0] > 0)]:  # no slip without a contact
+                kernel()
+        return found
 
 
 class ContactStream:

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from bus.compiled.jit import jitable
+from bus.compiled.jit import compiled, jitable
 from skin.contact.record import (
     BORN,
     BRIDGE,
@@ -42,7 +42,7 @@ from skin.contact.slip.unit_filter import (
     take_units,
 )  # fmt: skip
 
-__all__ = ["detect_slip"]
+__all__ = ["detect_slip", "detect_slip_python"]
 
 LEAST_SIZE_M = 1e-4
 """[numeric] Lower bound of the size of a contact, metre."""
@@ -201,12 +201,10 @@ def _decide_contact(record, members, tested, ratio, settings, data):
 
 
 @jitable
-def _detect_contact(record, members, silent, model, data):
-    """Detect slip of one contact and its units; `silent` touched units are silent."""
+def _decide(record, members, tested, sticks, odds, alarm, silent, model, data):
+    """Decide the state of a contact after the test of its units, of which it learns friction;
+    `silent` touched units are silent."""
     settings, cycle = model.settings[0], data.cycle[0]
-    if record["event"] & (BORN | RESUMED):
-        _begin_contact(record, members, data)
-    tested, sticks, odds, alarm = _test_lags(record, members, model, data)
     slipping, load_slipping = 0, 0.0
     for i in members:
         if data.slip[i] == UnitSlip.NO_CONTACT:
@@ -248,7 +246,6 @@ def _detect_contact(record, members, silent, model, data):
         for i in members:
             data.slip[i] = UnitSlip.NO_CONTACT
     show_bounds(record, ratio, settings)
-    _report(record, members, odds, alarm, model, data)
 
 
 @jitable
@@ -281,9 +278,8 @@ def _report(record, members, odds, alarm, model, data):
         direction[a] = direction[a] / total if total > 0.0 else np.nan
 
 
-@jitable
-def detect_slip(model, data):
-    """Detect slip of the ``data.cycle["slips"]`` contacts that are described, and of their units.
+def detect_slip_python(model, data):
+    """Detect slip of the contacts that are described, and of their units.
 
     Parameters
     ----------
@@ -304,12 +300,20 @@ def detect_slip(model, data):
         elif data.label[i] < 0:
             data.slip[i] = UnitSlip.NO_CONTACT
             data.slips[i]["anchor_depth"] = 0.0
-    for k in range(data.cycle[0]["slips"]):
+    for k in range(data.cycle[0]["present"]):
         record = data.contacts[data.slots[k]["present"]]
-        if not record["flags"] & WEAK:
-            members = data.members[record["begin"] : record["end"]]
-            _detect_contact(record, members, silent, model, data)
+        if record["flags"] & WEAK:
+            continue
+        members = data.members[record["begin"] : record["end"]]
+        if record["event"] & (BORN | RESUMED):
+            _begin_contact(record, members, data)
+        tested, sticks, odds, alarm = _test_lags(record, members, model, data)
+        _decide(record, members, tested, sticks, odds, alarm, silent, model, data)
+        _report(record, members, odds, alarm, model, data)
     for at in range(data.cycle[0]["touching_units"]):
         s, told = data.slips[data.members[at]], data.told[at]
         told["began"], told["noisy"] = s["began"], s["noisy"]
         told["noise_ratio"] = s["noise_ratio"]
+
+
+detect_slip = compiled(detect_slip_python, fastmath={"contract"}, allocates=False)

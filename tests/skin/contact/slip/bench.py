@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from skin.contact.model import contact_data, contact_model
 from skin.contact.record import Event, Flag, SlipState, UnitKind
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.detector import detect_slip
+from skin.contact.slip.detector import detect_slip_python
 from tests.naive.slip import NaiveSlip
 
 STIFFNESS = 0.5
@@ -126,8 +126,8 @@ class Bench:
             records.append((record, members))
             begin = end
         cycle = data.cycle
-        cycle["slips"], cycle["elapsed_s"], cycle["now_ns"] = len(contacts), dt_s, self.now_ns
-        detect_slip(self.model, data)
+        cycle["present"], cycle["elapsed_s"], cycle["now_ns"] = len(contacts), dt_s, self.now_ns
+        detect_slip_python(self.model, data)
         self.naive.silent = (units["kind"] == UnitKind.BRIDGE) | (units["kind"] == UnitKind.SILENT)
         self.naive.leave((data.label < 0) & (units["kind"] == UnitKind.OUT))
         judged = [(r, m) for r, m in records if not r["flags"] & Flag.WEAK]
