@@ -161,43 +161,47 @@ def _longest_away(contacts, slots):
 
 
 @jitable
-def _end(count, in_use, settle_ns, data):
-    """End slots that were present or absorbed and have no cluster; returns how many ended."""
-    slots, contacts, now_ns = data.slots, data.contacts, data.cycle[0]["now_ns"]
+def _end(parts, count, settle_ns, data):
+    """End slots that were present or absorbed and have no cluster: `ended` lists their identities,
+    unless the most of their load went into another contact, which absorbs them."""
+    slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
+    in_use = cycle["in_use"]
+    while in_use > 0 and contacts[in_use - 1]["track"] == FREE:
+        in_use -= 1
+    for part in range(parts):
+        in_use = max(in_use, slots[part]["slot_of"] + 1)
+    cycle["in_use"], freed = in_use, False
     for slot in range(in_use):
-        record = contacts[slot]
-        ends = slots[slot]["part_of"] < 0 and record["track"] in (PRESENT, ABSORBED)
+        ends = slots[slot]["part_of"] < 0 and contacts[slot]["track"] in (PRESENT, ABSORBED)
         slots[slot]["most"] = 0.0 if ends else np.inf
         if ends:
-            record["into"] = -1
+            contacts[slot]["into"] = -1
     for at in range(count):
         pair = data.pairs[at]
         slot = pair["slot"]
         if slot < in_use and pair["load"] > slots[slot]["most"]:
             slots[slot]["most"] = pair["load"]
             contacts[slot]["into"] = slots[pair["part"]]["slot_of"]
-    ended, freed = 0, False
     for slot in range(in_use):
+        record = contacts[slot]
         if slots[slot]["most"] == np.inf:
             continue
-        record = contacts[slot]
-        track, into = record["track"], record["into"]
-        if into < 0:
-            slots[ended]["ended"] = record["id"]
-            ended += 1
+        if record["into"] < 0:
+            slots[cycle["ended"]]["ended"] = record["id"]
+            cycle["ended"] += 1
             record["track"] = LOST
-        elif track == PRESENT:
-            if contacts[into]["track"] == PRESENT:
-                contacts[into]["event"] |= MERGED
+            continue
+        if record["track"] == PRESENT:
+            if contacts[record["into"]]["track"] == PRESENT:
+                contacts[record["into"]]["event"] |= MERGED
             record["track"] = ABSORBED
             if record["seen_ns"] - record["born_ns"] < settle_ns:
                 record["track"] = FREE
                 freed = True
         if record["track"] == ABSORBED:
-            record["seen_ns"] = now_ns
+            record["seen_ns"] = cycle["now_ns"]
     if freed:
         _disown(contacts, data.units)
-    return ended
 
 
 @jitable
@@ -230,8 +234,12 @@ def _own(slot, represents, model, data):
 def _claim(parts, count, model, data):
     """Assign clusters without a slot: split from a contact, back from the lost, moved, or new."""
     slots, pairs, contacts, cycle = data.slots, data.pairs, data.contacts, data.cycle[0]
+    unclaimed = 0
     for part in range(parts):
         slots[part]["parent"], slots[part]["most"] = -1, 0.0
+        unclaimed += slots[part]["slot_of"] < 0
+    if unclaimed == 0:
+        return
     for at in range(count):
         slot, shared = pairs[at]["slot"], pairs[at]["load"]
         part = slots[pairs[at]["part"]]
@@ -263,42 +271,31 @@ def _claim(parts, count, model, data):
 
 
 @jitable
-def _match(parts, count, model, data):
-    """Assign a slot to each cluster; returns how many slots are in use."""
-    slots, contacts, now_ns = data.slots, data.contacts, data.cycle[0]["now_ns"]
-    slots["part_of"][:] = -1
+def _keep(parts, count, model, data):
+    """Assign slots to the clusters that go on, by the first `count` pairs; free those of contacts
+    that were lost for too long."""
+    slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
+    for slot in range(slots.size):
+        slots[slot]["part_of"] = -1
     for part in range(parts):
         slots[part]["slot_of"] = -1
-    in_use, freed = data.cycle[0]["in_use"], False
-    for slot in range(in_use):
+    freed = False
+    for slot in range(cycle["in_use"]):
         record = contacts[slot]
         record["event"] = 0
-        if record["track"] == LOST and now_ns - record["seen_ns"] > model.settings[0]["memory_ns"]:
+        lost_ns = cycle["now_ns"] - record["seen_ns"]
+        if record["track"] == LOST and lost_ns > model.settings[0]["memory_ns"]:
             record["track"] = FREE
             freed = True
     if freed:
         _disown(contacts, data.units)
-    while in_use > 0 and contacts[in_use - 1]["track"] == FREE:
-        in_use -= 1
     _assign(data.pairs[:count], PRESENT, ABSORBED, QUIET, contacts, slots)
-    unclaimed = 0
-    for part in range(parts):
-        unclaimed += slots[part]["slot_of"] < 0
-    if unclaimed:
-        _claim(parts, count, model, data)
-    for part in range(parts):
-        in_use = max(in_use, slots[part]["slot_of"] + 1)
-    return in_use
 
 
 @jitable
-def _identify(parts, model, data):
-    """Match clusters with slots; begin, continue and end contacts."""
+def _go_on(parts, model, data):
+    """Write what has changed of the contacts that have a cluster, and who owns its units."""
     slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
-    count = _share(parts, 0, False, model, data)
-    in_use = _match(parts, count, model, data)
-    cycle["in_use"] = in_use
-    cycle["ended"] = _end(count, in_use, model.settings[0]["settle_ns"], data)
     for part in range(parts):
         record = contacts[slots[part]["slot_of"]]
         if record["track"] == LOST or record["track"] == ABSORBED:
@@ -307,8 +304,9 @@ def _identify(parts, model, data):
         record["seen_ns"] = cycle["now_ns"]
         record["cycles"] += 1
         record["begin"], record["end"] = data.lists[part]["begin"], data.lists[part + 1]["begin"]
-    slots["mark"][:] = 0
-    for slot in range(in_use):
+    for slot in range(slots.size):
+        slots[slot]["mark"] = 0
+    for slot in range(cycle["in_use"]):
         if contacts[slot]["track"] == ABSORBED:
             slots[contacts[slot]["into"]]["mark"] = 1  # represents absorbed ones
     for part in range(parts):
@@ -398,7 +396,11 @@ def find_contacts_python(readings, model, data):
         _drop_lightest(parts, data)
         parts -= 1
     if parts > 0 or before > 0:
-        _identify(parts, model, data)
+        count = _share(parts, 0, False, model, data)
+        _keep(parts, count, model, data)
+        _claim(parts, count, model, data)
+        _end(parts, count, model.settings[0]["settle_ns"], data)
+        _go_on(parts, model, data)
         _order(parts, before, data)
     cycle["present"] = parts
     _settle(data)

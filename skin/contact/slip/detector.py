@@ -31,7 +31,7 @@ from skin.contact.slip.pattern_test import (
     detect_pattern,
     project_nuisances,
 )  # fmt: skip
-from skin.contact.slip.rigid_fit import contact_frame, fit_motion, move_units
+from skin.contact.slip.rigid_fit import contact_frame, fit_motion
 from skin.contact.slip.state import MOTIONS, PLANE
 from skin.contact.slip.unit_filter import (
     begin_cycle,
@@ -49,43 +49,12 @@ LEAST_SIZE_M = 1e-4
 
 
 @jitable
-def _test_lags(record, members, model, data):
-    """Test units by their lags behind the body's motion.
-
-    Writes motion and rotation of the body; returns the number of tested units, the fraction of the
-    load that sticks by the pattern test, and the log-odds of slip and of an alarm.
-    """
-    fit, settings, dt_s = data.all[0], model.settings[0], data.cycle[0]["elapsed_s"]
-    motions = PLANE if contact_frame(record, members, model, data) else MOTIONS
-    size = max(record["arm"], LEAST_SIZE_M)
-    stuck, known = take_units(record, members, size, motions, model, data)
-    if stuck < UNITS_FOR_TURN:
-        motions = 2
-    fit["motion"][:] = 0.0
-    out_of_plane = 1.0
-    if stuck:
-        out_of_plane = fit_motion(members, motions, settings["floor_mm"], data)
-    move_units(members, motions, fit["motion"], data.slips)
-    share = lowpass_share(members, motions, stuck, dt_s, data.slips)
-    predict(members, share, settings, data)
-    alarm = alarm_odds(share, dt_s, settings)
-    tested, sticks, odds = 0, 1.0, 0.0
-    if record["slip"] == SlipState.GROSS:
-        tested = members.size
-    elif known >= LEAST_UNITS:
-        tested = members.size
-        nuisances = project_nuisances(members, motions, stuck, out_of_plane, settings, data)
-        odds, sticks = detect_pattern(record, members, nuisances, alarm, settings, data)
-        _decide_units(members, alarm, settings["floor_mm"], data)
-        # Slip that may have begun is not noise.
-        if not odds > ROUNDING:
-            learn_noise(members, stuck, motions, share, data)
-        correct(members, dt_s, data)
+def _show_motion(record, fit, size):
+    """Displacement and rotation of the skin by the body."""
     axes, motion = fit["axes"], fit["motion"]
     for c in range(3):
         record["motion"][c] = axes[0, c] * motion[0] + axes[1, c] * motion[1]
         record["rotation"][c] = axes[2, c] * motion[2] * 1e-3 / size
-    return tested, sticks, odds, alarm
 
 
 @jitable
@@ -288,7 +257,8 @@ def detect_slip_python(model, data):
         Written: `slip`, `slips`, `all`, and the fields of `contacts` that belong to slip and
         friction.
     """
-    begin_cycle(data.all[0], data.cycle[0]["elapsed_s"])
+    fit, settings, dt_s = data.all[0], model.settings[0], data.cycle[0]["elapsed_s"]
+    begin_cycle(fit, dt_s)
     silent = 0  # that were touched, listed in `queue`
     for i in range(data.units.size):
         if data.slip[i] == UnitSlip.NO_CONTACT:
@@ -307,7 +277,28 @@ def detect_slip_python(model, data):
         members = data.members[record["begin"] : record["end"]]
         if record["event"] & (BORN | RESUMED):
             _begin_contact(record, members, data)
-        tested, sticks, odds, alarm = _test_lags(record, members, model, data)
+        # the motion of the body, and the lags of units behind it
+        motions = PLANE if contact_frame(record, members, model, data) else MOTIONS
+        size = max(record["arm"], LEAST_SIZE_M)
+        stuck, known = take_units(record, members, size, motions, model, data)
+        if stuck < UNITS_FOR_TURN:
+            motions = 2
+        out_of_plane = fit_motion(members, motions, stuck, settings["floor_mm"], data)
+        share = lowpass_share(members, motions, stuck, dt_s, data.slips)
+        predict(members, share, settings, data)
+        _show_motion(record, fit, size)
+        # their test: the fraction of the load that sticks, and the log-odds of slip and an alarm
+        alarm, sticks, odds = alarm_odds(share, dt_s, settings), 1.0, 0.0
+        slides = record["slip"] == SlipState.GROSS
+        tested = members.size if slides or known >= LEAST_UNITS else 0
+        if tested and not slides:
+            nuisances = project_nuisances(members, motions, stuck, out_of_plane, settings, data)
+            odds, sticks = detect_pattern(record, members, nuisances, alarm, settings, data)
+            _decide_units(members, alarm, settings["floor_mm"], data)
+            # Slip that may have begun is not noise.
+            if not odds > ROUNDING:
+                learn_noise(members, stuck, motions, share, data)
+            correct(members, dt_s, data)
         _decide(record, members, tested, sticks, odds, alarm, silent, model, data)
         _report(record, members, odds, alarm, model, data)
     for at in range(data.cycle[0]["touching_units"]):

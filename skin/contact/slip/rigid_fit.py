@@ -7,7 +7,7 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.contact.slip.state import MOTIONS, PLANE
 
-__all__ = ["contact_frame", "design_motions", "fit_motion", "move_units"]
+__all__ = ["contact_frame", "design_motions", "fit_motion"]
 
 RANK = 1e-9
 """[numeric] Fraction of a pivot below which a motion depends on those before it."""
@@ -55,17 +55,20 @@ def design_motions(pose, fit, size, motions, s):
 
 
 @jitable
-def fit_motion(members, motions, floor_mm, data):
-    """Weighted least squares of the body's motion: derivations.md, equations 2 to 4.
+def fit_motion(members, motions, stuck, floor_mm, data):
+    """Weighted least squares of the body's motion, none without sticking units, and how it moves
+    each unit: derivations.md, equations 2 to 4.
 
     Each unit gets the variance of its predicted displacement, mean of both components, by the
     factor of the normal equations. Returns the one-sigma, mm, of the motion out of the contact's
     plane that the anchors may have missed.
     """
-    fit, floor, variance = data.all[0], floor_mm**2, 0.0
-    equations = fit["equations"]
+    fit, floor, variance = data.all[0], floor_mm**2, 1.0
+    equations, motion = fit["equations"], fit["motion"]
     _normal_equations(members, motions, floor, equations, data)
-    if motions > PLANE:
+    for a in range(MOTIONS):
+        motion[a] = 0.0
+    if motions > PLANE and stuck > 0:
         # Out of the plane, few units cannot distinguish motion from slip; their depths can.
         deeper, total = 0.0, 0.0
         for i in members:
@@ -74,8 +77,8 @@ def fit_motion(members, motions, floor_mm, data):
         variance = floor + deeper / total
         # Pose of the body out of the plane by the anchors (equation 4). A late unit was anchored
         # further along the plane than the others, so only motions out of it are compared.
-        placement, out = fit["placement_equations"], motions - PLANE
-        for a in range(out):
+        placement, further = fit["placement_equations"], motions - PLANE
+        for a in range(further):
             placement[a, MOTIONS] = 0.0
             for b in range(a + 1):
                 placement[a, b] = equations[a + PLANE, b + PLANE]
@@ -85,28 +88,14 @@ def fit_motion(members, motions, floor_mm, data):
                 for c in range(2):
                     share = s["weight"] * s["design"][c, a + PLANE]
                     placement[a, MOTIONS] += share * s["followed_out"][c]
-        _solve(placement, out, fit["placement"])
-        for a in range(out):
+        _solve(placement, further, fit["placement"])
+        for a in range(further):
             equations[a + PLANE, a + PLANE] += 1.0 / variance
             equations[a + PLANE, MOTIONS] += fit["placement"][a] / variance
-    _solve(equations, motions, fit["motion"])
+    if stuck > 0:
+        _solve(equations, motions, motion)
     for i in members:
         s, solved = data.slips[i], data.slips[i]["nuisance"]  # not in use yet
-        for c in range(2):
-            for a in range(motions):
-                rest = s["design"][c, a]
-                for b in range(a):
-                    rest -= equations[a, b] * solved[b]
-                solved[a] = rest / equations[a, a] if equations[a, a] > 0.0 else 0.0
-                s["body_variance"] += 0.5 * solved[a] * solved[a]
-    return np.sqrt(variance)
-
-
-@jitable
-def move_units(members, motions, motion, slips):
-    """Displacement of each unit by the motion of the body, and its part out of the plane."""
-    for i in members:
-        s = slips[i]
         for c in range(2):
             out, now = 0.0, 0.0
             for a in range(PLANE, motions):
@@ -114,6 +103,13 @@ def move_units(members, motions, motion, slips):
             for a in range(min(motions, PLANE)):
                 now += s["design"][c, a] * motion[a]
             s["moved_out"][c], s["now"][c] = out, out + now
+            for a in range(motions):
+                rest = s["design"][c, a]
+                for b in range(a):
+                    rest -= equations[a, b] * solved[b]
+                solved[a] = rest / equations[a, a] if equations[a, a] > 0.0 else 0.0
+                s["body_variance"] += 0.5 * solved[a] * solved[a]
+    return np.sqrt(variance)
 
 
 @jitable
