@@ -12,9 +12,8 @@ from bus.compiled.jit import compiled, jitable
 from skin.contact.model import ADDED, WAYPOINTS
 from skin.contact.record import TORSION_BLIND, UNSEEN, UNTOUCHED, WEAK
 from skin.contact.shape import ROUND, add, add_faces, arm, cross, orient, shifted
-from skin.contact.shared_field import add_shared, spread_shared
 from skin.contact.shock import follow_shocks
-from skin.contact.unseen import add_apart, add_around, add_unseen
+from skin.contact.unseen import add_apart, add_around, add_shared, add_unseen, spread_shared
 
 __all__ = ["describe", "describe_python", "walk"]
 

@@ -67,7 +67,7 @@ POSE = _record(
     ("feels", _F),  # 0 for a unit that is never heard
     ("most", _F),  # N that it can bear
     ("doubt", _F),  # N², of a load that it stands for; see `skin.contact.unseen`
-    # how its tangential force follows its field; see `skin.contact.shared_field`
+    # how its tangential force follows its field; see `skin.contact.unseen`
     ("body", _I),  # whose ambient field it is
     ("axes", _F, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
     ("film", _F, (2,)),  # mm, middle of the film off the chip's axis
@@ -217,7 +217,7 @@ class Readings(NamedTuple):
     displacement_sigma_mm: np.ndarray  # (3, n)
     temperature: np.ndarray  # (n,), degree Celsius
     valid: np.ndarray  # (n,), bool
-    field_ut: np.ndarray  # (3, n), and the two below: see `skin.contact.shared_field.Common`
+    field_ut: np.ndarray  # (3, n), and the two below: see `skin.contact.unseen.Common`
     field_displacement_mm: np.ndarray  # (3, n)
     residue_ut2: np.ndarray  # (n,)
 

@@ -27,10 +27,10 @@ from skin.contact.model import (
     set_poses,
 )  # fmt: skip
 from skin.contact.record import BRIDGE
-from skin.contact.shared_field import Common
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.slip.detector import detect_slip
+from skin.contact.unseen import Common
 from skin.errors import OptionError, SkinError, check_array, check_number, check_numbers, shown
 from skin.options import MOST_CONTACTS, wanted
 
@@ -313,7 +313,7 @@ class ContactStream:
             As in `update`, of one type, float32 or float64, contiguous; overwritten before each
             step, and kept.
         common : Common, optional
-            Common errors of units; see `skin.contact.shared_field`.
+            Common errors of units; see `skin.contact.unseen`.
 
         Raises
         ------

@@ -24,6 +24,16 @@ from skin.contact.slip.friction import (
     learn_friction,
     show_bounds,
 )
+from skin.contact.slip.lags import (
+    begin_cycle,
+    contact_frame,
+    correct,
+    fit_motion,
+    learn_noise,
+    lowpass_share,
+    predict,
+    take_units,
+)  # fmt: skip
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN
 from skin.contact.slip.pattern_test import (
     ROUNDING,
@@ -31,16 +41,7 @@ from skin.contact.slip.pattern_test import (
     detect_pattern,
     project_nuisances,
 )  # fmt: skip
-from skin.contact.slip.rigid_fit import contact_frame, fit_motion
 from skin.contact.slip.state import MOTIONS, PLANE
-from skin.contact.slip.unit_filter import (
-    begin_cycle,
-    correct,
-    learn_noise,
-    lowpass_share,
-    predict,
-    take_units,
-)  # fmt: skip
 
 __all__ = ["detect_slip", "detect_slip_python"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skin.contact.model import contact_data, contact_model
-from skin.contact.shared_field import add_shared, force_per_ut, spread_shared
+from skin.contact.unseen import add_shared, force_per_ut, spread_shared
 
 K_RAD_PER_MM, M0_UT = 0.5, 2500.0
 SOFT, KNEE_MM, STIFFER = 0.4, 0.8, 0.3
@@ -103,6 +103,8 @@ def test_wrenches_per_field_and_their_covariance_are_those_of_plain_matrices():
     before = rng.standard_normal((6, 6))
     covariance = before.copy()
     spread_shared(data.gain[0], 7.0, data, covariance)
-    expected = sum(of_field @ c @ of_field.T + 7.0 * rest @ rest.T
-                   for (of_field, rest), c in zip(gain, data.covariance_ut2, strict=True))
+    expected = sum(
+        of_field @ c @ of_field.T + 7.0 * rest @ rest.T
+        for (of_field, rest), c in zip(gain, data.covariance_ut2, strict=True)
+    )
     np.testing.assert_allclose(covariance - before, expected, rtol=1e-7, atol=1e-9)

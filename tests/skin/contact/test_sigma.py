@@ -11,8 +11,8 @@ from scipy.stats import binom
 import tests.naive.contact as naive
 from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
-from skin.contact.shared_field import Common
 from skin.contact.stream import ContactStream
+from skin.contact.unseen import Common
 from tests.fixtures.contact_stream import with_gate
 
 PITCH, FACE = 0.012, 0.0105
