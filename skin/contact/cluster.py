@@ -83,7 +83,7 @@ def take_readings(readings, model, data):
         heard = readings.valid[i] and np.isfinite(load) and sigma >= 0.0
         u["kind"] = OUT
         if heard and load > settings["keep_sigma"] * sigma:
-            heard = _take_loaded(i, u, readings, settings["needs_displacement"], cycle)
+            heard = _take_loaded(i, u, readings, settings["slip"], cycle)
             if heard:
                 u["kind"] = OPEN
                 data.lists[count]["loaded"] = i

@@ -50,9 +50,8 @@ SETTINGS = _record(
     ("keep_sigma", _F),  # normal load of every unit of a contact, in sigmas
     ("memory_ns", _F),  # how long a lost contact can return
     ("settle_ns", _F),  # how old a contact must be to outlive being absorbed
-    ("needs_displacement", _B),  # whether a loaded unit without displacement counts as silent
     ("total", _B),  # wanted: anything but identities, which the two below need
-    ("slip", _B),
+    ("slip", _B),  # a loaded unit without displacement then counts as silent
     ("shocks", _B),
     ("origin", _F, (3,)),  # m, middle of the array in the skin frame
     ("rest_ut2", _F),  # µT², of an axis of the field that Bz at rest was learnt in

@@ -140,6 +140,7 @@ class Fields:
     into = hidden(np.int32)  # record that absorbed this one, -1
     begin = hidden(np.int32)  # units: members[begin:end]
     end = hidden(np.int32)
+    flags = Field(Flag, "Limitations of its numbers.", leaves=False)  # written by describe
     units = Field(
         int,
         "How many units it has.",
@@ -150,7 +151,6 @@ class Fields:
     born_ns = hidden(np.int64)
     seen_ns = hidden(np.int64)
     # -- load: written by describe
-    flags = Field(Flag, "Limitations of its numbers.", leaves=False)
     whole = Field(
         bool,
         "Whether no silent unit may bear some of its load.",
@@ -244,7 +244,7 @@ class Fields:
     # -- slip: written by slip
     slip = Field(SlipState, "State of the contact as a whole.", message="uint8")
     slip_units = Field(int, "Units that slip.", leaves=False)
-    body_units = hidden(np.int32)
+    body_units = hidden(np.int64)  # of its body that were tested; as long as what follows
     onset_ns = hidden(np.int64)  # of the present slip, 0
     slip_began = Field(
         bool,

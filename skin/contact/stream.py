@@ -179,8 +179,8 @@ class ContactStream:
         starts = start_sigmas(n, edges // 2, rate_hz, false_contacts_per_day)
         settings = asdict(slip or SlipSettings()) | {
             "start_sigma": starts[0], "repeat_sigma": starts[0], "pair_sigma": starts[1],
-            "keep_sigma": KEEP_SIGMA, "needs_displacement": slips,
-            "total": bool(wants), "slip": slips, "shocks": "shocks" in wants,
+            "keep_sigma": KEEP_SIGMA, "total": bool(wants), "slip": slips,
+            "shocks": "shocks" in wants,
         }  # fmt: skip
         for name, value in settings.items():
             self.model.settings[name] = value

@@ -33,7 +33,7 @@ __all__ = [
 
 CREST = 0.1
 """Smallest cosine at which the strength of a field determines the displacement [assumed]."""
-APART, IN_CONTACT = -1, -2
+UNCOUNTED, IN_CONTACT = -1, -2
 """Marks of units in `counted`: next to no contact so far; heard, and not only light. A group that
 counts a unit as its neighbour writes its own number."""
 
@@ -156,7 +156,7 @@ def remember(model, data):
     units, keep_sigma, silent = data.units, model.settings[0]["keep_sigma"], 0
     for i in range(units.size):
         u = units[i]
-        u["counted"] = APART
+        u["counted"] = UNCOUNTED
         if u["kind"] > OPEN:
             silent += 1
             continue
@@ -306,7 +306,7 @@ def add_apart(touched, model, data):
             _add_silent(u, pose, s)
         elif u["counted"] >= 0:
             _add_light(u, pose, s)
-        elif u["counted"] == APART and u["force_sigma"][2] < np.inf:
+        elif u["counted"] == UNCOUNTED and u["force_sigma"][2] < np.inf:
             load, gate = u["force"][2], keep_sigma * u["force_sigma"][2]
             total, variance = total + load, variance + u["force_sigma"][2] ** 2
             if max(load, gate) > most and (not touched or load > gate):
@@ -319,7 +319,7 @@ def add_apart(touched, model, data):
     elif square > 0.0 and variance > 0.0:
         for i in range(units.size):
             u, sigma = units[i], units[i]["force_sigma"][2]
-            if u["kind"] <= OPEN and u["counted"] == APART and sigma < np.inf:
+            if u["kind"] <= OPEN and u["counted"] == UNCOUNTED and sigma < np.inf:
                 add(s["unseen"], square / variance * sigma * sigma, poses[i]["position"])
 
 

@@ -171,10 +171,10 @@ def _decide_contact(record, members, tested, ratio, settings, data):
 
 
 @jitable
-def _decide(record, members, tested, sticks, odds, alarm, silent, model, data):
+def _decide(record, members, sticks, odds, alarm, silent, model, data):
     """Decide the state of a contact after the test of its units, of which it learns friction;
     `silent` touched units are silent."""
-    settings, cycle = model.settings[0], data.cycle[0]
+    settings, cycle, tested = model.settings[0], data.cycle[0], record["body_units"]
     slipping, load_slipping = 0, 0.0
     for i in members:
         if data.slip[i] == UnitSlip.NO_CONTACT:
@@ -183,7 +183,6 @@ def _decide(record, members, tested, sticks, odds, alarm, silent, model, data):
             slipping += 1
             load_slipping += data.slips[i]["load"]
     record["slip_units"] = slipping
-    record["body_units"] = tested
     record["pattern"] = np.sqrt(2.0 * max(odds, 0.0))
     stuck_before = record["stick_ratio"]
     record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
@@ -300,7 +299,8 @@ def detect_slip_python(model, data):
             if not odds > ROUNDING:
                 learn_noise(members, stuck, motions, share, data)
             correct(members, dt_s, data)
-        _decide(record, members, tested, sticks, odds, alarm, silent, model, data)
+        record["body_units"] = tested
+        _decide(record, members, sticks, odds, alarm, silent, model, data)
         _report(record, members, odds, alarm, model, data)
     for at in range(data.cycle[0]["touching_units"]):
         s, told = data.slips[data.members[at]], data.told[at]
