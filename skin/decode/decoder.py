@@ -313,7 +313,7 @@ class Decoder:
         for sweep in range(self.plan.sweeps or 1):
             if predict is not None:
                 predict()
-            decode(self._phase + sweep, sweep == 0, 0.0 if sweep else missing)
+            decode(self._phase, sweep == 0, 0.0 if sweep else missing)
         if self.creep is not None:
             self._relax()
         if self._look is not None and self._phase % self.plan.look_every == 0:

@@ -17,8 +17,9 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
+from skin.decode.field import check_fields
 from skin.decode.functions import read, rows_of, write
-from skin.decode.tangential import decode_loaded, decode_unloaded, hide
+from skin.decode.tangential import decode_unloaded, hide, invert_units, show_units
 from skin.decode.temperature import decode_temperatures
 
 from skin.decode.records import (  # isort: skip
@@ -185,13 +186,13 @@ def decode_block(model, data, block, size, look, advance):
     background = background_of(data.background, first)
     here = slice(first, first + size)
     found = find_flags(counts, data.status[here], limits, size, flag)
-    if advance and found & INVALID == 0:
-        decode_temperatures(wants, unit, counts, size, state, tile, flag, True, True)
-    else:
-        decode_temperatures(wants, unit, counts, size, state, tile, flag, False, advance)
+    decode_temperatures(wants, unit, counts, size, state, tile, flag, advance)
     if wants.field is not None or wants.shear is not None:
         if look or are_pressed(counts, limits, size, flag):
-            decode_loaded(wants, unit, counts, background, size, tile, flag, state, advance)
+            invert_units(wants, unit, counts, background, size, tile, flag)
+            if wants.check is not None:
+                check_fields(wants, unit, size, tile, flag, state, advance)
+                show_units(wants, unit, size, tile)
         else:
             decode_unloaded(wants, unit, counts, background, size, tile, flag)
     if found & UNKNOWN != 0:
@@ -218,7 +219,7 @@ def decode_python(model, data, phase, advance, missing):
     phase : int
         Number of the cycle, by which units without load are looked at.
     advance : bool
-        False: the cycle before once more; its temperatures stay as they are.
+        False: the same cycle once more; its temperatures stay as they are.
     missing : float
         Periods since the cycle before, less one, that lags age by. A change of the gel's
         temperature in them counts as if it came at their end.
@@ -230,7 +231,6 @@ def decode_python(model, data, phase, advance, missing):
             unit = model.coefficients[block if model.coefficients.size > 1 else 0]
             age(data.state[block]["film_lag"], unit["film_keep"], missing)
             age(data.state[block]["chip_lag"], unit["chip_keep"], missing)
-    phase -= 0 if advance else 1
     look = model.look_every > 0 and phase % model.look_every == 0
     for block in range(data.state.size):
         left = n - block * LANES

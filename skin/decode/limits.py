@@ -10,7 +10,7 @@ from skin.physics.force_law import inverse, normal_law
 from topology import CHANNELS, Topology
 from topology.gel import gel_share
 
-__all__ = ["frequency_sigma_hz", "limits_of", "calibrated_drop_hz"]
+__all__ = ["calibrated_drop_hz", "frequency_sigma_hz", "limits_of"]
 
 STRETCH_MAX = 0.2
 """A frequency this share above rest is no working unit: it would be pulled to 6/5 of its height

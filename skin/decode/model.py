@@ -15,7 +15,7 @@ from skin.decode import records as k
 from skin.decode.arrays import check
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
-from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, calibrated_drop_hz
+from skin.decode.limits import STEP_SIGMA, calibrated_drop_hz, frequency_sigma_hz, limits_of
 from skin.decode.plan import Plan, Wants
 from skin.decode.resting import axial_at_rest
 from skin.decode.uncertainty import Neighbours, uncertainty

@@ -12,7 +12,7 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.decode.field import FIELD_MIN, Field, Inverted, check_fields, field_at, invert
+from skin.decode.field import FIELD_MIN, Field, Inverted, field_at, invert
 from skin.decode.functions import atan2, read, sin_cos
 from skin.decode.temperature import EXTRAPOLATION
 from skin.physics.force_law import at as law_at
@@ -23,7 +23,7 @@ from skin.decode.records import (  # isort: skip
     TANGENTIAL, TEMPERATURE, TEST_RATIO, THETA,
 )  # fmt: skip
 
-__all__ = ["decode_loaded", "decode_unloaded", "hide"]
+__all__ = ["decode_unloaded", "hide", "invert_units", "show_units"]
 
 THETA_MOST_RAD = 1.8137993642342178
 """Sigma of a direction that is not known: even over the circle, pi / sqrt(3)."""
@@ -230,15 +230,6 @@ def show_units(wants, unit, size, tile):
             tile["depth"][j], tile["push"][j], tile["depth_sigma"][j], tile["push_sigma"][j]
         )
         show(wants, field, inverted, normal, unit, tile["result"], j)
-
-
-@jitable
-def decode_loaded(wants, unit, counts, background, size, tile, flag, state, advance):
-    """The units of a block but for their temperatures."""
-    invert_units(wants, unit, counts, background, size, tile, flag)
-    if wants.check is not None:
-        check_fields(wants, unit, size, tile, flag, state, advance)
-        show_units(wants, unit, size, tile)
 
 
 @jitable

@@ -47,17 +47,16 @@ def gel_sigma(t, current, unit, j):
 
 
 @jitable
-def decode_temperatures(wants, unit, counts, size, state, tile, flag, calm, advance):
+def decode_temperatures(wants, unit, counts, size, state, tile, flag, advance):
     """Temperatures of a block's units, and of film and chip above their references.
 
     A unit that is INVALID leaves no trace in the state; without `advance` the state is already that
-    of this cycle. `calm`: all units are kept, and advance; a state that is stored for some lanes
-    alone costs more than all else here.
+    of this cycle.
     """
     assume_noalias()
     real, out = unit["gel_scale"].dtype.type, tile["result"]
     for j in range(min(size, LANES)):
-        keep = calm | (flag[j] & INVALID == 0)
+        keep = flag[j] & INVALID == 0
         now = advance | (not keep)
         t, current = gel_law(real(read(counts, GEL, j)), unit, j)
         last = state["last_temperature"][j]
