@@ -220,7 +220,7 @@ class Pipeline:
     def _shared(self) -> Common | None:
         """Errors that units have in common: the ambient field, where it is estimated."""
         from skin.contact.unseen import common_field
-        from skin.decode.ambient_model import PRIOR_UT2
+        from skin.decode.ambient_kernels import PRIOR_UT2
 
         decoder, ambient = self.decoder, self.decoder.ambient
         if ambient is None:
