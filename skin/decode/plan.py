@@ -59,6 +59,8 @@ class Wants(NamedTuple):
         Directions are corrected by tables: a unit has one.
     centre
         Films sit off their chips' axes, which is taken off: a unit has such a film.
+    chip
+        Temperatures of chips that are not on the wire: they follow the gel.
     """
 
     shear: Literal[True] | None
@@ -69,6 +71,7 @@ class Wants(NamedTuple):
     field: Literal[True] | None
     correction: Literal[True] | None
     centre: Literal[True] | None
+    chip: Literal[True] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +140,7 @@ class Plan:
             sigma="sigma" in names, theta="theta" in names, field=ambient or "field" in names,
             correction=shear and p["theta_correction_rad"].any(),
             centre=shear and (p["film_x_mm"].any() or p["film_y_mm"].any()),
+            chip=bool((~topology.wired[CHANNELS.index("hall_temperature")] & topology.feels).any()),
         )  # fmt: skip
         return cls(
             quantities=tuple(name for name in UNIT_WANTS if name in names - {"sigma"}),

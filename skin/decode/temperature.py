@@ -66,13 +66,14 @@ def decode_temperatures(wants, unit, counts, size, state, tile, flag, advance):
         was = state["film_lag"][j]
         film_lag = unit["film_keep"][j] * (was + step) if now else was
         state["film_lag"][j] = film_lag if keep else was
-        was = state["chip_lag"][j]
-        chip_lag = unit["chip_keep"][j] * (was + step) if now else was
-        state["chip_lag"][j] = chip_lag if keep else was
         film_above = (t - unit["film_reference"][j]) + film_lag
-        chip_above = unit["chip_follows"][j] * (t + chip_lag)
         chip_count = real(read(counts, CHIP, j))
-        chip_above += unit["chip_scale"][j] * chip_count + unit["chip_offset"][j]
+        chip_above = unit["chip_scale"][j] * chip_count + unit["chip_offset"][j]
+        if wants.chip is not None:
+            was = state["chip_lag"][j]
+            chip_lag = unit["chip_keep"][j] * (was + step) if now else was
+            state["chip_lag"][j] = chip_lag if keep else was
+            chip_above += unit["chip_follows"][j] * (t + chip_lag)
         tile["film_above"][j] = film_above
         tile["chip_above"][j] = chip_above
         out[TEMPERATURE, j] = t
