@@ -220,7 +220,7 @@ class LogWatch:
     def take(self, frames: np.ndarray) -> None:
         """Check frames, shape (m,), in the order of the log."""
         plain = frames["id"] & (CAN_ERR | CAN_RTR) == 0
-        for index in range(len(self._buses)):
+        for index, bus in enumerate(self._buses):
             here = np.flatnonzero(plain & (frames["bus"] == index))
             if not here.size:
                 continue
