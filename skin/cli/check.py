@@ -85,12 +85,12 @@ def check(
         written = [
             asdict(one) | {"path": str(one.path.resolve())} for one in write_dbc(loaded, dbc)
         ]
-    found = summary(loaded)
+    found, rate = summary(loaded), f"{loaded.cycle_rate_hz:g} Hz"
     robot = None if loaded.robot is None else _seat(loaded, loaded.robot)
     too_dense = _too_dense(loaded)
     problems = [
-        f"bus {bus.name!r} cannot carry {found.cycle_rate_hz:g} Hz: worst-case load "
-        f"{bus.load:.1%}, limit {bus.max_load:.1%}"
+        f"bus {bus.name!r} cannot carry {rate}: worst-case load {bus.load:.1%}, "
+        f"limit {bus.max_load:.1%}"
         for bus in found.buses if not bus.ok
     ] + too_dense + (robot["problems"] if robot else [])  # fmt: skip
     report: dict[str, Any] = msgspec.to_builtins(found) | {
@@ -100,10 +100,7 @@ def check(
     if json:
         print(json_text.dumps(report))
     else:
-        print(
-            f"{found.name}: {found.units} units, {found.frames} frames a cycle, "
-            f"{found.cycle_rate_hz:g} Hz"
-        )
+        print(f"{found.name}: {found.units} units, {found.frames} frames a cycle, {rate}")
         parts = report if robot is None else report | {
             "joints": robot["joints"], "seats": robot["patches"],
         }  # fmt: skip
