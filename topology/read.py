@@ -31,6 +31,8 @@ _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_PARTS}}}")
 """A dotted key with more parts: the parser's time is quadratic in them."""
 INTEGER_BITS = 63
+_MANY_DIGITS = re.compile(r"\d[\d_]{4300}")
+"""An integer that Python refuses to parse."""
 
 _Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
@@ -68,6 +70,8 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
     except RecursionError:
         reason = "values nested too deep"
     except ValueError:
+        digits = _MANY_DIGITS.search(text)
+        line = text.count("\n", 0, digits.start()) + 1 if digits else 0
         reason = "an integer of thousands of digits"
     report.about_file(shown, "TOML", reason, line=line)
     return None

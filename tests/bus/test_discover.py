@@ -258,7 +258,7 @@ def test_the_words_of_all_findings():
     lines = []
     for name in CASES:
         lines += [f"[{name}]", *map(str, diagnose(survey_of(*a_case(name)))), ""]
-    check_golden("doctor", "\n".join(lines))
+    check_golden("doctor", lines[:-1])
 
 
 @pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16", "f3t-fd64", "icub-skin"])
