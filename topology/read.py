@@ -26,6 +26,8 @@ __all__ = ["open_source", "read", "read_text", "show"]
 LARGEST_MB = 2
 """Larger files are refused before they are parsed; a thousand explicit units are 0.2 MB."""
 
+DEEPEST = 64
+"""Levels of values in each other: deeper ones would exhaust Python's stack later on."""
 MOST_PARTS = 8
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_PARTS}}}")
@@ -56,7 +58,10 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
     try:
         text = raw.decode("utf-8-sig")
         if (deep := _DEEP_KEY.search(text)) is None:
-            return Source(path, text, shown, report)
+            source = Source(path, text, shown, report)
+            if _is_shallow(source.data, DEEPEST):
+                return source
+            raise RecursionError
         line, reason = text.count("\n", 0, deep.start()) + 1, f"a key of over {MOST_PARTS} parts"
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
@@ -75,6 +80,13 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
         reason = "an integer of thousands of digits"
     report.about_file(shown, "TOML", reason, line=line)
     return None
+
+
+def _is_shallow(node: Any, levels: int) -> bool:
+    if not isinstance(node, dict | list):
+        return True
+    items = node.values() if isinstance(node, dict) else node
+    return levels > 0 and all(_is_shallow(item, levels - 1) for item in items)
 
 
 def read_text(path: Path, shown: str, report: Report, most_mb: int) -> bytes | None:
