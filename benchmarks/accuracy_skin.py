@@ -179,7 +179,8 @@ def square(side: int, pitch_m: float, rate_hz: float = 100.0) -> Topology:
         file = Path(folder) / "square.toml"
         file.write_text(
             f'format = 1\nname = "square"\ncycle_rate_hz = {rate_hz}\n[[buses]]\nname = "main"\n'
-            'interface = "memory"\ndata_bitrate = 5_000_000\n[[patches]]\nname = "square"\nkind = "grid"\n'
+            'interface = "memory"\ndata_bitrate = 5_000_000\n[[patches]]\nname = "square"\n'
+            'kind = "grid"\n'
             f'rows = {side}\ncolumns = {side}\npitch_m = {pitch_m}\nbus = "main"\n'
             'layout = "f3t-fd64"\nfirst_id = 0x100\n',
             encoding="utf-8",

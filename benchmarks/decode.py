@@ -187,7 +187,8 @@ def _lattice() -> Topology:
         file = Path(folder) / "lattice.toml"
         file.write_text(
             'format = 1\nname = "lattice"\ncycle_rate_hz = 100\n[[buses]]\nname = "main"\n'
-            'interface = "memory"\ndata_bitrate = 5_000_000\n[[patches]]\nname = "lattice"\nkind = "grid"\n'
+            'interface = "memory"\ndata_bitrate = 5_000_000\n[[patches]]\nname = "lattice"\n'
+            'kind = "grid"\n'
             f'rows = {LATTICE}\ncolumns = {LATTICE}\npitch_m = 0.012\nbus = "main"\n'
             'layout = "f3t-fd64"\nfirst_id = 0x100\n',
             encoding="utf-8",

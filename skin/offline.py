@@ -214,17 +214,18 @@ class LogWatch:
         self._nodes = [beating_nodes(topology, index) for index in range(count)]
         self._beats: dict[tuple[int, int], tuple[float, int]] = {}
         self._back = self._jump_ahead = ""
-        self._rate_hz, self._pulse = topology.cycle_rate_hz, topology.sync_id
+        self._rate_hz, self._sync_id = topology.cycle_rate_hz, topology.sync_id
+        self._pulse = [topology.sync_id] * count
         self._periods_ns: list[list[float]] = [[] for _ in self._buses]
 
     def take(self, frames: np.ndarray) -> None:
         """Check frames, shape (m,), in the order of the log."""
         plain = frames["id"] & (CAN_ERR | CAN_RTR) == 0
-        for index in range(len(self._buses)):
+        for index, bus in enumerate(self._buses):
             here = np.flatnonzero(plain & (frames["bus"] == index))
             if not here.size:
                 continue
-            syncs = np.count_nonzero(frames["id"][here] == self._pulse)
+            syncs = np.count_nonzero(frames["id"][here] == self._sync_id)
             self._syncs[index] += syncs
             self._data[index] += here.size - syncs
             stamps = frames["stamp_ns"][here]
@@ -275,9 +276,9 @@ class LogWatch:
     def faults(self) -> Iterator[str]:
         """Faults, as messages."""
         for bus, data, syncs in zip(self._buses, self._data, self._syncs, strict=True):
-            if self._pulse is not None and data and not syncs:
+            if self._sync_id is not None and data and not syncs:
                 yield (
-                    f"bus {bus.name!r}: must carry SYNC (0x{self._pulse:03x}), which starts the "
+                    f"bus {bus.name!r}: must carry SYNC (0x{self._sync_id:03x}), which starts the "
                     f"cycles; got none in {data} frames"
                 )
         yield from self.jumps

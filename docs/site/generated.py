@@ -94,7 +94,7 @@ def _table(heads: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
 
 def topology_file(app: object) -> str:
     """Every table and key of a topology file."""
-    return _schema(json_schema(File), leave_out=("Model", "UnitException"))
+    return _schema(json_schema(File), leave_out=("Model", "Override"))
 
 
 def calibration_file(app: object) -> str:

@@ -89,8 +89,8 @@ def check(
     robot = None if loaded.robot is None else _seat(loaded, loaded.robot)
     too_dense = _too_dense(loaded)
     problems = [
-        f"bus {bus.name!r} cannot carry {found.cycle_rate_hz:g} Hz: worst-case load {bus.load:.1%}, "
-        f"limit {bus.max_load:.1%}"
+        f"bus {bus.name!r} cannot carry {loaded.cycle_rate_hz:g} Hz: "
+        f"worst-case load {bus.load:.1%}, limit {bus.max_load:.1%}"
         for bus in found.buses if not bus.ok
     ] + too_dense + (robot["problems"] if robot else [])  # fmt: skip
     report: dict[str, Any] = msgspec.to_builtins(found) | {
@@ -100,9 +100,8 @@ def check(
     if json:
         print(json_text.dumps(report))
     else:
-        print(
-            f"{found.name}: {found.units} units, {found.frames} frames a cycle, {found.cycle_rate_hz:g} Hz"
-        )
+        count = f"{found.units} units, {found.frames} frames a cycle"
+        print(f"{found.name}: {count}, {found.cycle_rate_hz:g} Hz")
         parts = report if robot is None else report | {
             "joints": robot["joints"], "seats": robot["patches"],
         }  # fmt: skip

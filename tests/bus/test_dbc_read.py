@@ -349,7 +349,7 @@ def test_what_cannot_be_read_at_all_says_why(tmp_path, monkeypatch):
     (tmp_path / "folder.dbc").mkdir()
     with pytest.raises(TopologyError) as error:
         load_with(tmp_path, VENDOR, PAIR.replace("vendor.dbc", "folder.dbc"))
-    assert str(error.value).endswith("folder.dbc: must be a readable file; got: Is a directory")
+    assert str(error.value).endswith("folder.dbc: must be a readable file; got Is a directory")
     monkeypatch.setattr(reading, "LARGEST_MB", 1)
     with pytest.raises(TopologyError) as error:
         load_with(tmp_path, VENDOR + " " * 1_100_000, PAIR)

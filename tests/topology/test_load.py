@@ -14,8 +14,7 @@ import topology
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, LAYOUTS, MODELS, THETA_KNOTS, TopologyError, UnitModel, load
 from topology.errors import UnknownNameError
-from topology.model import TABLES
-from topology.model import PARAMETERS
+from topology.model import PARAMETERS, TABLES
 
 GRID = (
     'kind = "grid"\nrows = 3\ncolumns = 4\npitch_m = 0.012\nlayout = "f3t-fd64"\nfirst_id = 0x100'
@@ -477,7 +476,8 @@ def test_any_module_may_be_imported_first(order):
 
 def test_a_scale_that_is_no_number_is_refused_with_its_line(tmp_path):
     model = '[[models]]\nname = "m"\n[models.scales.bx]\nscale = {}\n'
-    patch = 'kind = "grid"\nrows = 1\ncolumns = 1\npitch_m = 0.02\nfirst_id = 0x100\nlayout = "f3t-fd64"\nmodel = "m"\n'
+    patch = 'kind = "grid"\nrows = 1\ncolumns = 1\npitch_m = 0.02\nfirst_id = 0x100\n'
+    patch += 'layout = "f3t-fd64"\nmodel = "m"\n'
     for given, message in (("'x'", "finite number"), ("1e-320", "from 1e-09 to 1e\\+09")):
         file = write_topology(tmp_path, head=model.format(given), patch=patch)
         with pytest.raises(TopologyError, match=f":6: models.* scale: must be .*{message}"):
