@@ -21,9 +21,8 @@ from bus import heartbeat
 from skin.cli import COMMANDS, main
 from skin.state import Status
 from topology.calibration import CalibrationFile
-from topology.schema import json_schema
 from topology.model import MODELS, UnitModel
-from topology.schema import File
+from topology.schema import File, json_schema
 from topology.wire import LAYOUTS, QUANTITIES
 
 ROOT = Path(__file__).parents[2]

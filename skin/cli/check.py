@@ -61,16 +61,14 @@ def check(
 
     from skin.errors import OptionError
     from topology.load import builtin, load
-    from topology.schema import json_schema
+    from topology.schema import File, json_schema
     from topology.summary import summary
 
-    if schema == "topology":
-        print(json_text.dumps(json_schema(), indent=2))
-        return 0
-    if schema == "scene":
+    if schema is not None:
         from skin.sim.scenes.script import SceneFile
 
-        print(json_text.dumps(json_schema(SceneFile), indent=2))
+        described = {"topology": File, "scene": SceneFile}[schema]
+        print(json_text.dumps(json_schema(described), indent=2))
         return 0
     if file is None:
         raise OptionError(

@@ -136,8 +136,8 @@ class Closeness:
     ) -> dict[tuple[int, int], np.ndarray]:
         """Field (3,) by unit and film of another body."""
         i, j, _ = pairs_within(position, NEAR_M)
-        apart = self._body[i] != self._body[j]
-        i, j = i[apart], j[apart]
+        between = self._body[i] != self._body[j]
+        i, j = i[between], j[between]
         if not i.size:
             return {}
         posed = dataclasses.replace(self._topology, position=position, rotation=rotation)
