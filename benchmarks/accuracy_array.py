@@ -79,7 +79,8 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
         for _ in range(sweeps):
             talk.predict(reading.displacement_mm, reading.valid, background)
             background[4] = 0.0
-            reading = decoder(counts[i], None, background, advance=False)
+            decoder.reset()
+            reading = decoder(counts[i], None, background)
         off[i] = np.hypot(*(reading.displacement_mm[:2] - displacement[i]))
         force[i] = np.linalg.norm(reading.force - true[i], axis=0)
     below = np.hypot(displacement[:, 0], displacement[:, 1]) < 2.0

@@ -17,8 +17,11 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from benchmarks.peers_decode import numpy_decode
-from skin.contact.cluster import KEEP_SIGMA, START_SIGMA
+from skin.contact.cluster import KEEP_SIGMA
 from topology import CHANNELS, Topology
+
+START_SIGMA = 5.0
+"""Normal load of a contact in a single reading, in sigmas [assumed]."""
 
 
 class Found(NamedTuple):

@@ -29,8 +29,8 @@ from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
     from skin.calibrate.zeros import Zeros
-    from skin.contact.shared_field import Common
     from skin.contact.stream import ContactStream
+    from skin.contact.unseen import Common
     from skin.robot.joints import Joints
 
 __all__ = ["Pipeline"]
@@ -219,8 +219,8 @@ class Pipeline:
 
     def _shared(self) -> Common | None:
         """Errors that units have in common: the ambient field, where it is estimated."""
-        from skin.contact.shared_field import common_field
-        from skin.decode.ambient_model import PRIOR_UT2
+        from skin.contact.unseen import common_field
+        from skin.decode.ambient_kernels import PRIOR_UT2
 
         decoder, ambient = self.decoder, self.decoder.ambient
         if ambient is None:

@@ -4,7 +4,7 @@ The mean square of the change over a time τ, ``D(τ)``, is 2 w² for white nois
 any τ. A bounded random walk (Ornstein-Uhlenbeck, sigma s, time constant T) adds 2 s² (1 - exp(-τ /
 T)), a drift of d a second adds d² τ². All four are fitted to each channel of each recording, with
 errors relative to D. The detector takes the noise of its lags for white, except for a factor of the
-variance that it learns (`skin.contact.slip.unit_filter`), and lets anchors follow within 3 s.
+variance that it learns (`skin.contact.slip.lags`), and lets anchors follow within 3 s.
 
 Correlations are of steps from sample to sample (white noise), and of means over 0.1 s about a
 straight line (slow noise): root mean square over pairs, less what chance gives to independent ones.

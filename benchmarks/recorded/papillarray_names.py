@@ -17,8 +17,8 @@ from enum import IntEnum
 
 import numpy as np
 
+from skin.contact.contact import wrench_adjoint
 from skin.contact.record import UnitSlip
-from skin.contact.wrench import wrench_in_frame
 from skin.state import State
 
 __all__ = ["NO_ESTIMATE", "PapillArray", "PillarState", "SensorState", "SlipCode"]
@@ -126,7 +126,7 @@ class PapillArray:
         assert moved is not None
         loaded = np.hypot(force[0], force[1]) > self._shear_n
         codes = self._follow(label >= 0, slip, loaded)
-        total = wrench_in_frame(wrench, self._rotation, self._origin)
+        total = wrench_adjoint(self._rotation, self._origin) @ wrench
         heaviest = max(state.contacts, key=lambda contact: contact.load, default=None)
         estimated = heaviest if heaviest is not None and heaviest.friction_known else None
         return SensorState(

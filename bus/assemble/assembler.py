@@ -8,7 +8,15 @@ from dataclasses import fields
 
 import numpy as np
 
-from bus.assemble.memory import BY_DEADLINE, BY_END, Memory, Shown, new_memory, new_shown
+from bus.assemble.memory import (
+    BY_COMPLETE,
+    BY_DEADLINE,
+    BY_END,
+    Memory,
+    Shown,
+    new_memory,
+    new_shown,
+)
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from bus.frame import FRAME_DTYPE, FrameViews, views
 from bus.table import FrameTable, Tables
@@ -17,7 +25,8 @@ from topology import Topology
 __all__ = ["Assembler"]
 
 _KINDS = tuple(field.name for field in fields(FrameCounters))
-_CLOSED_BY = (None, ClosedBy.COMPLETE, ClosedBy.SYNC, ClosedBy.DEADLINE, ClosedBy.END)
+_CLOSED_BY = tuple(ClosedBy)
+"""By what closed a cycle, a BY_… of the kernels, less `BY_COMPLETE`."""
 
 
 class Assembler:
@@ -72,6 +81,11 @@ class Assembler:
         self._state = self._memory.state[0]
         self._shown = new_shown(topology.n)
         self._arrays = (table.tables, self._memory, self._shown)
+        names = "closed_by", "closed_number", "closed_stamp"
+        self._closed_by, self._number, self._stamp = (
+            self._memory.state[name].data for name in names
+        )  # fmt: skip
+        self._cycle = *self._shown[:-2], self._memory.totals, *self._shown[-2:]
         self._since_ns: int | None = None
 
     @property
@@ -164,7 +178,7 @@ class Assembler:
             row = self._feed(row, rows, *self._arrays)
             if state["number"] != number and not state["is_free"]:
                 self._since_ns = self._clock()
-            if state["closed_by"]:
+            if self._closed_by[0]:
                 yield self.cycle()
 
     def expire(self, now_ns: int) -> RawCycle | None:
@@ -245,17 +259,9 @@ class Assembler:
             None where the frames end first.
         """
         row = self._feed(row, rows, *self._arrays)
-        return row, self.cycle() if self._state["closed_by"] else None
+        return row, self.cycle() if self._closed_by[0] else None
 
     def cycle(self) -> RawCycle:
         """The cycle that closed last; for callers of the kernels."""
-        state, shown = self._state, self._shown
-        return RawCycle(
-            int(state["closed_number"]),
-            int(state["closed_stamp"]),
-            _CLOSED_BY[state["closed_by"]],
-            *shown[:-2],
-            self._memory.totals,
-            shown.stuck,
-            shown.sampled_ns,
-        )
+        by = _CLOSED_BY[self._closed_by[0] - BY_COMPLETE]
+        return RawCycle(self._number[0], self._stamp[0], by, *self._cycle)

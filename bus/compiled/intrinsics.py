@@ -1,20 +1,14 @@
-"""What numba has no words for: a hint for the compiler, which does nothing in Python and in a numba
-without its private parts, and an order of what is written for other processes."""
+"""What numba has no words for: a hint for the compiler, and an order of what is written for other
+processes."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from threading import Lock
-from typing import Any
 
 import numpy as np
 from numba import types
-from numba.extending import register_jitable
-
-try:
-    from numba.extending import lower_builtin, type_callable
-except ImportError:  # numba of another version
-    lower_builtin: Any = None
+from numba.extending import lower_builtin, type_callable
 
 __all__ = ["assume_noalias", "publish"]
 
@@ -37,35 +31,29 @@ def publish(count: np.ndarray, value: int) -> None:
         count[0] = value
 
 
-def _tell_compiler() -> None:
-    """Teach numba all of them."""
-
-    @type_callable(assume_noalias)
-    def _noalias_type(context):
-        return lambda: types.none
-
-    @lower_builtin(assume_noalias)
-    def _noalias_code(context, builder, signature, arguments):
-        with suppress(AttributeError):  # llvmlite of another version
-            for argument in builder.function.args:
-                if argument.type.is_pointer:
-                    argument.add_attribute("noalias")
-            # llvmlite's own `add` knows only the attributes that have no value.
-            set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-        return context.get_dummy_value()
-
-    @type_callable(publish)
-    def _publish_type(context):
-        return lambda count, value: types.none(count, types.int64)
-
-    @lower_builtin(publish, types.Array, types.Integer)
-    def _publish_code(context, builder, signature, arguments):
-        view = context.make_array(signature.args[0])(context, builder, arguments[0])
-        builder.store_atomic(arguments[1], view.data, ordering="release", align=8)
-        return context.get_dummy_value()
+@type_callable(assume_noalias)
+def _noalias_type(context):
+    return lambda: types.none
 
 
-if lower_builtin is None:
-    register_jitable(assume_noalias)
-else:
-    _tell_compiler()
+@lower_builtin(assume_noalias)
+def _noalias_code(context, builder, signature, arguments):
+    with suppress(AttributeError):  # llvmlite of another version
+        for argument in builder.function.args:
+            if argument.type.is_pointer:
+                argument.add_attribute("noalias")
+        # llvmlite's own `add` knows only the attributes that have no value.
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+    return context.get_dummy_value()
+
+
+@type_callable(publish)
+def _publish_type(context):
+    return lambda count, value: types.none(count, types.int64)
+
+
+@lower_builtin(publish, types.Array, types.Integer)
+def _publish_code(context, builder, signature, arguments):
+    view = context.make_array(signature.args[0])(context, builder, arguments[0])
+    builder.store_atomic(arguments[1], view.data, ordering="release", align=8)
+    return context.get_dummy_value()

@@ -19,7 +19,7 @@ from typing import Any
 from numba import njit, typeof
 from numba.extending import register_jitable
 
-from bus.compiled.cache import digest, kept
+from bus.compiled.cache import kept
 
 __all__ = ["bound", "compiled", "direct", "jitable"]
 
@@ -30,7 +30,6 @@ def compiled(
     *,
     fastmath: Iterable[str] = (),
     allocates: bool = True,
-    made_by: tuple[Any, ...] = (),
 ) -> Callable[..., Any]:
     """Compile a kernel: divisions as numpy's, without the interpreter's lock, kept on disk.
 
@@ -46,10 +45,6 @@ def compiled(
     allocates : bool
         False for a kernel that makes no arrays of its own: it takes no references to those of its
         arguments either, of which numba's cost 0.1 µs each in every call. Kernels of a cycle.
-    made_by : tuple
-        Of a closure: the name of the function of its module that makes the kernel, and the
-        arguments, by which other processes make it, and which distinguish the closures.
-
     Returns
     -------
     callable
@@ -63,10 +58,6 @@ def compiled(
     flags = set(fastmath)
     if not flags <= {"contract", "reassoc", "arcp"}:
         raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
-    if made_by:
-        marked: Any = function
-        marked.made_by = made_by
-        function.__qualname__ = f"{function.__name__}_{digest(repr(made_by))}"
     compile_it: Any = njit
     options: dict[str, Any] = {"_nrt": allocates, "fastmath": flags or False}
     with kept() as cached:
@@ -122,5 +113,7 @@ def jitable(
     if function is None:
         return lambda wrapped: jitable(wrapped, fastmath=fastmath)
     flags = set(fastmath)
-    options: dict[str, Any] = {"forceinline": True} | ({"fastmath": flags} if flags else {})
+    # no wrapper for callers in C, of which there are none
+    options: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True}
+    options |= {"fastmath": flags} if flags else {}
     return register_jitable(**options)(function)

@@ -28,19 +28,16 @@ __all__ = ["Job", "jobs_of", "side_by_side"]
 
 
 class Job(NamedTuple):
-    """A kernel, as another process finds it: a module, the name of the kernel in it or of what
-    makes it, and the arguments of that; and the types of its arguments."""
+    """A kernel, as another process finds it: its module and its name there, and the types of its
+    arguments."""
 
     module: str
     name: str
-    made_by: tuple[Any, ...]
     kinds: tuple[Any, ...]
 
     def compile(self) -> None:
         """Compile the kernel, or load it."""
-        found = getattr(import_module(self.module), self.name)
-        kernel = found(*self.made_by) if self.made_by else found
-        kernel.compile(self.kinds)
+        getattr(import_module(self.module), self.name).compile(self.kinds)
 
     @property
     def mark(self) -> Path | None:
@@ -62,8 +59,8 @@ def jobs_of(calls: Iterable[tuple[Any, ...]]) -> list[Job]:
         if not hasattr(kernel, "py_func"):
             continue  # interpreted
         function = kernel.py_func
-        name, *made_by = getattr(function, "made_by", (function.__name__.removesuffix("_python"),))
-        job = Job(function.__module__, name, tuple(made_by), tuple(map(typeof, arguments)))
+        name = function.__name__.removesuffix("_python")
+        job = Job(function.__module__, name, tuple(map(typeof, arguments)))
         if job.mark is not None and not job.mark.exists():
             found.append(job)
     return found

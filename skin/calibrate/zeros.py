@@ -26,7 +26,7 @@ import numpy as np
 
 from skin.calibrate.tare import Tare
 from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings, lowest_hz, rest_hz2
-from skin.decode.ambient_model import LOADED_SIGMAS
+from skin.decode.ambient_kernels import LOADED_SIGMAS
 from skin.decode.limits import PULL_SIGMAS, STEP_SIGMA
 from skin.physics.elastic import Elastic
 from skin.physics.stencil import neighbours_at_rest

@@ -16,11 +16,8 @@ from skin.contact.record import BRIDGE, OPEN, OUT, SILENT
 from skin.errors import SkinError
 from skin.options import Options
 
-__all__ = ["FALSE_CONTACTS_PER_DAY", "KEEP_SIGMA", "START_SIGMA", "join", "start_sigma_for",
-           "start_sigmas", "take_readings"]  # fmt: skip
+__all__ = ["FALSE_CONTACTS_PER_DAY", "KEEP_SIGMA", "join", "start_sigmas", "take_readings"]
 
-START_SIGMA = 5.0
-"""Normal load of a contact in a single reading of an array, in sigmas [assumed]."""
 KEEP_SIGMA = 3.0
 """Normal load that a unit must exceed to belong to a contact, in sigmas [assumed]."""
 FALSE_CONTACTS_PER_DAY = Options.false_contacts_per_day
@@ -30,9 +27,9 @@ TINY = 1e-200
 
 
 def start_sigmas(
-    n: int, pairs: int, rate_hz: float, false_contacts_per_day: float
-) -> tuple[float, float, float]:
-    """Thresholds of a unit, of two cycles of it, and of two neighbours; see `SETTINGS`.
+    n: int, pairs: int, rate_hz: float, false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY
+) -> tuple[float, float]:
+    """Thresholds of a unit, alone or in the mean of two cycles, and of the mean of two neighbours.
 
     Parameters
     ----------
@@ -42,45 +39,32 @@ def start_sigmas(
         Cycles a second.
     false_contacts_per_day : float
         On the whole skin, on white Gaussian noise.
-    """
-    per_hour = false_contacts_per_day / 24.0 / 3.0
-    alone = start_sigma_for(per_hour, n, rate_hz)
-    return alone, alone, start_sigma_for(per_hour, pairs, rate_hz) if pairs else np.inf
-
-
-def start_sigma_for(false_alarms_per_hour: float, n: int, rate_hz: float) -> float:
-    """Threshold at which noise alone starts at most this rate of contacts.
-
-    For white Gaussian noise. At `START_SIGMA`, noise of 64 units at 250 Hz starts a contact every
-    3.6 minutes.
-
-    Parameters
-    ----------
-    false_alarms_per_hour : float
-    n : int
-        Number of units, or of other tests per cycle.
-    rate_hz : float
-        Cycles a second.
 
     Returns
     -------
-    float
-        Sigmas of normal load.
+    tuple of float
+        Sigmas of normal load, or of the mean.
+
+    Raises
+    ------
+    SkinError
+        The first is below `KEEP_SIGMA`.
 
     Examples
     --------
-    >>> round(start_sigma_for(1.0, 64, 250.0), 2)
-    5.52
+    >>> [round(sigma, 2) for sigma in start_sigmas(64, 210, 250.0)]
+    [6.22, 6.41]
     """
     from scipy.special import ndtri
 
-    chance = false_alarms_per_hour / (3600.0 * n * rate_hz)
-    if not 0.0 < chance < 0.5:
+    tests = 3.0 * 86_400.0 * rate_hz / false_contacts_per_day
+    alone = -ndtri(1.0 / (tests * n)) if tests * n > 2.0 else 0.0
+    if alone < KEEP_SIGMA:
         raise SkinError(
-            "false_alarms_per_hour, n, rate_hz: must leave each unit and cycle a chance between "
-            f"0 and 0.5; got {chance:g}"
+            f"false_contacts_per_day: must leave a start of contact at {KEEP_SIGMA} sigmas or "
+            f"more; got {false_contacts_per_day:g}, {alone:.2f}"
         )
-    return float(-ndtri(chance))
+    return float(alone), float(-ndtri(1.0 / (tests * pairs))) if pairs else np.inf
 
 
 @jitable
@@ -89,7 +73,7 @@ def take_readings(readings, model, data):
     gate; returns how many. A unit that is not valid or has a non-finite number is silent; the shear
     of unloaded units is not read.
     """
-    keep_sigma, cycle, count = model.settings[0]["keep_sigma"], data.cycle[0], 0
+    settings, cycle, count = model.settings[0], data.cycle[0], 0
     cycle["cycles"] += 1
     for i in range(data.units.size):
         u = data.units[i]
@@ -97,54 +81,43 @@ def take_readings(readings, model, data):
         u["force"][2], u["force_sigma"][2] = load, sigma
         data.label[i] = -1
         heard = readings.valid[i] and np.isfinite(load) and sigma >= 0.0
-        kind = OUT
-        if heard and load > keep_sigma * sigma:
-            _take_loaded(i, u, readings, cycle)
-            heard = _all_finite(u["force"]) and _all_finite(u["force_sigma"])
-            if model.settings[0]["needs_displacement"]:
-                heard = heard and _all_finite(u["displacement"])
-                heard = heard and _all_finite(u["displacement_sigma"])
+        u["kind"] = OUT
+        if heard and load > settings["keep_sigma"] * sigma:
+            heard = _take_loaded(i, u, readings, settings["slip"], cycle)
             if heard:
-                kind = OPEN
-                _weigh(u, cycle["cycles"])
+                u["kind"] = OPEN
                 data.lists[count]["loaded"] = i
                 count += 1
         if not heard:
-            kind = BRIDGE if u["touching"] else SILENT
-        u["kind"] = kind
+            u["kind"] = BRIDGE if u["touching"] else SILENT
     return count
 
 
 @jitable
-def _take_loaded(i, u, readings, cycle):
-    """Copy all that is given of one unit."""
+def _take_loaded(i, u, readings, needs_displacement, cycle):
+    """Copy all that is given of one unit above the gate; returns whether what is needed is
+    finite."""
+    total = 0.0
     for a in range(3):
         u["force"][a] = readings.force[a, i]
         u["force_sigma"][a] = readings.force_sigma[a, i]
+        total += abs(u["force"][a]) + abs(u["force_sigma"][a])
         if cycle["has_depth"]:
             u["displacement"][a] = readings.displacement_mm[a, i]
             u["displacement_sigma"][a] = readings.displacement_sigma_mm[a, i]
+        if needs_displacement:
+            total += abs(u["displacement"][a]) + abs(u["displacement_sigma"][a])
         if cycle["has_field"]:
             u["field"][a] = readings.field_ut[a, i]
             u["field_displacement"][a] = readings.field_displacement_mm[a, i]
-    u["temperature"] = np.nan
-    if cycle["has_temperature"]:
-        u["temperature"] = readings.temperature[i]
-    if cycle["has_field"]:
-        u["residue"] = readings.residue_ut2[i]
-
-
-@jitable
-def _all_finite(v):
-    return np.isfinite(v[0]) and np.isfinite(v[1]) and np.isfinite(v[2])
-
-
-@jitable
-def _weigh(u, cycle):
-    """Load of a unit above the gate in sigmas, in this cycle and the one before."""
-    u["level_before"] = u["level"] if u["level_cycle"] == cycle - 1 else -np.inf
-    u["level"] = u["force"][2] / max(u["force_sigma"][2], TINY)
-    u["level_cycle"] = cycle
+            u["residue"] = readings.residue_ut2[i]
+    u["temperature"] = readings.temperature[i] if cycle["has_temperature"] else np.nan
+    # load in sigmas, in this cycle and the one before
+    u["level_before"] = u["level"] if u["level_cycle"] == cycle["cycles"] - 1 else -np.inf
+    if np.isfinite(total):
+        u["level"] = u["force"][2] / max(u["force_sigma"][2], TINY)
+        u["level_cycle"] = cycle["cycles"]
+    return np.isfinite(total)
 
 
 @jitable

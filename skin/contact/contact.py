@@ -9,13 +9,12 @@ import numpy as np
 
 from skin.contact.model import WAYPOINTS
 from skin.contact.record import Fields, SlipState
-from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
 if TYPE_CHECKING:
     from skin.contact.shock import Shocks
 
-__all__ = ["Contact", "Kept"]
+__all__ = ["Contact", "Kept", "wrench_adjoint"]
 
 
 class Kept(NamedTuple):
@@ -142,8 +141,9 @@ class Contact(Fields):
         return self._shocks
 
     def wrench_in(self, rotation: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Wrench and covariance in another frame; see `skin.contact.wrench.wrench_in_frame`."""
-        return wrench_in_frame(self.wrench, rotation, origin, self.wrench_covariance)
+        """Wrench and covariance in another frame; see `wrench_adjoint`."""
+        adjoint = wrench_adjoint(rotation, origin)
+        return adjoint @ self.wrench, adjoint @ self.wrench_covariance @ adjoint.T
 
     def __repr__(self) -> str:
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.centroid)
@@ -160,3 +160,29 @@ class Contact(Fields):
         if not self.whole:
             parts.append("not whole")
         return f"<Contact {self.id}: {', '.join(parts)}>"
+
+
+def wrench_adjoint(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """The matrix that turns a wrench about the origin of the skin frame into that in another frame.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (3, 3)
+        Columns are the axes of the frame, in the skin frame.
+    origin : ndarray, shape (3,)
+        Metre, origin of the frame, in the skin frame, about which the torque is then given.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+
+    Examples
+    --------
+    >>> (wrench_adjoint(np.eye(3), [0.1, 0, 0]) @ [0, 0, 2.0, 0, -0.2, 0]).tolist()
+    [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
+    """
+    x, y, z = origin
+    turn, adjoint = np.transpose(rotation), np.zeros((6, 6))
+    adjoint[:3, :3] = adjoint[3:, 3:] = turn
+    adjoint[3:, :3] = -turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return adjoint

@@ -1,112 +1,94 @@
-"""Description of a contact: load, wrench, centre, shape, temperature, path.
+"""Description of contacts and of their total: load, wrench, centre, shape, temperature, path.
 
-One pass over the units of the contacts sums moments; everything else follows from the sums, and the
-sums of the skin are those of its contacts.
+One pass over the units of a contact sums moments; everything else follows from the sums, and those
+of the skin are the sums of its contacts, with what no contact has.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.jit import jitable
+from bus.compiled.jit import compiled, jitable
 from skin.contact.model import ADDED, WAYPOINTS
-from skin.contact.record import BORN, UNSEEN
-from skin.contact.shape import ROUND, add_faces, add_first, add_second, arm, beside, between, orient
-from skin.contact.shared_field import add_shared, spread_shared
-from skin.contact.silent_units import add_apart, add_light, add_missed, add_silent, clear
-from skin.contact.wrench import centre, total_wrench
+from skin.contact.record import TORSION_BLIND, UNSEEN, UNTOUCHED, WEAK
+from skin.contact.shape import ROUND, add, add_faces, arm, cross, orient, shifted
+from skin.contact.shock import follow_shocks
+from skin.contact.unseen import add_apart, add_around, add_shared, add_unseen, spread_shared
 
-__all__ = ["describe", "walk"]
+__all__ = ["describe", "describe_python", "walk"]
 
 STEP_SIGMAS = 3.0
 STEP_M = 2e-4
 """Smallest movement of the centre between waypoints, in its sigmas, and in metres [assumed]."""
+WEAK_SIGMAS = 5.0
+"""Sigmas of its load below which a contact has no centre [assumed]."""
 
 
 @jitable
-def _add_load(i, u, pose, has_depth, s):
-    """Add the load of a unit, and its first and second moments."""
-    load, variance, position = u["force"][2], u["force_sigma"][2] ** 2, pose["position"]
-    z = pose["rotation"][:, 2]
-    depth = 1e-3 * u["displacement"][2] if has_depth else 0.0
+def _clear(row, data):
+    """Reset a row of the sums."""
+    data.columns[row, :] = 0.0
+    data.sums[row]["peak_unit"] = data.sums[row]["hot_unit"] = -1.0
+    data.gain[row] = 0.0
+
+
+@jitable
+def _add_unit(i, u, pose, data):
+    """Add a unit to the sums of a contact: its load, its wrench and its temperature."""
+    s, z, area, p = data.sums[0], pose["rotation"][:, 2], pose["area"], pose["position"]
+    load, warmth, shared = u["force"][2], u["temperature"], (0.0, 0.0, 0.0)
+    depth = 1e-3 * u["displacement"][2] if data.cycle[0]["has_depth"] else 0.0
     depth = depth if np.isfinite(depth) else 0.0
-    # touched point: the position, and from there along z as deep as pressed
-    point = position[0] + depth * z[0], position[1] + depth * z[1], position[2] + depth * z[2]
     s["units"] += 1.0
-    s["area"] += pose["area"]
-    if load > s["peak"] * pose["area"]:
-        s["peak"], s["peak_unit"] = load / pose["area"], i
-    s["load"] += load
-    s["load_variance"] += variance
-    add_first(s["load_touched"], load, point)
-    add_second(s["load_touched_square"], load, point)
-    add_first(s["load_position"], load, position)
-    add_first(s["load_z"], load, z)
-    add_first(s["load_x"], load, pose["rotation"][:, 0])
-    add_first(s["variance_position"], variance, position)
-    add_second(s["variance_position_square"], variance, position)
+    s["area"] += area
+    if load > s["peak"] * area:
+        s["peak"], s["peak_unit"] = load / area, i
+    add(s["load"], load, p)
+    add(s["noise"], u["force_sigma"][2] ** 2, p)
+    # touched point: the position, and from there along z as deep as pressed
+    add(s["touched"], load, (p[0] + depth * z[0], p[1] + depth * z[1], p[2] + depth * z[2]))
+    if np.isfinite(warmth):
+        if s["hot_unit"] < 0.0 or warmth > s["hot"]:
+            s["hot"], s["hot_unit"] = warmth, i
+        add(s["warm"], area, p)
+        add(s["warmth"], area * warmth, p)
+    if data.cycle[0]["has_field"]:
+        shared = add_shared(u, pose, data.gain[0])
+    for axis in range(3):
+        e, force = pose["rotation"][:, axis], u["force"][axis]
+        variance = max(u["force_sigma"][axis] ** 2 - shared[axis], 0.0)
+        turn = cross(p, e)
+        screw = e[0], e[1], e[2], turn[0], turn[1], turn[2]
+        for a in range(6):
+            s["wrench"][a] += force * screw[a]
+            for b in range(6):
+                s["wrench_covariance"][a, b] += variance * screw[a] * screw[b]
+    for a in range(3):
+        s["load_z"][a] += load * z[a]
+        s["load_x"][a] += load * pose["rotation"][a, 0]
 
 
 @jitable
-def _add_force(force, variance, axis, p, s):
-    """Add a force along an axis at p to the wrench: its screw (e, p × e), and the covariance, its
-    variance times the square of that."""
-    turn, row = beside(p, axis), 0
-    screw = axis[0], axis[1], axis[2], turn[0], turn[1], turn[2]
-    for a in range(6):
-        s["wrench"][a] += force * screw[a]
-        for b in range(a, 6):
-            s["wrench_covariance"][row] += variance * screw[a] * screw[b]
-            row += 1
+def _add_to_total(data):
+    """Add the sums of a contact to those of the total."""
+    s, total = data.sums[0], data.sums[1]
+    for column in range(ADDED):
+        data.columns[1, column] += data.columns[0, column]
+    for at in np.ndindex(data.gain[0].shape):
+        data.gain[1][at] += data.gain[0][at]
+    if s["peak"] > total["peak"]:
+        total["peak"], total["peak_unit"] = s["peak"], s["peak_unit"]
+    if s["hot_unit"] >= 0.0 and (total["hot_unit"] < 0.0 or s["hot"] > total["hot"]):
+        total["hot"], total["hot_unit"] = s["hot"], s["hot_unit"]
 
 
 @jitable
-def _add_warmth(i, u, pose, s):
-    area, warmth, position = pose["area"], u["temperature"], pose["position"]
-    if not np.isfinite(warmth):
-        return
-    if s["hot_unit"] < 0.0 or warmth > s["hot"]:
-        s["hot"], s["hot_unit"] = warmth, i
-    s["warm_area"] += area
-    s["warm_temperature"] += area * warmth
-    add_first(s["warm_position"], area, position)
-    add_second(s["warm_position_square"], area, position)
-    add_first(s["warm_temperature_position"], area * warmth, position)
-
-
-@jitable
-def _add(k, total, members, model, data):
-    """Add units to the sums of row k, and the loads below the gate of their neighbours."""
-    s, has_depth = data.sums[k], data.cycle[0]["has_depth"]
-    for i in members:
-        u, pose = data.units[i], model.poses[i]
-        x_shared, y_shared = 0.0, 0.0
-        if data.cycle[0]["has_field"]:
-            x_shared, y_shared = add_shared(k, u, pose, data.gain)
-        _add_load(i, u, pose, has_depth, s)
-        for axis in range(3):
-            variance = u["force_sigma"][axis] ** 2
-            if axis < 2:
-                variance = max(variance - (x_shared if axis == 0 else y_shared), 0.0)
-            along = pose["rotation"][:, axis]
-            _add_force(u["force"][axis], variance, along, pose["position"], s)
-        _add_warmth(i, u, pose, s)
-    add_light(k, total, members, model, data)
-    add_missed(s, model.settings[0]["keep_sigma"])
-
-
-@jitable
-def _add_total(count, data):
-    """Add the first `count` rows to the row after them."""
-    total = data.sums[count]
-    for k in range(count):
-        s = data.sums[k]
-        for column in range(ADDED):
-            data.columns[count, column] += data.columns[k, column]
-        if s["peak"] > total["peak"]:
-            total["peak"], total["peak_unit"] = s["peak"], s["peak_unit"]
-        if s["hot_unit"] >= 0.0 and (total["hot_unit"] < 0.0 or s["hot"] > total["hot"]):
-            total["hot"], total["hot_unit"] = s["hot"], s["hot_unit"]
+def _add_faces_to_total(data):
+    s, total = data.sums[0], data.sums[1]
+    for a in range(3):
+        for b in range(3):
+            total["face"][a, b] += s["face"][a, b]
+            total["face_torque"][a, b] += s["face_torque"][a, b]
 
 
 @jitable
@@ -115,31 +97,120 @@ def _temperatures(s, record):
     record["temperature_gradient"][:] = np.nan
     record["temperature"] = record["hot_temperature"] = np.nan
     record["hot_unit"] = int(s["hot_unit"])
-    area = s["warm_area"]
+    warm, area = s["warm"], s["warm"]["sum"]
     if area <= 0.0:
         return
-    record["temperature"] = mean = s["warm_temperature"] / area
+    record["temperature"] = mean = s["warmth"]["sum"] / area
     record["hot_temperature"] = s["hot"]
     if s["units"] < 3.0:
         return
-    p, q = s["warm_position"], s["warm_position_square"]
-    x, y, z = p[0] / area, p[1] / area, p[2] / area
-    spread = (
-        q[0] - p[0] * x, q[1] - p[0] * y, q[2] - p[0] * z, q[3] - p[1] * y, q[4] - p[1] * z,
-        q[5] - p[2] * z,
-    )  # fmt: skip
-    u, v = record["axes"][:, 0], record["axes"][:, 1]
-    uu, uv, vv = between(spread, u, u), between(spread, u, v), between(spread, v, v)
+    first, u, v = warm["first"], record["axes"][:, 0], record["axes"][:, 1]
+    middle = -first[0] / area, -first[1] / area, -first[2] / area
+    uu = uv = vv = along = across = 0.0
+    for a in range(3):
+        slope = s["warmth"]["first"][a] - mean * first[a]
+        along, across = along + u[a] * slope, across + v[a] * slope
+        for b in range(3):
+            spread = shifted(warm, middle, a, b)
+            uu += u[a] * spread * u[b]
+            uv += u[a] * spread * v[b]
+            vv += v[a] * spread * v[b]
     det = uu * vv - uv * uv
     if det <= ROUND**2 * (uu + vv) ** 2:
         return
-    along = across = 0.0
+    rate_u, rate_v = (along * vv - across * uv) / det, (across * uu - along * uv) / det
     for a in range(3):
-        slope = s["warm_temperature_position"][a] - mean * p[a]
-        along, across = along + u[a] * slope, across + v[a] * slope
-    first, second = (along * vv - across * uv) / det, (across * uu - along * uv) / det
+        record["temperature_gradient"][a] = rate_u * u[a] + rate_v * v[a]
+
+
+@jitable
+def _shifted_covariance(given, shift, c):
+    """Covariance of a wrench about a shifted point, M' = M + shift × F, into c, shape (6, 6)."""
+    for b in range(6):
+        turn = cross(shift, given[:3, b])
+        for a in range(3):
+            c[a, b], c[a + 3, b] = given[a, b], given[a + 3, b] + turn[a]
+    for a in range(6):
+        turn = cross(shift, c[a, :3])
+        for b in range(3):
+            c[a, b + 3] += turn[b]
+
+
+@jitable
+def _total_wrench(s, record, origin):
+    """Wrench about the origin of the skin frame, its covariance and sigma; `origin` is the middle
+    of the array. The torque of the faces and unseen loads are added to the sums."""
+    covariance, turn = s["wrench_covariance"], cross(origin, s["wrench"])
     for a in range(3):
-        record["temperature_gradient"][a] = first * u[a] + second * v[a]
+        record["wrench"][a] = s["wrench"][a]
+        record["wrench"][a + 3] = turn[a] + s["wrench"][a + 3]
+        for b in range(3):
+            covariance[a + 3, b + 3] += s["face_torque"][a, b]
+    add_unseen(s["unseen"], covariance)
+    _shifted_covariance(covariance, origin, record["wrench_covariance"])
+    for a in range(6):
+        record["wrench_sigma"][a] = np.sqrt(max(record["wrench_covariance"][a, a], 0.0))
+
+
+@jitable
+def _no_centre(record):
+    record["flags"] |= WEAK
+    record["centroid"][:] = record["middle"][:] = record["moment"][:] = np.nan
+    record["centroid_covariance"][:] = record["moment_covariance"][:] = np.nan
+    record["torsion"] = record["torsion_sigma"] = np.nan
+    record["margin"] = record["grip_force"] = np.nan
+
+
+@jitable
+def _centre(s, record, origin):
+    """Centre of pressure, torque about that of the units, shear and torsion; after `orient`.
+
+    The centre of pressure counts the neighbours' loads below the gate: c + Σ l (p - c) / load, over
+    the load of all of them, or of the contact alone where noise makes the sum smaller.
+    """
+    load, force, normal = s["load"]["sum"], s["wrench"], record["normal"]
+    push = force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2]
+    across = 0.0
+    for a in range(3):
+        across += (force[a] - push * normal[a]) ** 2
+    record["shear"] = np.sqrt(across)
+    if s["units"] < 2.0:
+        record["flags"] |= TORSION_BLIND
+    if load * load < WEAK_SIGMAS**2 * s["noise"]["sum"]:
+        _no_centre(record)
+        return
+    place, light = s["load"]["first"], s["light"]["first"]
+    about = -place[0] / load, -place[1] / load, -place[2] / load
+    turn = cross(about, force)
+    _shifted_covariance(s["wrench_covariance"], about, s["about"])
+    torsion, variance = 0.0, 0.0
+    for a in range(3):
+        record["middle"][a] = origin[a] - about[a]
+        record["moment"][a] = turn[a] + force[a + 3]
+        torsion += record["moment"][a] * normal[a]
+        for b in range(3):
+            record["moment_covariance"][a, b] = s["about"][a + 3, b + 3]
+            variance += normal[a] * s["about"][a + 3, b + 3] * normal[b]
+    record["torsion"], record["torsion_sigma"] = torsion, np.sqrt(max(variance, 0.0))
+    lighter = s["light"]["sum"]
+    load = max(load, load + lighter)
+    about = (
+        about[0] - (light[0] + lighter * about[0]) / load,
+        about[1] - (light[1] + lighter * about[1]) / load,
+        about[2] - (light[2] + lighter * about[2]) / load,
+    )
+    # First order: noise of the loads and unseen loads, Σ σ² (p - c) (p - c)' / load², and the
+    # places of load on the faces.
+    inverse2 = 1.0 / (load * load)
+    for a in range(3):
+        record["centroid"][a] = origin[a] - about[a]
+        for b in range(3):
+            spread = shifted(s["noise"], about, a, b) + shifted(s["light_noise"], about, a, b)
+            spread = (spread + shifted(s["unseen"], about, a, b)) * inverse2
+            if a == b:
+                spread = max(spread, 0.0)
+                s["step_variance"] += spread
+            record["centroid_covariance"][a, b] = spread + s["face"][a, b] * inverse2
 
 
 @jitable
@@ -150,9 +221,6 @@ def walk(record, step_variance, path):
     faces is the same before and after a step.
     """
     centre, waypoint = record["centroid"], record["waypoint"]
-    if record["event"] & BORN:
-        record["waypoints"] = 0
-        record["travel"] = 0.0
     if not np.isfinite(centre[0]):
         return
     if record["waypoints"] == 0:
@@ -166,91 +234,66 @@ def walk(record, step_variance, path):
             return
         record["travel"] += np.sqrt(square)
     for a in range(3):
-        waypoint[a] = centre[a]
-        path[record["waypoints"] % WAYPOINTS, a] = centre[a]
+        waypoint[a] = path[record["waypoints"] % WAYPOINTS, a] = centre[a]
     record["waypoints"] += 1
 
 
-@jitable
-def _conclude(s, faces, record, members, model, data):
-    """Compute everything that follows from the sums of one contact; `faces` are those of
-    `members`."""
-    origin, load, area = model.settings[0]["origin"], s["load"], s["area"]
-    record["flags"] = UNSEEN if s["hidden"] > 0.0 else 0
-    record["load"] = load
-    record["load_sigma"] = np.sqrt(s["load_variance"] + s["unseen"] + s["missed"])
-    record["area"] = area
-    record["mean_pressure"] = load / area
-    record["peak_pressure"] = s["peak"]
-    record["peak_unit"] = int(s["peak_unit"])
-    record["coverage"] = area / (area + s["silent_area"])
-    orient(s, record)
-    _temperatures(s, record)
-    add_faces(faces, record, members, model.poses, data.units, s)
-    total_wrench(s, record, origin)
-    centre(s, record, origin)
-
-
-@jitable
-def _forget(record):
-    """Reset a record that may have been another contact's: slip of a new one is unknown."""
-    record["slip"] = record["slip_units"] = record["body_units"] = 0
-    record["onset_ns"] = 0
-    record["slip_direction"][:] = np.nan
-    record["motion"][:] = np.nan
-    record["rotation"][:] = np.nan
-    record["stick_ratio"] = record["pattern"] = record["slip_probability"] = np.nan
-    record["friction"] = record["friction_sigma"] = record["friction_spread"] = np.nan
-    record["friction_lower"] = record["friction_information"] = 0.0
-    record["margin"] = record["grip_force"] = record["grip_force_sigma"] = np.nan
-
-
-@jitable
-def describe(count, silent, model, data):
-    """Describe the contacts that `find_contacts` has found, and their total.
+def describe_python(model, data):
+    """Describe the contacts that `find_contacts` has found, and their total; follow shocks.
 
     Parameters
     ----------
-    count : int
-        Contacts.
-    silent : int
-        Units that are not heard; see `remember`.
     model : ContactModel
     data : ContactData
         `contacts` and `slots` are written.
     """
-    sums, slots, end = data.sums, data.slots, 0
-    untracked_end = data.cycle[0]["touching_units"]
-    for k in range(count + 2):
-        clear(k, data)
-    data.gain[: count + 2] = 0.0
-    for k in range(count + 1):
-        first, last = end, untracked_end
+    settings, end, units, count = model.settings[0], 0, data.units, data.cycle[0]["present"]
+    _clear(1, data)
+    for k in range(count + 2):  # the contacts, the units of none, and the total
+        row, slot = (0 if k <= count else 1), data.contacts.size - 1
+        s, first, last = data.sums[row], end, data.cycle[0]["touching_units"]
         if k < count:
-            record = data.contacts[slots[k]["present"]]
-            first, last = record["begin"], record["end"]
+            slot = data.slots[k]["present"]
+            first, last = data.contacts[slot]["begin"], data.contacts[slot]["end"]
             end = max(end, last)
-        if first < last:
-            _add(k, count + 1, data.members[first:last], model, data)
-    _add_total(count + 1, data)
-    if data.cycle[0]["has_field"]:
-        spread_shared(count, model, data)
-    whole = sums[count + 1]
-    if silent > 0:
-        add_silent(count, model, data)
-    add_apart(whole, True, model, data)
-    for k in range(count):
-        slot = slots[k]["present"]
-        record, s = data.contacts[slot], sums[k]
-        members = data.members[record["begin"] : record["end"]]
-        if record["event"] & BORN:
-            _forget(record)
-        _conclude(s, s, record, members, model, data)
-        arm(record, members, model.settings[0]["origin"], model.poses, data.units)
-        walk(record, s["step_variance"], slots[slot]["path"])
-        for row in range(6):
-            whole["face"][row] += s["face"][row]
-            whole["face_torque"][row] += s["face_torque"][row]
-    members = data.members[end:untracked_end]
-    total = data.contacts[data.contacts.size - 1]
-    _conclude(whole, sums[count], total, members, model, data)
+        record, members = data.contacts[slot], data.members[first:last]
+        if row == 1:
+            add_apart(end > 0, model, data)
+            if s["units"] == 0.0:
+                data.contacts[slot] = UNTOUCHED[0]
+        elif first < last:
+            _clear(0, data)
+            for i in members:
+                _add_unit(i, units[i], model.poses[i], data)
+            add_around(k, members, model, data)
+            _add_to_total(data)
+        else:
+            continue
+        if data.cycle[0]["has_field"]:
+            spread_shared(data.gain[row], settings["rest_ut2"], data, s["wrench_covariance"])
+        record["load_sigma"] = np.sqrt(s["noise"]["sum"] + s["unseen"]["sum"] + s["missed"])
+        if s["units"] > 0.0:
+            record["flags"] = 0
+            record["load"], record["area"] = s["load"]["sum"], s["area"]
+            record["mean_pressure"] = record["load"] / s["area"]
+            record["peak_pressure"], record["peak_unit"] = s["peak"], int(s["peak_unit"])
+            record["coverage"] = s["area"] / (s["area"] + s["silent_area"])
+            orient(s, record)
+            _temperatures(s, record)
+        if row == 0:
+            add_faces(s, record, members, model, units)
+            _add_faces_to_total(data)
+        if s["hidden"] > 0.0:
+            record["flags"] |= UNSEEN
+        _total_wrench(s, record, settings["origin"])
+        if s["units"] > 0.0:
+            _centre(s, record, settings["origin"])
+        if k < count:
+            arm(record, members, model, units)
+            walk(record, s["step_variance"], data.slots[slot]["path"])
+    data.cycle[0]["whole"] = data.contacts[data.contacts.size - 1]["flags"] & UNSEEN == 0
+    if settings["shocks"]:
+        follow_shocks(count, data)
+
+
+describe = compiled(describe_python, fastmath={"contract"}, allocates=False)

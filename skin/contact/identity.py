@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.jit import jitable
+from bus.compiled.jit import compiled, jitable
 from skin.contact.cluster import join, take_readings
 from skin.contact.record import (
     ABSORBED,
@@ -20,13 +20,18 @@ from skin.contact.record import (
     FREE,
     LOST,
     MERGED,
+    NEW,
     OPEN,
     PRESENT,
     RESUMED,
     SPLIT,
 )
+from skin.contact.unseen import remember
 
-__all__ = ["find_contacts"]
+__all__ = ["EARLY", "SAME", "find_contacts", "find_contacts_python"]
+
+SAME, EARLY = -1, -2
+"""Return values for an unchanged set of contacts, and for a stamp that is not later."""
 
 QUIET = 0.25
 """An absorbed contact represents itself again when its load exceeds the other's fourfold, or when
@@ -36,38 +41,28 @@ NEARBY = 1e-3
 
 
 @jitable
-def _keep_heaviest(parts, room, data):
-    """Keep the `room` heaviest clusters, of equal ones the first; the units of the others get label
-    -1 and come last."""
-    units, lists, pairs, members = data.units, data.lists, data.pairs, data.members
+def _drop_lightest(parts, data):
+    """Remove the lightest cluster, of equal ones the last: its units get label -1 and come last, so
+    that the next ones move up."""
+    units, lists, members = data.units, data.lists, data.members
+    lightest, least = 0, np.inf
     for part in range(parts):
-        total = 0.0
-        for at in range(lists[part]["begin"], lists[part + 1]["begin"]):
-            total += units[members[at]]["force"][2]
-            lists[at]["queue"] = members[at]
-        pairs[part]["worth"] = total
-    for _ in range(parts - room):
-        lightest = -1
-        for part in range(parts):
-            worth = pairs[part]["worth"]
-            if worth >= 0.0 and (lightest < 0 or worth <= pairs[lightest]["worth"]):
-                lightest = part
-        pairs[lightest]["worth"] = -1.0
-    for part in range(parts + 1):
-        lists[part]["loaded"] = lists[part]["begin"]
-    stored, kept = 0, 0
-    for wanted in range(2):
-        for part in range(parts):
-            dropped = pairs[part]["worth"] < 0.0
-            if dropped != (wanted == 1):
-                continue
-            for at in range(lists[part]["loaded"], lists[part + 1]["loaded"]):
-                members[stored] = lists[at]["queue"]
-                data.label[members[stored]] = -1 if dropped else kept
-                stored += 1
-            if not dropped:
-                kept += 1
-                lists[kept]["begin"] = stored
+        load = 0.0
+        for i in members[lists[part]["begin"] : lists[part + 1]["begin"]]:
+            load += units[i]["force"][2]
+        if load <= least:
+            lightest, least = part, load
+    begin, end, last = lists[lightest]["begin"], lists[lightest + 1]["begin"], lists[parts]["begin"]
+    for at in range(begin, end):
+        lists[at]["queue"] = members[at]
+        data.label[members[at]] = -1
+    for at in range(end, last):
+        members[at - end + begin] = members[at]
+        data.label[members[at]] -= 1
+    for at in range(begin, end):
+        members[last - end + at] = lists[at]["queue"]
+    for part in range(lightest, parts):
+        lists[part]["begin"] = lists[part + 1]["begin"] - end + begin
 
 
 @jitable
@@ -86,34 +81,25 @@ def _add(load, part, slot, first, end, data):
 
 
 @jitable
-def _share(parts, data):
-    """Pairs of a cluster and a slot that owned units of it in the cycle before; returns how
-    many."""
-    end = 0
-    data.slots["mark"][:] = -1
-    for part in range(parts):
-        first = end
-        for i in data.members[data.lists[part]["begin"] : data.lists[part + 1]["begin"]]:
-            u = data.units[i]
-            if u["touching"] and u["owner"] >= 0:
-                end = _add(u["force"][2], part, u["owner"], first, end, data)
-    return end
+def _share(parts, begin, nearby, model, data):
+    """Pairs of a cluster and a slot that owned units of it in the cycle before, from `begin` on;
+    returns their end.
 
-
-@jitable
-def _share_nearby(parts, begin, model, data):
-    """The same of clusters that are new and have not split: common load including units that a slot
-    owned once, and neighbours of such units. The pairs come after `begin`; returns their end."""
+    Where `nearby`, those of clusters that are new and have not split: common load including
+    units that a slot owned once, and neighbours of such units.
+    """
     units, slots, end = data.units, data.slots, begin
     slots["mark"][:] = -1
     for part in range(parts):
-        if slots[part]["slot_of"] >= 0 or slots[part]["parent"] >= 0:
+        if nearby and (slots[part]["slot_of"] >= 0 or slots[part]["parent"] >= 0):
             continue
         first = end
         for i in data.members[data.lists[part]["begin"] : data.lists[part + 1]["begin"]]:
-            load = units[i]["force"][2]
-            if units[i]["owner"] >= 0:
-                end = _add(load, part, units[i]["owner"], first, end, data)
+            load, owner = units[i]["force"][2], units[i]["owner"]
+            if owner >= 0 and (nearby or units[i]["touching"]):
+                end = _add(load, part, owner, first, end, data)
+            if not nearby:
+                continue
             for j in model.neighbour[model.start[i] : model.start[i + 1]]:
                 if units[j]["owner"] >= 0:
                     end = _add(NEARBY * load, part, units[j]["owner"], first, end, data)
@@ -175,43 +161,47 @@ def _longest_away(contacts, slots):
 
 
 @jitable
-def _end(count, in_use, settle_ns, data):
-    """End slots that were present or absorbed and have no cluster; returns how many ended."""
-    slots, contacts, now_ns = data.slots, data.contacts, data.cycle[0]["now_ns"]
+def _end(parts, count, settle_ns, data):
+    """End slots that were present or absorbed and have no cluster: `ended` lists their identities,
+    unless the most of their load went into another contact, which absorbs them."""
+    slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
+    in_use = cycle["in_use"]
+    while in_use > 0 and contacts[in_use - 1]["track"] == FREE:
+        in_use -= 1
+    for part in range(parts):
+        in_use = max(in_use, slots[part]["slot_of"] + 1)
+    cycle["in_use"], freed = in_use, False
     for slot in range(in_use):
-        record = contacts[slot]
-        ends = slots[slot]["part_of"] < 0 and record["track"] in (PRESENT, ABSORBED)
+        ends = slots[slot]["part_of"] < 0 and contacts[slot]["track"] in (PRESENT, ABSORBED)
         slots[slot]["most"] = 0.0 if ends else np.inf
         if ends:
-            record["into"] = -1
+            contacts[slot]["into"] = -1
     for at in range(count):
         pair = data.pairs[at]
         slot = pair["slot"]
         if slot < in_use and pair["load"] > slots[slot]["most"]:
             slots[slot]["most"] = pair["load"]
             contacts[slot]["into"] = slots[pair["part"]]["slot_of"]
-    ended, freed = 0, False
     for slot in range(in_use):
+        record = contacts[slot]
         if slots[slot]["most"] == np.inf:
             continue
-        record = contacts[slot]
-        track, into = record["track"], record["into"]
-        if into < 0:
-            slots[ended]["ended"] = record["id"]
-            ended += 1
+        if record["into"] < 0:
+            slots[cycle["ended"]]["ended"] = record["id"]
+            cycle["ended"] += 1
             record["track"] = LOST
-        elif track == PRESENT:
-            if contacts[into]["track"] == PRESENT:
-                contacts[into]["event"] |= MERGED
+            continue
+        if record["track"] == PRESENT:
+            if contacts[record["into"]]["track"] == PRESENT:
+                contacts[record["into"]]["event"] |= MERGED
             record["track"] = ABSORBED
             if record["seen_ns"] - record["born_ns"] < settle_ns:
                 record["track"] = FREE
                 freed = True
         if record["track"] == ABSORBED:
-            record["seen_ns"] = now_ns
+            record["seen_ns"] = cycle["now_ns"]
     if freed:
         _disown(contacts, data.units)
-    return ended
 
 
 @jitable
@@ -244,8 +234,12 @@ def _own(slot, represents, model, data):
 def _claim(parts, count, model, data):
     """Assign clusters without a slot: split from a contact, back from the lost, moved, or new."""
     slots, pairs, contacts, cycle = data.slots, data.pairs, data.contacts, data.cycle[0]
+    unclaimed = 0
     for part in range(parts):
         slots[part]["parent"], slots[part]["most"] = -1, 0.0
+        unclaimed += slots[part]["slot_of"] < 0
+    if unclaimed == 0:
+        return
     for at in range(count):
         slot, shared = pairs[at]["slot"], pairs[at]["load"]
         part = slots[pairs[at]["part"]]
@@ -256,7 +250,7 @@ def _claim(parts, count, model, data):
     for part in range(parts):
         if slots[part]["parent"] >= 0:
             contacts[slots[part]["parent"]]["event"] |= SPLIT
-    end = _share_nearby(parts, count, model, data)
+    end = _share(parts, count, True, model, data)
     _assign(pairs[count:end], LOST, PRESENT, 1.0, contacts, slots)
     vacant = 0
     for part in range(parts):
@@ -267,51 +261,41 @@ def _claim(parts, count, model, data):
         slot = vacant if vacant < slots.size else _longest_away(contacts, slots)
         slots[part]["slot_of"] = slot
         slots[slot]["part_of"] = part
+        contacts[slot] = NEW[0]
         record, parent = contacts[slot], slots[part]["parent"]
         cycle["last_id"] += 1
         record["track"], record["event"], record["id"] = PRESENT, BORN, cycle["last_id"]
         record["parent"] = contacts[parent]["id"] if parent >= 0 else 0
-        record["born_ns"], record["cycles"] = cycle["now_ns"], 0
+        record["born_ns"] = cycle["now_ns"]
     _disown(contacts, data.units)
 
 
 @jitable
-def _match(parts, count, model, data):
-    """Assign a slot to each cluster; returns how many slots are in use."""
-    slots, contacts, now_ns = data.slots, data.contacts, data.cycle[0]["now_ns"]
-    slots["part_of"][:] = -1
+def _keep(parts, count, model, data):
+    """Assign slots to the clusters that go on, by the first `count` pairs; free those of contacts
+    that were lost for too long."""
+    slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
+    for slot in range(slots.size):
+        slots[slot]["part_of"] = -1
     for part in range(parts):
         slots[part]["slot_of"] = -1
-    in_use, freed = data.cycle[0]["in_use"], False
-    for slot in range(in_use):
+    freed = False
+    for slot in range(cycle["in_use"]):
         record = contacts[slot]
         record["event"] = 0
-        if record["track"] == LOST and now_ns - record["seen_ns"] > model.settings[0]["memory_ns"]:
+        lost_ns = cycle["now_ns"] - record["seen_ns"]
+        if record["track"] == LOST and lost_ns > model.settings[0]["memory_ns"]:
             record["track"] = FREE
             freed = True
     if freed:
         _disown(contacts, data.units)
-    while in_use > 0 and contacts[in_use - 1]["track"] == FREE:
-        in_use -= 1
     _assign(data.pairs[:count], PRESENT, ABSORBED, QUIET, contacts, slots)
-    unclaimed = 0
-    for part in range(parts):
-        unclaimed += slots[part]["slot_of"] < 0
-    if unclaimed:
-        _claim(parts, count, model, data)
-    for part in range(parts):
-        in_use = max(in_use, slots[part]["slot_of"] + 1)
-    return in_use
 
 
 @jitable
-def _identify(parts, model, data):
-    """Match clusters with slots; begin, continue and end contacts."""
+def _go_on(parts, model, data):
+    """Write what has changed of the contacts that have a cluster, and who owns its units."""
     slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
-    count = _share(parts, data)
-    in_use = _match(parts, count, model, data)
-    cycle["in_use"] = in_use
-    cycle["ended"] = _end(count, in_use, model.settings[0]["settle_ns"], data)
     for part in range(parts):
         record = contacts[slots[part]["slot_of"]]
         if record["track"] == LOST or record["track"] == ABSORBED:
@@ -320,8 +304,9 @@ def _identify(parts, model, data):
         record["seen_ns"] = cycle["now_ns"]
         record["cycles"] += 1
         record["begin"], record["end"] = data.lists[part]["begin"], data.lists[part + 1]["begin"]
-    slots["mark"][:] = 0
-    for slot in range(in_use):
+    for slot in range(slots.size):
+        slots[slot]["mark"] = 0
+    for slot in range(cycle["in_use"]):
         if contacts[slot]["track"] == ABSORBED:
             slots[contacts[slot]["into"]]["mark"] = 1  # represents absorbed ones
     for part in range(parts):
@@ -357,8 +342,35 @@ def _order(parts, before, data):
 
 
 @jitable
-def find_contacts(readings, model, data):
-    """Find the contacts of one cycle, at ``data.cycle["now_ns"]``.
+def _tick(cycle):
+    """Take over the time of the cycle; returns whether it is later than that of the last one."""
+    dt_s = cycle["period_s"]
+    if cycle["begun"]:
+        if cycle["now_ns"] <= cycle["last_ns"]:
+            return False
+        dt_s = 1e-9 * (cycle["now_ns"] - cycle["last_ns"])
+    cycle["begun"], cycle["last_ns"] = 1, cycle["now_ns"]
+    cycle["elapsed_before_s"], cycle["elapsed_s"] = cycle["elapsed_s"], dt_s
+    return True
+
+
+@jitable
+def _settle(data):
+    """Note which units touch, for the next cycle, and forget the slip of those that do not where
+    there is no contact."""
+    for i in range(data.units.size):
+        u = data.units[i]
+        bridge = u["kind"] == BRIDGE
+        u["touching"] = u["kind"] == OPEN or (bridge and data.label[i] >= 0)
+        if bridge:
+            data.label[i] = -1
+        # Silent units may be in contact still.
+        if data.cycle[0]["present"] == 0 and u["kind"] <= OPEN:
+            data.slip[i] = 0
+
+
+def find_contacts_python(readings, model, data):
+    """Find the contacts of the next cycle, at ``data.cycle["now_ns"]``.
 
     Parameters
     ----------
@@ -370,28 +382,34 @@ def find_contacts(readings, model, data):
     Returns
     -------
     int
-        Number of contacts.
+        Number of contacts; SAME where they are those of the last call; EARLY where the stamp is not
+        later than that, and nothing was done.
     """
-    cycle, room = data.cycle[0], data.slots.size // 2
+    slots, cycle, room = data.slots, data.cycle[0], data.slots.size // 2
+    if not _tick(cycle):
+        return EARLY
     before = cycle["present"]
     parts = join(take_readings(readings, model, data), model, data)
     cycle["touching_units"] = data.lists[parts]["begin"]
-    cycle["untracked"] = max(0, parts - room)
-    if parts == 0 and before == 0:
-        cycle["ended"] = 0
-        for i in range(data.units.size):
-            data.units[i]["touching"] = 0
-        return 0
-    if parts > room:
-        _keep_heaviest(parts, room, data)
-        parts = room
-    _identify(parts, model, data)
-    _order(parts, before, data)
-    for i in range(data.units.size):
-        u = data.units[i]
-        bridge = u["kind"] == BRIDGE
-        u["touching"] = u["kind"] == OPEN or (bridge and data.label[i] >= 0)
-        if bridge:
-            data.label[i] = -1
+    cycle["untracked"], cycle["ended"] = max(0, parts - room), 0
+    while parts > room:
+        _drop_lightest(parts, data)
+        parts -= 1
+    if parts > 0 or before > 0:
+        count = _share(parts, 0, False, model, data)
+        _keep(parts, count, model, data)
+        _claim(parts, count, model, data)
+        _end(parts, count, model.settings[0]["settle_ns"], data)
+        _go_on(parts, model, data)
+        _order(parts, before, data)
     cycle["present"] = parts
-    return parts
+    _settle(data)
+    remember(model, data)
+    same = parts == before
+    for k in range(parts):
+        same &= slots[k]["before"] == slots[k]["present"]
+        slots[k]["before"] = slots[k]["present"]
+    return SAME if same else parts
+
+
+find_contacts = compiled(find_contacts_python, fastmath={"contract"}, allocates=False)

@@ -50,9 +50,8 @@ SETTINGS = _record(
     ("keep_sigma", _F),  # normal load of every unit of a contact, in sigmas
     ("memory_ns", _F),  # how long a lost contact can return
     ("settle_ns", _F),  # how old a contact must be to outlive being absorbed
-    ("needs_displacement", _B),  # whether a loaded unit without displacement counts as silent
     ("total", _B),  # wanted: anything but identities, which the two below need
-    ("slip", _B),
+    ("slip", _B),  # a loaded unit without displacement then counts as silent
     ("shocks", _B),
     ("origin", _F, (3,)),  # m, middle of the array in the skin frame
     ("rest_ut2", _F),  # µT², of an axis of the field that Bz at rest was learnt in
@@ -66,8 +65,8 @@ POSE = _record(
     ("area", _F),  # m²
     ("feels", _F),  # 0 for a unit that is never heard
     ("most", _F),  # N that it can bear
-    ("doubt", _F),  # N², of a load that it stands for; see `skin.contact.silent_units`
-    # how its tangential force follows its field; see `skin.contact.shared_field`
+    ("doubt", _F),  # N², of a load that it stands for; see `skin.contact.unseen`
+    # how its tangential force follows its field; see `skin.contact.unseen`
     ("body", _I),  # whose ambient field it is
     ("axes", _F, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
     ("film", _F, (2,)),  # mm, middle of the film off the chip's axis
@@ -89,6 +88,8 @@ UNIT = _record(
     ("force_sigma", _F, (3,)),
     ("borne", _F),  # upper bound of the load when last heard, N; NaN: never
     ("around", _F),  # largest load in contact next to it, when last heard, N
+    ("possible", _F),  # N², of a silent one: square of what it may bear; scratch
+    ("hides", _B),  # of a silent one: whether a contact may reach over it; scratch
     # of loaded units
     ("level", _F),  # normal load in sigmas
     ("level_before", _F),  # the same in the cycle before, -inf where it was not above the gate
@@ -139,7 +140,6 @@ CYCLE = _record(
     ("period_s", _F),  # nominal, which the first cycle counts as
     ("elapsed_s", _F),  # from the cycle before to this one
     ("elapsed_before_s", _F),  # from the one before that to the cycle before
-    ("slips", _L),  # contacts of this one whose slip is to be detected
     ("present", _L),  # contacts now
     ("untracked", _L),  # clusters beyond the capacity
     ("whole", _B),  # whether no silent unit may bear some of the load
@@ -159,54 +159,41 @@ PAIR = _record(
 )
 """A cluster and a slot that have units in common."""
 
-# Symmetric matrices as upper triangles, row by row.
-_ADDED = (
+MOMENTS = _record(("sum", _F), ("first", _F, (3,)), ("second", _F, (3, 3)))
+"""Σ w, Σ w p and Σ w p p' of weights w at places p, m about the middle of the array."""
+SUMS = _record(
+    # What adds up over contacts stands first.
     ("units", _F),
-    ("load", _F),  # N
-    ("load_variance", _F),
     ("area", _F),  # m²
     ("silent_area", _F),  # of silent neighbours
-    ("load_position", _F, (3,)),  # load times position
-    ("load_touched", _F, (3,)),  # load times touched point
-    ("load_touched_square", _F, (6,)),
-    ("variance_position", _F, (3,)),  # variance of the load times position
-    ("variance_position_square", _F, (6,)),
+    ("load", MOMENTS),  # N
+    ("touched", MOMENTS),  # the same at the touched points
+    ("noise", MOMENTS),  # N², variances of the loads
     ("load_z", _F, (3,)),  # load times axis z of the unit
     ("load_x", _F, (3,)),
     ("wrench", _F, (6,)),
-    ("wrench_covariance", _F, (21,)),
-    ("warm_area", _F),  # of units with a temperature
-    ("warm_temperature", _F),  # area times temperature
-    ("warm_position", _F, (3,)),
-    ("warm_temperature_position", _F, (3,)),
-    ("warm_position_square", _F, (6,)),
-    ("light_units", _F),
-    ("light", _F),  # N, loads below the gate, of heard neighbours
-    ("light_position", _F, (3,)),
-    ("light_variance", _F),
-    ("light_variance_position", _F, (3,)),
-    ("light_variance_square", _F, (6,)),
+    ("wrench_covariance", _F, (6, 6)),
     ("missed", _F),  # N², of the light loads, which are in no wrench
-)
-SUMS = _record(
-    *_ADDED,
+    ("warm", MOMENTS),  # areas with a temperature
+    ("warmth", MOMENTS),  # area times temperature
     ("peak", _F),  # Pa
     ("peak_unit", _F),
     ("hot", _F),  # degree Celsius
     ("hot_unit", _F),
-    ("unseen", _F),  # N², of the possible load of silent units
-    ("unseen_position", _F, (3,)),
-    ("unseen_square", _F, (6,)),
-    ("face", _F, (6,)),  # N² m², of the places of load on the faces
-    ("face_torque", _F, (6,)),  # N² m², of the torque by the same places
-    ("step_variance", _F),  # m², of a step of the centre from one cycle to the next
+    ("light_units", _F),
+    ("light", MOMENTS),  # N, loads below the gate, of heard neighbours
+    ("light_noise", MOMENTS),  # N², their variances
+    ("unseen", MOMENTS),  # N², squares of the possible loads of silent units
     ("hidden", _F),  # 1 where a silent unit makes the contact not whole
+    ("face", _F, (3, 3)),  # N² m², of the places of load on the faces
+    ("face_torque", _F, (3, 3)),  # N² m², of the torque by the same places
+    ("step_variance", _F),  # m², of a step of the centre from one cycle to the next
     ("vectors", _F, (3, 3)),  # scratch: principal axes
     ("moments", _F, (3, 3)),  # scratch: second moments along these
     ("about", _F, (6, 6)),  # scratch: covariance about the centre
 )
 """Sums over the units of a contact; scratch."""
-ADDED = _record(*_ADDED).itemsize // 8
+ADDED = (SUMS.fields or {})["peak"][1] // 8
 """Number of leading numbers of `SUMS` that add up over contacts."""
 
 
@@ -229,7 +216,7 @@ class Readings(NamedTuple):
     displacement_sigma_mm: np.ndarray  # (3, n)
     temperature: np.ndarray  # (n,), degree Celsius
     valid: np.ndarray  # (n,), bool
-    field_ut: np.ndarray  # (3, n), and the two below: see `skin.contact.shared_field.Common`
+    field_ut: np.ndarray  # (3, n), and the two below: see `skin.contact.unseen.Common`
     field_displacement_mm: np.ndarray  # (3, n)
     residue_ut2: np.ndarray  # (n,)
 
@@ -246,11 +233,11 @@ class ContactData(NamedTuple):
     contacts: np.ndarray  # (s + 1,), CONTACT: one of each slot; the last is the total
     cycle: np.ndarray  # (1,), CYCLE
     pairs: np.ndarray  # (2 n + m,), PAIR: scratch
-    sums: np.ndarray  # (s // 2 + 2,), SUMS: of each contact, of units of no contact, of all
-    columns: np.ndarray  # (s // 2 + 2, c), float64: the same memory as a matrix
+    sums: np.ndarray  # (2,), SUMS: of the contact at hand, and of all
+    columns: np.ndarray  # (2, c), float64: the same memory as a matrix
     covariance_ut2: np.ndarray  # (g, 3, 3): of the ambient field of each body
-    gain: np.ndarray  # (rows, 2 g, 6, 3): wrench of a row of the sums per µT of the field of each
-    # body, then of that which its Bz at rest was learnt in; scratch
+    gain: np.ndarray  # (2, g, 2, 6, 3): the wrench of each of these sums per µT of the field of
+    # each body, and of that which its Bz at rest was learnt in; scratch
     slips: np.ndarray  # (n,), SLIP_UNIT; none where slip is not wanted
     all: np.ndarray  # (1,), SLIP
     told: np.ndarray  # (n,), MEMBER: of the units of the contacts, along `members`
@@ -386,15 +373,16 @@ def contact_data(
     """Arrays for so many contacts of n units, on a graph with so many edges."""
     slots = 2 * capacity
     units, cycle = np.zeros(n, UNIT), np.zeros(1, CYCLE)
+    cycle["whole"] = 1
     units["owner"], units["level_cycle"], units["borne"] = -1, -2, np.nan
     cycle["period_s"] = cycle["elapsed_s"] = 1.0 / rate_hz
-    contacts, sums = np.zeros(slots + 1, CONTACT), np.zeros(capacity + 2, SUMS)
+    contacts, sums = np.zeros(slots + 1, CONTACT), np.zeros(2, SUMS)
     contacts[-1:] = UNTOUCHED
     return ContactData(
         units, np.full(n, -1, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32),
         np.zeros(n + 1, LIST), np.zeros(slots, SLOT), contacts, cycle,
         np.zeros(2 * n + edges, PAIR), sums,
         sums.view(np.float64).reshape(sums.size, -1), np.zeros((0, 3, 3)),
-        np.zeros((capacity + 2, 0, 6, 3)), np.zeros(n * slip, SLIP_UNIT), np.zeros(1, SLIP),
+        np.zeros((2, 0, 2, 6, 3)), np.zeros(n * slip, SLIP_UNIT), np.zeros(1, SLIP),
         np.zeros(n * slip, MEMBER),
     )  # fmt: skip

@@ -9,10 +9,10 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
-from skin.contact.field import Derived, Hidden, Number, Vector, declared
+from skin.contact.field import Field, declared, hidden
 
-__all__ = ["AXES", "CONTACT", "LOADS", "LOAD_UNITS", "QUANTITIES", "UNTOUCHED", "Event", "Fields",
-           "Flag", "SlipState", "TrackState", "UnitKind", "UnitSlip"]  # fmt: skip
+__all__ = ["AXES", "CONTACT", "LOADS", "LOAD_UNITS", "NEW", "QUANTITIES", "UNTOUCHED", "Event",
+           "Fields", "Flag", "SlipState", "TrackState", "UnitKind", "UnitSlip"]  # fmt: skip
 
 AXES = ("x", "y", "z")
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -110,9 +110,9 @@ BORN, RESUMED, MERGED, SPLIT = map(int, Event)
 WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION, NOISY, UNSEEN = map(int, Flag)
 
 
-def _happened(event: Event, doc: str) -> Derived:
+def _happened(event: Event, doc: str) -> Field[bool]:
     """Whether an event is one of those of a cycle."""
-    return Derived(doc, "bool", lambda found: found["event"] & int(event) != 0)
+    return Field(bool, doc, values=lambda found: found["event"] & int(event) != 0)
 
 
 class Fields:
@@ -129,140 +129,177 @@ class Fields:
     """All of its numbers, of `CONTACT`."""
 
     # -- identity: written by track
-    id = Number(int, "Identity, constant while the contact lasts; never used again.",
-                dtype=np.int64)  # fmt: skip
-    parent = Number(int, "Identity of the contact that it split from, 0.", dtype=np.int64)
-    track = Hidden(np.int32)  # TrackState
-    event = Number(Event, "Events in this cycle.", leaves=False)
+    id = Field(int, "Identity, constant while the contact lasts; never used again.", dtype=np.int64)
+    parent = Field(int, "Identity of the contact that it split from, 0.", dtype=np.int64)
+    track = hidden(np.int32)  # TrackState
+    event = Field(Event, "Events in this cycle.", leaves=False)
     born = _happened(Event.BORN, "Whether this is its first cycle.")
     resumed = _happened(Event.RESUMED, "Whether it is back after it was lost or absorbed.")
     merged = _happened(Event.MERGED, "Whether another contact was absorbed by it.")
     split = _happened(Event.SPLIT, "Whether a part of it went on as a contact of its own.")
-    into = Hidden(np.int32)  # record that absorbed this one, -1
-    begin = Hidden(np.int32)  # units: members[begin:end]
-    end = Hidden(np.int32)
-    units = Derived("How many units it has.", "int32",
-                    lambda found: found["end"] - found["begin"], message="uint16")  # fmt: skip
-    cycles = Hidden(np.int64)
-    born_ns = Hidden(np.int64)
-    seen_ns = Hidden(np.int64)
+    into = hidden(np.int32)  # record that absorbed this one, -1
+    begin = hidden(np.int32)  # units: members[begin:end]
+    end = hidden(np.int32)
+    flags = Field(Flag, "Limitations of its numbers.", leaves=False)  # written by describe
+    units = Field(
+        int,
+        "How many units it has.",
+        values=lambda found: found["end"] - found["begin"],
+        message="uint16",
+    )
+    cycles = hidden(np.int64)
+    born_ns = hidden(np.int64)
+    seen_ns = hidden(np.int64)
     # -- load: written by describe
-    flags = Number(Flag, "Limitations of its numbers.", leaves=False)
-    whole = Derived(
-        "Whether no silent unit may bear some of its load.", "bool",
-        lambda found: found["flags"] & int(Flag.UNSEEN) == 0,
-    )  # fmt: skip
-    friction_known = Derived(
-        "Whether friction is one that slip has shown, or was given. Where not, friction and margin "
-        "are lower bounds, grip_force an upper one.", "bool",
-        lambda found: np.isfinite(found["friction"])
-        & (found["flags"] & int(Flag.NO_FRICTION) == 0),
-    )  # fmt: skip
-    peak_unit = Number(int, "Its most loaded unit.", leaves=False)
-    hot_unit = Number(int, "Its warmest unit.", leaves=False)
-    load = Number(float, "Sum of the normal loads.", "N")
-    load_sigma = Number(float, "One-sigma of `load`.", leaves=False)
-    wrench = Vector(
-        "Force and torque about the origin, exerted by the world; shape (6,).", (6,), LOAD_UNITS,
-        columns=LOADS, message="geometry_msgs/Wrench",
-    )  # fmt: skip
-    wrench_covariance = Vector("Shape (6, 6).", (6, 6))
-    wrench_sigma = Vector(
+    whole = Field(
+        bool,
+        "Whether no silent unit may bear some of its load.",
+        values=lambda found: found["flags"] & int(Flag.UNSEEN) == 0,
+    )
+    friction_known = Field(
+        bool,
+        "Whether friction is one that slip has shown, or was given. Where not, friction and "
+        "margin are lower bounds, grip_force an upper one.",
+        values=lambda found: (
+            np.isfinite(found["friction"]) & (found["flags"] & int(Flag.NO_FRICTION) == 0)
+        ),
+    )
+    peak_unit = Field(int, "Its most loaded unit.", leaves=False)
+    hot_unit = Field(int, "Its warmest unit.", leaves=False)
+    load = Field(float, "Sum of the normal loads.", "N")
+    load_sigma = Field(float, "One-sigma of `load`.", leaves=False)
+    wrench = Field(
+        np.ndarray,
+        "Force and torque about the origin, exerted by the world; shape (6,).",
+        LOAD_UNITS,
+        shape=(6,),
+        columns=LOADS,
+        message="geometry_msgs/Wrench",
+    )
+    wrench_covariance = Field(np.ndarray, "Shape (6, 6).", shape=(6, 6))
+    wrench_sigma = Field(
+        np.ndarray,
         "One-sigma of `wrench`, shape (6,): the ambient field is a common error of all units, "
         "with the places of load on the faces, and the possible loads of silent units and of "
         "neighbours below the gate.",
-        (6,), LOAD_UNITS, columns=(f"{load}_sigma" for load in LOADS),
-    )  # fmt: skip
-    centroid = Vector(
+        LOAD_UNITS,
+        shape=(6,),
+        columns=(f"{load}_sigma" for load in LOADS),
+    )
+    centroid = Field(
+        np.ndarray,
         "Centre of pressure, from the normal loads at the middles of its units and of neighbours "
         "below the gate; NaN where WEAK; shape (3,).",
-        (3,), "m", columns=AXES, message="geometry_msgs/Point",
-    )  # fmt: skip
-    middle = Hidden(np.float64, (3,))  # m, centre of the loads of its own units alone
-    centroid_covariance = Vector(
+        "m",
+        shape=(3,),
+        columns=AXES,
+        message="geometry_msgs/Point",
+    )
+    middle = hidden(np.float64, (3,))  # m, centre of the loads of its own units alone
+    centroid_covariance = Field(
+        np.ndarray,
         "Shape (3, 3), of the true centre of pressure: due to the places of load on the faces, the "
         "noise of its units and neighbours, and the possible loads of silent units.",
-        (3, 3),
+        shape=(3, 3),
     )
-    moment = Vector("Torque about the centre of its units' loads, shape (3,).", (3,))
-    moment_covariance = Vector("Shape (3, 3).", (3, 3))
-    normal = Vector(
-        "Outward, away from the skin; shape (3,).", (3,),
-        columns=(f"n{axis}" for axis in AXES), message="geometry_msgs/Vector3",
-    )  # fmt: skip
-    normal_condition = Number(
+    moment = Field(
+        np.ndarray, "Torque about the centre of its units' loads, shape (3,).", shape=(3,)
+    )
+    moment_covariance = Field(np.ndarray, "Shape (3, 3).", shape=(3, 3))
+    normal = Field(
+        np.ndarray,
+        "Outward, away from the skin; shape (3,).",
+        shape=(3,),
+        columns=(f"n{axis}" for axis in AXES),
+        message="geometry_msgs/Vector3",
+    )
+    normal_condition = Field(
         float, "Roundness of the spread of its units: 1 round, 0 a line.", leaves=False
     )
-    area = Number(float, "Sensing area of its units.", "m2")
-    mean_pressure = Number(float, "Load over area.", leaves=False)
-    peak_pressure = Number(float, "Of its most loaded unit.", leaves=False)
-    axes = Vector("Columns: major axis, minor axis, normal; shape (3, 3).", (3, 3))
-    extent = Vector("Root-mean-square half lengths along the first two axes, shape (2,).", (2,))
-    shear = Number(float, "Force across the normal.", "N")
-    torsion = Number(float, "Torque about the normal.", "N m")
-    torsion_sigma = Number(float, "One-sigma of `torsion`.", leaves=False)
-    arm = Number(float, "Load-weighted mean distance of its units from the centroid.", leaves=False)
+    area = Field(float, "Sensing area of its units.", "m2")
+    mean_pressure = Field(float, "Load over area.", leaves=False)
+    peak_pressure = Field(float, "Of its most loaded unit.", leaves=False)
+    axes = Field(np.ndarray, "Columns: major axis, minor axis, normal; shape (3, 3).", shape=(3, 3))
+    extent = Field(
+        np.ndarray,
+        "Root-mean-square half lengths along the first two axes, shape (2,).",
+        shape=(2,),
+    )
+    shear = Field(float, "Force across the normal.", "N")
+    torsion = Field(float, "Torque about the normal.", "N m")
+    torsion_sigma = Field(float, "One-sigma of `torsion`.", leaves=False)
+    arm = Field(float, "Load-weighted mean distance of its units from the centroid.", leaves=False)
     # -- path: written by path
-    origin = Hidden(np.float64, (3,))  # first known centre
-    waypoint = Hidden(np.float64, (3,))  # last centre that counted as a step
-    travel = Number(float, "Distance that its centroid has travelled so far.", "m")
-    waypoints = Hidden(np.int64)
+    origin = hidden(np.float64, (3,))  # first known centre
+    waypoint = hidden(np.float64, (3,))  # last centre that counted as a step
+    travel = Field(float, "Distance that its centroid has travelled so far.", "m")
+    waypoints = hidden(np.int64)
     # -- warmth: written by describe
-    temperature = Number(float, "Mean over its area, degree Celsius.", "degC")
-    temperature_gradient = Vector("K/m along the skin, shape (3,).", (3,))
-    hot_temperature = Number(float, "Of its warmest unit.", "degC")
-    coverage = Number(
+    temperature = Field(float, "Mean over its area, degree Celsius.", "degC")
+    temperature_gradient = Field(np.ndarray, "K/m along the skin, shape (3,).", shape=(3,))
+    hot_temperature = Field(float, "Of its warmest unit.", "degC")
+    coverage = Field(
         float, "Heard fraction of its area and that of silent neighbours.", leaves=False
     )
     # -- slip: written by slip
-    slip = Number(SlipState, "State of the contact as a whole.", message="uint8")
-    slip_units = Number(int, "Units that slip.", leaves=False)
-    body_units = Hidden(np.int32)
-    onset_ns = Hidden(np.int64)  # of the present slip, 0
-    slip_began = Derived(
-        "Whether it began to slip in this cycle.", "bool",
-        lambda found: (found["onset_ns"] != 0) & (found["onset_ns"] == found["seen_ns"]),
-    )  # fmt: skip
-    stick_ratio = Number(float, "Fraction of the load on units that stick.")
-    pattern = Number(
+    slip = Field(SlipState, "State of the contact as a whole.", message="uint8")
+    slip_units = Field(int, "Units that slip.", leaves=False)
+    body_units = hidden(np.int64)  # of its body that were tested; as long as what follows
+    onset_ns = hidden(np.int64)  # of the present slip, 0
+    slip_began = Field(
+        bool,
+        "Whether it began to slip in this cycle.",
+        values=lambda found: (found["onset_ns"] != 0) & (found["onset_ns"] == found["seen_ns"]),
+    )
+    stick_ratio = Field(float, "Fraction of the load on units that stick.")
+    pattern = Field(
         float, "Odds of slip by the lags, as sigmas: root of twice their logarithm.", leaves=False
     )
-    slip_probability = Number(
+    slip_probability = Field(
         float, "Probability that some of the load slips; NaN without enough data."
     )
-    slip_direction = Vector(
+    slip_direction = Field(
+        np.ndarray,
         "Direction of slip over the skin: mean of unit vectors, shorter than 1 for a rotation; "
         "NaN without slip; shape (3,).",
-        (3,),
+        shape=(3,),
     )
-    motion = Vector("Displacement of the skin by the body since contact, millimetre; shape (3,).",
-                    (3,))  # fmt: skip
-    rotation = Vector("Rotation of the skin by the body, radian; shape (3,).", (3,))
-    gross_ns = Hidden(np.int64)  # when it began to slide as a whole
-    gross_ratio = Hidden(np.float64)  # used friction since then
-    decided_ns = Hidden(np.int64)  # when enough units were last heard to decide `slip`
+    motion = Field(
+        np.ndarray,
+        "Displacement of the skin by the body since contact, millimetre; shape (3,).",
+        shape=(3,),
+    )
+    rotation = Field(
+        np.ndarray, "Rotation of the skin by the body, radian; shape (3,).", shape=(3,)
+    )
+    gross_ns = hidden(np.int64)  # when it began to slide as a whole
+    gross_ratio = hidden(np.float64)  # used friction since then
+    decided_ns = hidden(np.int64)  # when enough units were last heard to decide `slip`
     # -- friction: written by slip
-    friction = Number(
-        float, "Coefficient of friction that slip has shown; before, what units that stick have "
-        "borne, and 0 at least: it is not less."
-    )  # fmt: skip
-    friction_sigma = Number(float, "One-sigma of `friction`.")
-    friction_lower = Number(
+    friction = Field(
+        float,
+        "Coefficient of friction that slip has shown; before, what units that stick have "
+        "borne, and 0 at least: it is not less.",
+    )
+    friction_sigma = Field(float, "One-sigma of `friction`.")
+    friction_lower = Field(
         float, "Lower bound of friction, by the loads of units that stick.", leaves=False
     )
-    friction_information = Hidden(np.float64)
-    friction_mean = Hidden(np.float64)
-    friction_spread = Number(
+    friction_information = hidden(np.float64)
+    friction_mean = hidden(np.float64)
+    friction_spread = Field(
         float, "One-sigma of friction over the faces of the contact.", leaves=False
     )
-    margin = Number(
+    margin = Field(
         float, "Free fraction of the friction cone; where friction is not known, at least this."
     )
-    grip_force = Number(
-        float, "Normal force that holds with the wanted safety; where friction is not known, at "
-        "most this: what holds now does.", "N"
-    )  # fmt: skip
-    grip_force_sigma = Number(
+    grip_force = Field(
+        float,
+        "Normal force that holds with the wanted safety; where friction is not known, at "
+        "most this: what holds now does.",
+        "N",
+    )
+    grip_force_sigma = Field(
         float, "One-sigma of `grip_force`, by friction and tangential load.", "N"
     )
 
@@ -271,17 +308,21 @@ CONTACT, QUANTITIES = declared(Fields)
 """The record of a contact, and its output quantities, in order."""
 
 
-def _untouched() -> np.ndarray:
-    """The total without contacts: zero force, no centre, all else unknown."""
+def _blank(*zero: str) -> np.ndarray:
+    """A record of which nothing is known but that these numbers are 0."""
     record = np.zeros(1, CONTACT)
-    zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area", "shear")
     for name in CONTACT.names or ():
         if CONTACT[name].base == np.float64 and name not in zero:
             record[name] = np.nan
     record["peak_unit"] = record["hot_unit"] = -1
-    record["flags"] = Flag.WEAK
     return record
 
 
-UNTOUCHED = _untouched()
-"""Shape (1,)."""
+NEW = _blank(
+    "travel", "friction_lower", "friction_information", "friction_mean", "gross_ratio"
+)  # fmt: skip
+"""A contact that begins, shape (1,)."""
+UNTOUCHED = _blank("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area",
+                   "shear")  # fmt: skip
+"""The total without contacts, shape (1,)."""
+UNTOUCHED["flags"] = Flag.WEAK

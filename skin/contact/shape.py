@@ -12,18 +12,7 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.contact.record import NORMAL_ASSUMED
 
-__all__ = [
-    "ROUND",
-    "add_faces",
-    "add_first",
-    "add_second",
-    "arm",
-    "beside",
-    "between",
-    "diagonalise",
-    "orient",
-    "swept",
-]  # fmt: skip
+__all__ = ["ROUND", "add", "add_faces", "arm", "cross", "diagonalise", "orient", "shifted", "swept"]
 
 ROUND = 0.05
 """Second over first extent of the touched points above which they span a plane [assumed]."""
@@ -35,103 +24,96 @@ NO_SPAN = 1e-6
 
 
 @jitable
-def beside(shift, v):
-    """shift × v."""
-    x, y, z = shift[0], shift[1], shift[2]
-    return y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
+def cross(x, y):
+    """x × y."""
+    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
 @jitable
-def add_first(total, weight, p):
-    """Add weight times p."""
+def _dot(x, y):
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@jitable
+def add(m, weight, p):
+    """Add a weight at p to moments."""
+    m["sum"] += weight
     for a in range(3):
-        total[a] += weight * p[a]
+        m["first"][a] += weight * p[a]
+        for b in range(3):
+            m["second"][a, b] += weight * p[a] * p[b]
 
 
 @jitable
-def add_second(total, weight, p):
-    """Add weight times p p', an upper triangle."""
-    x, y, z = weight * p[0], weight * p[1], weight * p[2]
-    total[0] += x * p[0]
-    total[1] += x * p[1]
-    total[2] += x * p[2]
-    total[3] += y * p[1]
-    total[4] += y * p[2]
-    total[5] += z * p[2]
+def shifted(m, shift, a, b):
+    """An entry of the second moments with all points shifted."""
+    first = m["first"]
+    return m["second"][a, b] + shift[a] * first[b] + shift[b] * (first[a] + shift[a] * m["sum"])
 
 
 @jitable
-def between(m, x, y):
-    """x' M y of the symmetric M, an upper triangle."""
-    a = m[0] * y[0] + m[1] * y[1] + m[2] * y[2]
-    b = m[1] * y[0] + m[3] * y[1] + m[4] * y[2]
-    c = m[2] * y[0] + m[4] * y[1] + m[5] * y[2]
-    return x[0] * a + x[1] * b + x[2] * c
+def swept(q, force, factor, out):
+    """Add the covariance of a torque p × F by that of the place p, times a factor."""
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        for d in range(3):
+            e, f = (d + 1) % 3, (d + 2) % 3
+            over = force[b] * (force[e] * q[c, f] - force[f] * q[c, e])
+            out[a, d] += factor * (over - force[c] * (force[e] * q[b, f] - force[f] * q[b, e]))
 
 
 @jitable
-def swept(q, force):
-    """Covariance of a torque p × F by that of the place p, upper triangles."""
-    x = beside(force, (q[0], q[1], q[2]))
-    y = beside(force, (q[1], q[3], q[4]))
-    z = beside(force, (q[2], q[4], q[5]))
-    first = beside(force, (x[0], y[0], z[0]))
-    second = beside(force, (x[1], y[1], z[1]))
-    third = beside(force, (x[2], y[2], z[2]))
-    return first[0], first[1], first[2], second[1], second[2], third[2]
-
-
-@jitable
-def _rotate(m, v, a, b, least):
-    """Rotate columns a and b of v so that the entry of m between them is zero, unless it is at
-    `least`."""
-    if abs(m[a, b]) <= least:
-        return
-    half = 0.5 * (m[b, b] - m[a, a]) / m[a, b]
-    t = 1.0 / (abs(half) + np.sqrt(1.0 + half * half))
-    t = t if half >= 0.0 else -t
-    c = 1.0 / np.sqrt(1.0 + t * t)
-    s = t * c
-    for r in range(3):
-        m[r, a], m[r, b] = c * m[r, a] - s * m[r, b], s * m[r, a] + c * m[r, b]
-        v[r, a], v[r, b] = c * v[r, a] - s * v[r, b], s * v[r, a] + c * v[r, b]
-    for r in range(3):
-        m[a, r], m[b, r] = c * m[a, r] - s * m[b, r], s * m[a, r] + c * m[b, r]
-    m[a, b] = m[b, a] = 0.0
-
-
-@jitable
-def diagonalise(triangle, v, m):
-    """Turn the axes v into eigenvectors of a symmetric matrix, whose eigenvalues become the
-    diagonal of m, by Jacobi rotations.
+def diagonalise(v, m):
+    """Turn the axes v into eigenvectors of a symmetric matrix, by Jacobi rotations; `m` is the
+    matrix in these axes, and becomes diagonal.
 
     numpy's `eigh` allocates, and takes twenty times as long in a kernel.
     """
-    for a in range(3):
-        for b in range(3):
-            m[a, b] = between(triangle, v[:, a], v[:, b])
     small = 1e-11 * (m[0, 0] + m[1, 1] + m[2, 2])
-    for _ in range(12):
+    for turn in range(36):
         if abs(m[0, 1]) + abs(m[0, 2]) + abs(m[1, 2]) <= small:
             break
-        _rotate(m, v, 0, 1, 1e-3 * small)
-        _rotate(m, v, 0, 2, 1e-3 * small)
-        _rotate(m, v, 1, 2, 1e-3 * small)
+        a, b = (turn % 3) // 2, 1 + (turn % 3 + 1) // 2
+        if abs(m[a, b]) <= 1e-3 * small:
+            continue
+        half = 0.5 * (m[b, b] - m[a, a]) / m[a, b]
+        t = 1.0 / (abs(half) + np.sqrt(1.0 + half * half))
+        t = t if half >= 0.0 else -t
+        c = 1.0 / np.sqrt(1.0 + t * t)
+        s = t * c
+        for r in range(3):
+            m[r, a], m[r, b] = c * m[r, a] - s * m[r, b], s * m[r, a] + c * m[r, b]
+            v[r, a], v[r, b] = c * v[r, a] - s * v[r, b], s * v[r, a] + c * v[r, b]
+        for r in range(3):
+            m[a, r], m[b, r] = c * m[a, r] - s * m[b, r], s * m[a, r] + c * m[b, r]
+        m[a, b] = m[b, a] = 0.0
 
 
 @jitable
-def _second_moments(s):
-    """Second moments of the touched points about their mean, weighted by the load: an upper
-    triangle."""
-    share, square = 1.0 / s["load"], s["load_touched_square"]
-    mean = s["load_touched"]
-    x, y, z = share * mean[0], share * mean[1], share * mean[2]
-    size = share * (square[0] + square[3] + square[5])
-    xx, xy, xz = share * square[0] - x * x, share * square[1] - x * y, share * square[2] - x * z
-    yy, yz, zz = share * square[3] - y * y, share * square[4] - y * z, share * square[5] - z * z
-    if xx + yy + zz <= ONE_POINT * size:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    return xx, xy, xz, yy, yz, zz
+def _principal_axes(s, axes):
+    """Turn `vectors` into the principal axes of the touched points, from axes of the cycle before
+    if there are any, with the second moments along them on the diagonal of `moments`."""
+    v, m, touched = s["vectors"], s["moments"], s["touched"]
+    first, second = touched["first"], touched["second"]
+    known = abs(_dot(axes[0], axes[0]) + _dot(axes[1], axes[1]) + _dot(axes[2], axes[2]) - 3.0)
+    share = 1.0 / touched["sum"]
+    middle = -share * first[0], -share * first[1], -share * first[2]
+    spread = 0.0
+    for a in range(3):
+        spread += shifted(touched, middle, a, a)
+        for b in range(3):
+            v[a, b] = axes[a, b] if known < 1e-9 else 1.0 * (a == b)
+    if spread <= ONE_POINT * (second[0, 0] + second[1, 1] + second[2, 2]):
+        m[:] = 0.0
+        return
+    for a in range(3):
+        for b in range(3):
+            total = 0.0
+            for c in range(3):
+                for d in range(3):
+                    total += v[c, a] * share * shifted(touched, middle, c, d) * v[d, b]
+            m[a, b] = total
+    diagonalise(v, m)
 
 
 @jitable
@@ -149,11 +131,6 @@ def _sorted_axes(m):
 
 
 @jitable
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@jitable
 def orient(s, record):
     """Axes and normal: plane through the touched points, or the mean of the units' normals.
 
@@ -166,13 +143,7 @@ def orient(s, record):
         from the axes of the cycle before, which also give the major axis its sign.
     """
     axes, normal, v, m = record["axes"], record["normal"], s["vectors"], s["moments"]
-    square = _dot(axes[:, 0], axes[:, 0]) + _dot(axes[:, 1], axes[:, 1])
-    known = abs(square + _dot(axes[:, 2], axes[:, 2]) - 3.0) < 1e-9
-    for a in range(3):
-        for b in range(3):
-            v[a, b] = axes[a, b] if known else 0.0
-        v[a, a] = axes[a, a] if known else 1.0
-    diagonalise(_second_moments(s), v, m)
+    _principal_axes(s, axes)
     large, middle, small = _sorted_axes(m)
     first, second = max(m[large, large], 0.0), max(m[middle, middle], 0.0)
     length = -np.sqrt(_dot(s["load_z"], s["load_z"]))
@@ -185,17 +156,17 @@ def orient(s, record):
         normal[a] = sign * v[a, small] if planar else s["load_z"][a] / length
     if not planar:
         record["flags"] |= NORMAL_ASSUMED
-    x, y, z = s["load_x"][0], s["load_x"][1], s["load_x"][2]
-    if first > 0.0:
-        x, y, z = v[0, large], v[1, large], v[2, large]
-    across = x * normal[0] + y * normal[1] + z * normal[2]
-    x, y, z = x - across * normal[0], y - across * normal[1], z - across * normal[2]
+    along = v[:, large] if first > 0.0 else s["load_x"]
+    across = _dot(along, normal)
+    x, y, z = (
+        along[0] - across * normal[0], along[1] - across * normal[1], along[2] - across * normal[2]
+    )  # fmt: skip
     length = np.sqrt(x * x + y * y + z * z)
     # The major axis keeps its sign from cycle to cycle.
     if x * axes[0, 0] + y * axes[1, 0] + z * axes[2, 0] < 0.0:
         length = -length
     major = x / length, y / length, z / length
-    minor = beside(normal, major)
+    minor = cross(normal, major)
     for a in range(3):
         axes[a, 0], axes[a, 1], axes[a, 2] = major[a], minor[a], normal[a]
     record["extent"][0], record["extent"][1] = np.sqrt(first), np.sqrt(second)
@@ -203,16 +174,16 @@ def orient(s, record):
 
 
 @jitable
-def arm(record, members, origin, poses, units):
+def arm(record, members, model, units):
     """Load-weighted mean distance of the units from the centre, across the normal, into `arm`.
 
     When a contact turns about its centre, friction times load acts in every unit at its distance:
     the limit of torsion is friction × load × this arm, for any distribution of the load.
     """
-    centre, normal = record["middle"], record["normal"]
+    centre, normal, origin = record["middle"], record["normal"], model.settings[0]["origin"]
     moment, total = 0.0, 0.0
     for i in members:
-        position, load = poses[i]["position"], units[i]["force"][2]
+        position, load = model.poses[i]["position"], units[i]["force"][2]
         along, square = 0.0, 0.0
         for a in range(3):
             d = position[a] + origin[a] - centre[a]
@@ -225,66 +196,38 @@ def arm(record, members, origin, poses, units):
 
 
 @jitable
-def _variance(square, units, span, extent2):
-    """Of the place of load along an axis, m², for more than one unit."""
-    side = np.sqrt(square)
-    wide = span / side
-    free, left = 1.0, min(max(2.0 - wide, 0.0), 1.0)
+def _place_variance(axis, square, s, members, model, units):
+    """Variance of the place of load along an axis, m², by units with faces of this area."""
+    if s["units"] < 2.0:
+        return square / 20.0
+    least, most, mean, mean2 = np.inf, -np.inf, 0.0, 0.0
+    for i in members:
+        share = units[i]["force"][2] / s["load"]["sum"]
+        x = _dot(model.poses[i]["position"], axis)
+        least, most = min(least, x), max(most, x)
+        mean, mean2 = mean + share * x, mean2 + share * x * x
+    span, free = most - least, 1.0
+    wide = span / np.sqrt(square)
     if wide > NO_SPAN:
-        free = min(max(1.0 - 4.0 * extent2 / (span * span), 0.0), 1.0)
-    rows = max(units / (1.0 + wide), 1.0)
+        free = min(max(1.0 - 4.0 * (mean2 - mean * mean) / (span * span), 0.0), 1.0)
+    left, rows = min(max(2.0 - wide, 0.0), 1.0), max(s["units"] / (1.0 + wide), 1.0)
     wide = max(wide, 1.0)
     return square * (free * left * left / 40.0 + 1.0 / (360.0 * wide * wide * rows))
 
 
 @jitable
-def _along(axis, square, s, members, poses, units):
-    """The same for the units of a contact."""
-    least, most, mean, mean2 = np.inf, -np.inf, 0.0, 0.0
-    for i in members:
-        x, share = _dot(poses[i]["position"], axis), units[i]["force"][2] / s["load"]
-        least, most = min(least, x), max(most, x)
-        mean, mean2 = mean + share * x, mean2 + share * x * x
-    return _variance(square, s["units"], most - least, mean2 - mean * mean)
-
-
-@jitable
-def add_faces(s, record, members, poses, units, out):
-    """Add the covariance due to the places of load on the faces of units: of the centre, times the
-    square of the load, and of the torque.
-
-    Parameters
-    ----------
-    s : SUMS
-        Of the units.
-    record : CONTACT
-        Its axes are read.
-    members : ndarray, int32
-        The units.
-    poses : ndarray, shape (n,), POSE
-    units : ndarray, shape (n,), UNIT
-    out : SUMS
-        `face` and `face_torque` are written.
+def add_faces(s, record, members, model, units):
+    """Covariance due to the places of load on the faces of units, into `face`: of the centre, times
+    the square of the load; and into `face_torque`: of the torque. The axes are those of `record`.
     """
-    if members.size == 0:
-        return
-    axes, square, total = record["axes"], s["area"] / s["units"], s["load"]
-    u, v, w = axes[:, 0], axes[:, 1], axes[:, 2]
-    along, across = square / 20.0, square / 20.0
-    tilt2 = max(1.0 - _dot(s["load_z"], s["load_z"]) / (total * total), 0.0)
-    upright = tilt2 * square / 20.0
-    if members.size > 1:
-        along = _along(u, square, s, members, poses, units)
-        across = _along(v, square, s, members, poses, units)
-    place = (
-        along * u[0] * u[0] + across * v[0] * v[0] + upright * w[0] * w[0],
-        along * u[0] * u[1] + across * v[0] * v[1] + upright * w[0] * w[1],
-        along * u[0] * u[2] + across * v[0] * v[2] + upright * w[0] * w[2],
-        along * u[1] * u[1] + across * v[1] * v[1] + upright * w[1] * w[1],
-        along * u[1] * u[2] + across * v[1] * v[2] + upright * w[1] * w[2],
-        along * u[2] * u[2] + across * v[2] * v[2] + upright * w[2] * w[2],
-    )
-    torque = swept(place, s["wrench"])
-    for row in range(6):
-        out["face"][row] += place[row] * total * total
-        out["face_torque"][row] += torque[row]
+    axes, square, load = record["axes"], s["area"] / s["units"], s["load"]["sum"]
+    for axis in range(3):
+        # the faces of tilted units extend along the normal
+        tilt2 = max(1.0 - _dot(s["load_z"], s["load_z"]) / (load * load), 0.0)
+        variance = tilt2 * square / 20.0
+        if axis < 2:
+            variance = _place_variance(axes[:, axis], square, s, members, model, units)
+        for a in range(3):
+            for b in range(3):
+                s["face"][a, b] += variance * load * load * axes[a, axis] * axes[b, axis]
+    swept(s["face"], s["wrench"], 1.0 / (load * load), s["face_torque"])

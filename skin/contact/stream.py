@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from bus.compiled.jit import bound
 from skin.contact.cluster import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
 from skin.contact.contact import Contact, Kept
+from skin.contact.describe import describe
+from skin.contact.identity import EARLY, SAME, find_contacts
 from skin.contact.model import (
+    ContactData,
+    ContactModel,
+    Readings,
     check_poses,
     contact_capacity,
     contact_data,
@@ -20,10 +27,10 @@ from skin.contact.model import (
     set_poses,
 )  # fmt: skip
 from skin.contact.record import BRIDGE
-from skin.contact.shared_field import COMMON, Common, set_common
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
-from skin.contact.step import EARLY, SAME, Steps
+from skin.contact.slip.detector import detect_slip
+from skin.contact.unseen import Common
 from skin.errors import OptionError, SkinError, check_array, check_number, check_numbers, shown
 from skin.options import MOST_CONTACTS, wanted
 
@@ -33,6 +40,46 @@ DTYPES = np.dtype(np.float32), np.dtype(np.float64)
 CONTACT_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 """Quantities of contacts. Wrench and centroid are of the total and come together; slip and shocks
 imply contacts. With none wanted there are identities and units alone."""
+
+
+class Steps:
+    """The kernels of a cycle on the arrays of a stream: a call processes the next cycle, and
+    returns what `find_contacts` does. They are compiled side by side, and only those wanted.
+
+    Parameters
+    ----------
+    readings, model, data
+        As of `find_contacts`.
+
+    Attributes
+    ----------
+    readings : Readings
+    calls : list of tuple
+        The kernels with their arguments, those that take longest to compile first.
+    """
+
+    def __init__(self, readings: Readings, model: ContactModel, data: ContactData) -> None:
+        self.readings, wants = readings, model.settings[0]
+        find: tuple[Any, ...] = (find_contacts, readings, model, data)
+        self.calls = [(describe, model, data)] * bool(wants["total"])
+        self.calls += [(detect_slip, model, data)] * bool(wants["slip"])
+        self.calls.append(find)
+        self._present = data.cycle["present"].data
+        self._bound: list[Callable[..., int]] = []
+
+    def ready(self) -> None:
+        """Compile the kernels, or load them."""
+        self._bound = [bound(*call) for call in self.calls]
+
+    def __call__(self) -> int:
+        if not self._bound:
+            self.ready()
+        *others, find = self._bound
+        found = find()
+        if found != EARLY:
+            for kernel in others[: 1 + (self._present[0] > 0)]:  # no slip without a contact
+                kernel()
+        return found
 
 
 class ContactStream:
@@ -131,17 +178,12 @@ class ContactStream:
         poses, edges = self.model.poses, self.model.neighbour.size
         starts = start_sigmas(n, edges // 2, rate_hz, false_contacts_per_day)
         settings = asdict(slip or SlipSettings()) | {
-            "start_sigma": starts[0], "repeat_sigma": starts[1], "pair_sigma": starts[2],
-            "keep_sigma": KEEP_SIGMA, "needs_displacement": slips,
-            "total": bool(wants), "slip": slips, "shocks": "shocks" in wants,
+            "start_sigma": starts[0], "repeat_sigma": starts[0], "pair_sigma": starts[1],
+            "keep_sigma": KEEP_SIGMA, "total": bool(wants), "slip": slips,
+            "shocks": "shocks" in wants,
         }  # fmt: skip
         for name, value in settings.items():
             self.model.settings[name] = value
-        if starts[0] < KEEP_SIGMA:
-            raise SkinError(
-                "false_contacts_per_day: must leave a start of contact at "
-                f"{KEEP_SIGMA} sigmas or more; got {false_contacts_per_day:g}, {starts[0]:.2f}"
-            )
         poses["feels"], poses["most"] = 1.0 if feels is None else feels, most_n
         self.data = contact_data(n, capacity, edges, rate_hz, slip=slips)
         self.shocks = Shocks(rate_hz) if "shocks" in wants else None
@@ -271,7 +313,7 @@ class ContactStream:
             As in `update`, of one type, float32 or float64, contiguous; overwritten before each
             step, and kept.
         common : Common, optional
-            Common errors of units; see `skin.contact.shared_field`.
+            Common errors of units; see `skin.contact.unseen`.
 
         Raises
         ------
@@ -291,10 +333,13 @@ class ContactStream:
                 check_array(name, array, like)
                 bound[name] = array
         if common is not None:
-            set_common(self.model, common)
-            bound |= {name: getattr(common, name) for name in COMMON}
-            shape = data.sums.size, 2 * len(common.covariance_ut2), 6, 3
-            data = data._replace(gain=np.zeros(shape), covariance_ut2=common.covariance_ut2)
+            for name, values in common.laws.items():
+                self.model.poses[name] = values
+            self.model.settings["rest_ut2"] = common.rest_ut2
+            covariance, *readings = common[2:]
+            bound |= dict(zip(own._fields[-3:], readings, strict=True))
+            gain = np.zeros((2, len(covariance), 2, 6, 3))
+            data = data._replace(gain=gain, covariance_ut2=covariance)
         self._give(displacement_mm, temperature, common)
         self.bound = Steps(own._replace(**bound), self.model, data)
 

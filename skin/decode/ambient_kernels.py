@@ -5,28 +5,18 @@ The pass is in float64 for decoders of either type: it adds up small steps for h
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
-from skin.decode.ambient_model import (
-    DAMPED,
-    FAST_OF_SLOW,
-    FOLLOW_S,
-    LOADED_SIGMAS,
-    PRIOR_UT2,
-    RATE_HZ,
-    SPAN_HZ,
-    SPAN_UT,
-    WALK_UT2,
-    AmbientData,
-    AmbientModel,
-    memory_of,
-    units_of,
-)  # fmt: skip
 
-__all__ = ["compose", "update", "update_python"]
+__all__ = [
+    "BODY", "RUN", "AmbientData", "AmbientModel", "Memory", "Units", "compose", "memory_of",
+    "units_of", "update", "update_python",
+]  # fmt: skip
 
 REFUSED = 0xFFFF & ~int(
     Status.EXTRAPOLATED | Status.IDLE | Status.UNCALIBRATED | Status.UNTARED
@@ -67,6 +57,134 @@ SHORTEST_S = 1e-9
 """Cycles nearer to each other are so far apart [derived: stamps are nanoseconds]."""
 NOT_NEGATIVE = 2**31 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end."""
+FAST_OF_SLOW = 0.05
+"""Time constant of the low-pass in which a touch is seen, over the slow one [assumed]."""
+LOADED_SIGMAS = 3.0
+"""A unit whose load is above this many sigma of a single reading is loaded [assumed: as the contact
+gate]."""
+FOLLOW_S = 30.0
+"""Time constant of a frequency's zero, s, and `DAMPED` times the slow low-pass at least
+[assumed]."""
+DAMPED = 4.0
+"""A zero follows its average this many times as slowly, so that it does not swing; the field's,
+the long one [derived: critical damping of two low-passes in a loop]."""
+RATE_HZ = 1.0 / 60.0
+"""Fastest change of a frequency's zero, Hz/s [assumed: what drifts is slower, a press is
+faster]."""
+PRIOR_UT2 = 2500.0
+"""Variance of a component of the ambient field of which nothing is known, µT² [derived: the
+Earth's, 50 µT]."""
+SPAN_HZ, SPAN_UT = 60.0, 200.0
+"""Farthest that a zero goes from calibration, Hz and µT: beyond, the unit wants a tare
+[assumed]."""
+WALK_UT2 = 400.0
+"""How fast the ambient field is taken to wander, µT²/s [assumed]."""
+
+
+class Units(NamedTuple):
+    """What is known of n units; shape (n,) where nothing else is said, of the decoder's type."""
+
+    skin_chip: np.ndarray  # (3, 3, n), from the unit's field to the skin frame
+    inverse_map: np.ndarray  # (2, 2, n), from the unit's lateral field to what the counts read
+    hz_per_mm: np.ndarray  # fall of the frequency per depth
+    sigma_hz: np.ndarray  # one sigma of a reading
+    load_information: np.ndarray  # 1/Hz², of a reading
+    sigma_ut: np.ndarray
+    lateral_information: np.ndarray  # 1/µT², 0 where the wire does not carry it
+    axial_information: np.ndarray
+    witness_ut: np.ndarray  # a rise of Bz that shows a press
+    film_drift_per_k: np.ndarray
+    own_ut: np.ndarray  # (2, n), lateral field at rest of a film off its chip's axis
+    bound_hz: np.ndarray  # how far the zero of a frequency may be off at first
+    sheared_ut: np.ndarray  # lateral field that no unit has at rest, of those that are tared
+
+
+@jitable
+def units_of(rows):
+    """Those that stand in rows, shape (25, n)."""
+    n = rows.shape[1]
+    return Units(
+        rows[:9].reshape((3, 3, n)), rows[9:13].reshape((2, 2, n)), rows[13], rows[14], rows[15],
+        rows[16], rows[17], rows[18], rows[19], rows[20], rows[21:23], rows[23], rows[24],
+    )  # fmt: skip
+
+
+RUN = np.dtype([("first", np.int32), ("last", np.int32), ("body", np.int32)])
+"""Units of one patch that follow each other, from `first` to the one before `last`; those of one
+body move together, and see one ambient field."""
+
+
+class AmbientModel(NamedTuple):
+    """What does not change between cycles."""
+
+    units: np.ndarray  # (25, n), rows of `Units`
+    near_start: np.ndarray  # (n + 1,) int32, compressed rows of near_unit
+    near_unit: np.ndarray  # (m,) int32: the units near each one, itself among them
+    runs: np.ndarray  # (r,), RUN
+    near_votes: bool  # whether units near a loaded one vote
+    slow_s: float  # time constant of the slow low-passes
+    period_s: float  # from one look to the next
+
+
+class Memory(NamedTuple):
+    """What one cycle leaves to the next, shape (n,) where nothing else is said, float64."""
+
+    fast_hz: np.ndarray  # load, fast and slow low-pass
+    slow_hz: np.ndarray
+    long_ut: np.ndarray  # (3, n), field that is not at rest, long low-pass
+    gel_c: np.ndarray  # temperature, slow and long low-pass
+    film_c: np.ndarray
+    age_s: np.ndarray  # how long the unit has been usable, without a break
+    alone_s: np.ndarray  # how long its field has been seen and its own, too
+    calm_s: np.ndarray  # how long nothing has touched the unit or its neighbours
+    rest_ut: np.ndarray  # Bz at rest, and the film's temperature then; NaN: not known
+    rest_film_c: np.ndarray
+    rest_s: np.ndarray  # how long it was averaged
+    bound_hz: np.ndarray  # how far the zero of the frequency may be off, as a fall of it
+
+
+@jitable
+def memory_of(rows):
+    """That which stands in rows, shape (14, n)."""
+    return Memory(
+        rows[0], rows[1], rows[2:5], rows[5], rows[6], rows[7], rows[8], rows[9], rows[10],
+        rows[11], rows[12], rows[13],
+    )  # fmt: skip
+
+
+BODY = np.dtype([
+    ("held_s", np.float64),  # since enough units voted
+    ("voters", np.float64),
+    ("field_ut", np.float64, (3,)),
+    ("covariance_ut2", np.float64, (3, 3)),
+    ("information", np.float64, (3, 3)),  # of the votes of a cycle, 1/µT²
+    ("told", np.float64, (3,)),  # their residuals times their information
+    ("pressed", np.float64),  # usable units without a vote, for they may be touched
+    ("load", np.float64),  # averaged loads of the voters over their variance, 1/Hz
+    ("weight", np.float64),  # 1 / their variance, 1/Hz²
+    ("kept_s", np.float64),  # since field and covariance were kept
+    ("kept_ut", np.float64, (2, 3)),  # older and newer
+    ("kept_ut2", np.float64, (2, 3, 3)),
+    ("attitude_known", np.float64),  # 1 where turns are reported, 0 where it may turn unseen
+])  # fmt: skip
+"""The ambient field of a body, skin frame."""
+
+
+class AmbientData(NamedTuple):
+    """One cycle: what is read, what is kept, what is written."""
+
+    field_ut: np.ndarray  # (3, n), `Reading.field_ut`
+    displacement_mm: np.ndarray  # (3, n)
+    temperature: np.ndarray  # (n,), °C; zeros where it is not on the wire
+    status: np.ndarray  # (n,) uint16, written where a unit at rest reads a field that is none
+    valid: np.ndarray  # (n,) bool, likewise
+    elapsed_s: np.ndarray  # (1,), since the last cycle; of a gap two periods count as calm
+    memory: np.ndarray  # (14, n), rows of `Memory`
+    zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
+    marks: np.ndarray  # (n,) uint8
+    bodies: np.ndarray  # (g,), BODY
+    background: np.ndarray  # (4, n), written: Hz, then µT in the axes of the chips
+    residue_ut2: np.ndarray  # (n,), written: variance of an axis by the ambient field
 
 
 @jitable

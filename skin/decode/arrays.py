@@ -9,18 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.compiled.aligned import zeros
-from skin.decode.records import RESULT_ROWS
+from skin.decode import records as k
 from skin.errors import CountsError
 from skin.state import UNWANTED, Reading
 from topology import CHANNELS, Topology
 
 __all__ = ["Results", "check", "check_call", "plain"]
 
-FIELDS = {
-    "displacement": "displacement_mm", "displacement_sigma": "displacement_sigma_mm",
-    "field": "field_ut",
-}  # fmt: skip
-"""Names of a `Reading` that differ from those of the kernel's rows."""
+FIELDS = {"displacement": ("displacement_mm", "displacement_sigma_mm"), "field": ("field_ut", "")}
+"""Names in a `Reading` that differ from what is wanted, and of their sigmas."""
 
 
 def plain(array: np.ndarray) -> np.ndarray:
@@ -67,8 +64,6 @@ class Results:
 
     Parameters
     ----------
-    names : tuple of str
-        Results in the order of the kernel's rows, of `records.RESULT_ROWS`.
     units : int
     real : dtype
     cycles : tuple of int
@@ -76,34 +71,31 @@ class Results:
 
     Attributes
     ----------
-    values : ndarray, shape (r, n) or (t, r, n), float32 or float64
+    values : ndarray, shape (RESULTS, n) or (t, RESULTS, n), float32 or float64
+        Rows as in `skin.decode.records`.
     flags : ndarray, shape (n,) or (t, n), uint16
     valid : ndarray, shape (n,) or (t, n), bool
     """
 
-    def __init__(
-        self, names: tuple[str, ...], units: int, real: np.dtype, cycles: tuple[int, ...] = ()
-    ) -> None:
-        self.names = names
-        rows = sum(RESULT_ROWS[name] for name in names)
-        self.values = zeros((*cycles, rows, units), real)
+    def __init__(self, units: int, real: np.dtype, cycles: tuple[int, ...] = ()) -> None:
+        self.values = zeros((*cycles, k.RESULTS, units), real)
         self.flags = zeros((*cycles, units), np.uint16)
         self.valid = zeros((*cycles, units), bool)
         self.arrays = self.values, self.flags, self.valid
 
-    def reading(self, shown: Collection[str]) -> Reading:
+    def reading(self, shown: Collection[str], *, sigma: bool) -> Reading:
         """Views of quantities that are `shown`, and of their sigmas."""
         found: dict[str, np.ndarray] = dict.fromkeys(
             ("temperature", "force", "tangential", "theta", "displacement_mm"), UNWANTED
         )
-        row = 0
-        for name in self.names:
-            size = RESULT_ROWS[name]
-            if name.removesuffix("_sigma") in shown:
-                place = row if size == 1 else slice(row, row + size)
-                rows = self.values[..., place, :]
-                found[FIELDS.get(name, name)] = rows
-            row += size
-        if "test_ratio" in shown and "test_ratio" not in self.names:
-            found["test_ratio"] = np.full_like(self.flags, np.nan, self.values.dtype)
+        for name, (first, count) in k.ROWS.items():
+            if name in shown:
+                field, field_sigma = FIELDS.get(name, (name, f"{name}_sigma"))
+                found[field] = self._rows(first, count)
+                if sigma and first < k.SIGMA:
+                    found[field_sigma] = self._rows(first + k.SIGMA, count)
         return Reading(**found, status=self.flags, valid=self.valid)
+
+    def _rows(self, first: int, count: int) -> np.ndarray:
+        place = first if count == 1 else slice(first, first + count)
+        return self.values[..., place, :]

@@ -9,17 +9,17 @@ was before the first reading.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bus.compiled.aligned import zeros
 from bus.compiled.intrinsics import assume_noalias
-from bus.compiled.jit import bound, compiled, jitable
+from bus.compiled.jit import compiled, jitable
 from skin.decode.arrays import Results
 from skin.decode.functions import atan2
-from skin.decode.plan import Plan
+from skin.decode.plan import Wants
+from skin.decode.records import FORCE, SIGMA, TANGENTIAL, THETA
 from topology import CREEP_TERMS, Topology
 
 __all__ = ["Creep", "relax", "relax_python"]
@@ -30,17 +30,6 @@ FEEBLE_N = 1e-9
 """N: a force that has no direction."""
 THETA_MOST_RAD = float(np.pi / np.sqrt(3.0))
 """Sigma of a direction that is not known: even over the circle."""
-
-
-class Rows(NamedTuple):
-    """First rows of results; -1 for those that are not there."""
-
-    force: int
-    tangential: int
-    theta: int
-    force_sigma: int
-    tangential_sigma: int
-    theta_sigma: int
 
 
 class CreepModel(NamedTuple):
@@ -55,7 +44,7 @@ class CreepModel(NamedTuple):
         What a sudden change counts, 1 + sum of w_j m; so much more the noise of a reading does.
     left2 : ndarray, shape (3 n,)
         Variance of what the terms leave, over the square of the force that relaxes.
-    rows : Rows
+    wants : skin.decode.plan.Wants
     """
 
     weight: np.ndarray
@@ -64,22 +53,7 @@ class CreepModel(NamedTuple):
     spread: np.ndarray
     step_gain: np.ndarray
     left2: np.ndarray
-    rows: Rows
-
-
-class Memory(NamedTuple):
-    """What a cycle leaves to the next.
-
-    Attributes
-    ----------
-    elastic : ndarray, shape (3 n,)
-        F_e; NaN of a unit that was never heard.
-    h, variance : ndarray, shape (j, 3 n)
-    """
-
-    elastic: np.ndarray
-    h: np.ndarray
-    variance: np.ndarray
+    wants: Wants
 
 
 class CreepData(NamedTuple):
@@ -87,19 +61,23 @@ class CreepData(NamedTuple):
 
     Attributes
     ----------
-    elastic, total : ndarray, shape (r, n)
+    elastic, total : ndarray, shape (RESULTS, n)
         Results with elastic forces; written: the same with those that are borne.
-    before, now : Memory
-        Of the cycle before; written: of this one.
-    over, variance, largest : ndarray, shape (3 n,)
-        Scratch: what is borne beyond the elastic force, its variance, and the largest square of
-        what relaxes.
+    last : ndarray, shape (3 n,)
+        F_e of the cycle before; NaN of a unit that was never heard.
+    h, h_variance : ndarray, shape (j, 3 n)
+        What is left of the changes before, and its variance.
+    force, over, variance, largest : ndarray, shape (3 n,)
+        Scratch: F_e, what is borne beyond it, the variance of that, and the largest square of what
+        relaxes.
     """
 
     elastic: np.ndarray
     total: np.ndarray
-    before: Memory
-    now: Memory
+    last: np.ndarray
+    h: np.ndarray
+    h_variance: np.ndarray
+    force: np.ndarray
     over: np.ndarray
     variance: np.ndarray
     largest: np.ndarray
@@ -107,14 +85,13 @@ class CreepData(NamedTuple):
 
 def relax_python(model, data):
     """From elastic forces to those that are borne, with their sigma."""
-    elastic, total, rows = data.elastic, data.total, model.rows
-    units = elastic.shape[1]
+    elastic, total, force = data.elastic, data.total, data.force
+    units, normal = elastic.shape[1], elastic[FORCE + 2]
     for row in range(total.shape[0]):
         for i in range(units):
             total[row, i] = elastic[row, i]
-    force, normal = data.now.elastic, elastic[rows.force + 2]
     for axis in range(3):
-        wanted, at = elastic[rows.force + axis], axis * units
+        wanted, at = elastic[FORCE + axis], axis * units
         for i in range(units):
             # who has a normal force, and no other, is not touched
             idle = np.isnan(wanted[i]) and not np.isnan(normal[i])
@@ -123,14 +100,16 @@ def relax_python(model, data):
     for j in range(CREEP_TERMS):
         remember(
             (model.weight[j], model.faded[j], model.gained[j], model.spread[j]),
-            (data.before.elastic, data.before.h[j], data.before.variance[j]),
-            (force, data.now.h[j], data.now.variance[j]),
+            (data.last, data.h[j], data.h_variance[j]),
+            force,
             (data.over, data.variance, data.largest),
         )
+    for i in range(force.size):
+        data.last[i] = force[i]
     for axis in range(3):
-        add(total[rows.force + axis], data.over, axis * units)
-        if rows.force_sigma >= 0:
-            sigma = total[rows.force_sigma + axis]
+        add(total[FORCE + axis], data.over, axis * units)
+        if model.wants.sigma is not None:
+            sigma = total[SIGMA + FORCE + axis]
             widen(sigma, model, data.variance, data.largest, axis * units)
     turn(model, elastic, total)
 
@@ -144,26 +123,25 @@ def start(force, over, variance, largest):
 
 
 @jitable
-def remember(term, before, now, sums):
+def remember(term, memory, now, sums):
     """Go on with one term, and add what it bears.
 
     What fades is taken off: where that is little, 1 less it would be rounded.
     """
     assume_noalias()
     weight, faded, gained, spread = term
-    was_elastic, was_h, was_variance = before
-    elastic, new_h, new_variance = now
+    last, h_of, variance_of = memory
     over, variance, largest = sums
     half, twelfth, two = weight.dtype.type(0.5), weight.dtype.type(1 / 12), weight.dtype.type(2.0)
     for i in range(over.size):
-        force, was, f = elastic[i], was_elastic[i], faded[i]
+        force, was, f = now[i], last[i], faded[i]
         begins = was != was  # noqa: PLR0124
         step = force - was
-        h = was_h[i] - f * was_h[i] + gained[i] * step
-        v = was_variance[i] - f * (two - f) * was_variance[i] + spread[i] * (step * step)
+        h = h_of[i] - f * h_of[i] + gained[i] * step
+        v = variance_of[i] - f * (two - f) * variance_of[i] + spread[i] * (step * step)
         h = half * force if begins else h
         v = twelfth * (force * force) if begins else v
-        new_h[i], new_variance[i] = h, v
+        h_of[i], variance_of[i] = h, v
         over[i] += weight[i] * h
         variance[i] += weight[i] * weight[i] * v
         square = h * h
@@ -192,19 +170,17 @@ def widen(sigma, model, variance, largest, first):
 @jitable
 def turn(model, elastic, total):
     """Size and direction of the tangential force, and their sigma."""
-    rows = model.rows
-    x, y, size = total[rows.force], total[rows.force + 1], total[rows.tangential]
+    x, y, size = total[FORCE], total[FORCE + 1], total[TANGENTIAL]
     size_of(x, y, size)
-    if rows.theta >= 0:
-        direct(x, y, size, total[rows.theta])
-    if rows.force_sigma >= 0:
-        way = elastic[rows.force], elastic[rows.force + 1], elastic[rows.tangential_sigma]
-        noise = elastic[rows.force_sigma], elastic[rows.force_sigma + 1], model.step_gain
-        sigma_x, sigma_y = total[rows.force_sigma], total[rows.force_sigma + 1]
-        along = total[rows.tangential_sigma]
+    if model.wants.theta is not None:
+        direct(x, y, size, total[THETA])
+    if model.wants.sigma is not None:
+        way = elastic[FORCE], elastic[FORCE + 1], elastic[SIGMA + TANGENTIAL]
+        noise = elastic[SIGMA + FORCE], elastic[SIGMA + FORCE + 1], model.step_gain
+        sigma_x, sigma_y = total[SIGMA + FORCE], total[SIGMA + FORCE + 1]
+        along = total[SIGMA + TANGENTIAL]
         lengthwise(way, noise, (x, y, size), (sigma_x, sigma_y), along)
-        if rows.theta >= 0:
-            across(sigma_x, sigma_y, along, size, total[rows.theta_sigma])
+        across(sigma_x, sigma_y, along, size, total[SIGMA + THETA])
 
 
 @jitable
@@ -271,8 +247,7 @@ class Creep:
     Parameters
     ----------
     topology : Topology
-    plan : Plan
-        With "force" and "tangential" among its results.
+    wants : skin.decode.plan.Wants
     elastic : Results
         What is decoded, of one cycle: written before each call.
 
@@ -280,13 +255,15 @@ class Creep:
     ----------
     total : Results
         The same with the forces that are borne; flags are those of `elastic`.
+    call : tuple
+        The kernel with its arguments.
     steps : float
         Periods that a call goes on by.
     """
 
-    def __init__(self, topology: Topology, plan: Plan, elastic: Results) -> None:
-        p, n = topology.parameters, topology.n
-        self.total = Results(plan.results, n, elastic.values.dtype)
+    def __init__(self, topology: Topology, wants: Wants, elastic: Results) -> None:
+        p, n, real = topology.parameters, topology.n, elastic.values.dtype
+        self.total = Results(n, real)
         self.total.flags, self.total.valid = elastic.flags, elastic.valid
         self.total.arrays = self.total.values, elastic.flags, elastic.valid
         shape = (CREEP_TERMS, 3 * n)
@@ -297,43 +274,24 @@ class Creep:
         time_s = np.where(weight > 0.0, time_s, 1.0)
         self._periods = 1.0 / (topology.cycle_rate_hz * time_s)
         left = np.hstack([p[f"{law}_creep_sigma_relative"] for law in laws])
-        real = elastic.values.dtype
-        faded, gained, spread, h, variance = (zeros(shape, real) for _ in range(5))
+        faded, gained, spread, h, variance = zeros((5, *shape), real)
+        step_gain, last, *scratch = zeros((6, 3 * n), real)
         self._model = CreepModel(
-            weight.astype(real), faded, gained, spread, zeros(3 * n, real),
-            np.square(left).astype(real), Rows(*map(plan.row, Rows._fields)),
+            weight.astype(real), faded, gained, spread, step_gain, np.square(left).astype(real),
+            wants,
         )  # fmt: skip
-        first = Memory(zeros(3 * n, real), h, variance)
-        self._memories = first, Memory(*(array.copy() for array in first))
-        self._elastic = elastic
-        self._relax: list[Callable[[], None]] = []
+        self._data = CreepData(
+            elastic.values, self.total.values, last, h, variance, *scratch
+        )  # fmt: skip
+        self.call = relax, self._model, self._data
         self.steps = 0.0
         self.reset()
 
     def reset(self) -> None:
         """Forget the history: the next cycle is the first."""
-        for memory in self._memories:
-            memory.elastic[:] = np.nan
-        self._turn, self._missing = 0, 0.0
+        self._data.last[:] = np.nan
+        self._missing = 0.0
         self.stretch(1.0)
-
-    def calls(self) -> list[tuple[Any, ...]]:
-        """The kernel with its arguments, twice, by turns, for each goes on from the memory that the
-        other one leaves."""
-        a, b = self._memories
-        scratch = zeros((3, a.elastic.size), a.h.dtype)
-        arrays = self._elastic.values, self.total.values
-        return [(relax, self._model, CreepData(*arrays, *turns, *scratch))
-                for turns in ((a, b), (b, a))]  # fmt: skip
-
-    def relax(self, *, advance: bool = True) -> None:
-        """Add what has not relaxed in the cycle that was decoded; without `advance` in the cycle
-        before once more."""
-        if advance:
-            self._turn = 1 - self._turn
-        if not self._relax:
-            self._relax = [bound(*call) for call in self.calls()]
-        self._relax[self._turn]()
 
     def go_on(self, periods: float) -> None:
         """Let the next cycle come so many periods after the last one, rounded to a part of a

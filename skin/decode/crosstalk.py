@@ -22,9 +22,8 @@ from skin.decode.crosstalk_kernels import (
     StrayModel,
     add_stray,
 )
-from skin.decode.crosstalk_placement import films_ut2, placement_ut2
 from skin.decode.density import sparse_enough
-from skin.decode.resting import FilmsSeen
+from skin.decode.resting import share_shown, stray_ut2
 from skin.errors import check_array
 from skin.physics.stencil import Stencil, check_stencil
 from skin.physics.stray import powers
@@ -116,10 +115,7 @@ class CrossTalk:
         self.strength = stencil.strength.astype(real)
         always = self._residues()
         self.residue_ut = np.sqrt(always)
-        self._films_seen = FilmsSeen(topology, stencil) if stencil.drawn else None
-        self._by_tare_ut2, self._films_axial_ut2 = films_ut2(topology, stencil)
-        if stencil.drawn:
-            self._by_tare_ut2 = self._by_tare_ut2 + placement_ut2(topology, stencil)
+        self._by_tare_ut2, self._drawn_axial_ut2 = stray_ut2(topology, stencil)
         self._off_ut2, self.axial_ut2 = self._off_by(topology)
         self._model = StrayModel(
             self._films_of(topology, idle_mm), self._pairs_of(always + self._off_ut2),
@@ -198,8 +194,7 @@ class CrossTalk:
         """Variance by films and places that are not as drawn, with what a tare has shown of the
         films: of x or y and of z, shape (n,) each."""
         lateral_ut2 = np.where(topology.tared, self._by_tare_ut2[1], self._by_tare_ut2[0])
-        seen, axial_ut2 = self._films_seen, self._films_axial_ut2
-        return lateral_ut2, axial_ut2 if seen is None else axial_ut2 * seen.share2(topology)
+        return lateral_ut2, self._drawn_axial_ut2 * share_shown(topology, self.stencil)
 
     def _films_of(self, topology: Topology, idle_mm: float) -> FilmModel:
         """What the films are, and when they count."""

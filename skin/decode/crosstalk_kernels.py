@@ -166,7 +166,9 @@ def add_fields(model, data):
         for k in range(parent.size):
             value = term[1 + k]
             for i in range(lanes):
-                sums[i] += value * coefficients[at + i]
+                # unsigned: numba adds the length to an index that may be negative, which no vector
+                # of neighbours can
+                sums[i] += value * coefficients[np.uintp(at + i)]
             at += lanes
         for p in range(first, last):
             for axis in range(3):

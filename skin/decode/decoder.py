@@ -153,7 +153,7 @@ class Decoder:
         from skin.decode.model import model_of
         from skin.decode.uncertainty import neighbours_of
 
-        self._kernel = kernel.decode(self.plan.kernel)
+        self._kernel = kernel.decode
         self._data_of: type[DecodeData] = kernel.DecodeData
         self._neighbours = neighbours_of(self.topology, self.rest_ut, self.crosstalk)
         self._model_of = functools.partial(model_of, plan=self.plan, rest_ut=self.rest_ut)
@@ -168,26 +168,29 @@ class Decoder:
             "flag": zeros(records.LANES, np.int16), "tile": zeros(1, records.tile(real)),
         }  # fmt: skip
         self._background, self._given = zeros((2, 5, n), real)
-        self._out = self._shown = Results(self.plan.results, n, real)
+        self._out = self._shown = Results(n, real)
         self.creep: Creep | None = None
         if self.plan.creep:
             from skin.decode.creep import Creep
 
-            self.creep = Creep(self.topology, self.plan, self._out)
+            self.creep = Creep(self.topology, self.plan.wants, self._out)
             self._shown = self.creep.total
-        self.whole = self._out.reading({*self.plan.results} - {"film_above"})
-        self._reading = self._shown.reading(self.plan.quantities)
+        is_known = self.plan.wants.sigma is not None
+        self.whole = self._out.reading(records.ROWS, sigma=is_known)
+        self._reading = self._shown.reading(self.plan.quantities, sigma=is_known)
         self.shown = self._shown.arrays
         arrays = {name: getattr(self._reading, name) for name in Reading.__slots__}
         self.layout = Layout(arrays, self.shown)
         self._own = Inputs(zeros((len(CHANNELS), n), np.int16), zeros(n, np.uint16))
         self._inputs = [self._own]
         self._look: Callable[[], None] | None = None
+        self._relax: Callable[[], None] | None = None
 
     @property
     def want(self) -> frozenset[str]:
         """What is decoded, of `skin.state.UNIT_WANTS`."""
-        return frozenset(self.plan.quantities) | ({"sigma"} if self.plan.sigma else set())
+        sigma = {"sigma"} if self.plan.wants.sigma is not None else set()
+        return frozenset(self.plan.quantities) | sigma
 
     @property
     def reading(self) -> Reading:
@@ -210,6 +213,8 @@ class Decoder:
         self._background[:] = self._given[:] = 0.0
         for array in (*self._out.arrays, self._shown.values):
             array[:] = 0
+        if self.plan.wants.check is None:
+            self._scratch["tile"]["result"][:, records.TEST_RATIO] = np.nan
         for part in (self.ambient, self.creep):
             if part is not None:
                 part.reset()
@@ -245,7 +250,7 @@ class Decoder:
         if self.crosstalk is not None:
             found.append(self._stray(given=False))
         if self.creep is not None:
-            found += self.creep.calls()[:1]
+            found.append(self.creep.call)
         return found
 
     def _taken(self, *, given: bool) -> np.ndarray | None:
@@ -259,8 +264,7 @@ class Decoder:
     def _stray(self, *, given: bool) -> tuple[Any, ...]:
         """What predicts the fields of neighbours, with its arguments."""
         base = None if self.ambient is None else self.ambient.taken
-        warmer = self._out.values[-1] if "film_above" in self.plan.results else None
-        whole = self.whole
+        whole, warmer = self.whole, self._out.values[records.FILM_ABOVE]
         assert self.crosstalk is not None
         return self.crosstalk.call(
             whole.displacement_mm, whole.valid, self._background,
@@ -292,34 +296,31 @@ class Decoder:
         elapsed_s: float | None = None,
         *,
         given: bool = False,
-        advance: bool = True,
     ) -> None:
         """Decode the cycle that stands in the inputs into `reading`: predict what is not the units'
-        own, decode, relax, in each sweep; then look at the ambient field.
+        own and decode, in each sweep; then relax, and look at the ambient field.
 
         Parameters
         ----------
         inputs : Inputs
         given : bool
             Whether the caller has set a background.
-        elapsed_s, advance
+        elapsed_s : float, optional
             As of a call.
         """
         predict, decode = inputs.calls.get(given) or self._bind(inputs, given=given)
-        creep, phase = self.creep, self._phase
-        missing = self._pass_time(elapsed_s) if advance else 0.0
+        missing = self._pass_time(elapsed_s)
         for sweep in range(self.plan.sweeps or 1):
-            goes_on = advance and sweep == 0
             if predict is not None:
                 predict()
-            decode(self._phase, goes_on, missing if goes_on else 0.0)
-            self._phase += goes_on
-            if creep is not None:
-                creep.relax(advance=goes_on)
-        looks = advance and phase % self.plan.look_every == 0
+            decode(self._phase, sweep == 0, 0.0 if sweep else missing)
+        if self._relax is not None:
+            self._relax()
+        looks = self._phase % self.plan.look_every == 0
         if looks and self._look is not None and self.ambient is not None:
             self.ambient.elapsed_s[0], self._unseen_s = max(self._unseen_s, 0.0), 0.0
             self._look()
+        self._phase += 1
 
     def _pass_time(self, elapsed_s: float | None) -> float:
         """Go on by the time since the last cycle; returns the periods that lags are to age by."""
@@ -340,7 +341,6 @@ class Decoder:
         status: np.ndarray | None = None,
         background: np.ndarray | None = None,
         *,
-        advance: bool = True,
         elapsed_s: float | None = None,
     ) -> Reading:
         """Decode.
@@ -355,9 +355,6 @@ class Decoder:
             What is not the unit's own signal, and is subtracted: Hz by which the frequency fell,
             then µT in the axes of the chip, which reads it with its gain; a fifth row is the
             variance of what is not known of the field, µT² of an axis.
-        advance : bool
-            False to decode the cycle before once more, with another background: what lags behind
-            the gel does not move on.
         elapsed_s : float, optional
             Second, since the cycle before; a period if not given.
 
@@ -378,22 +375,22 @@ class Decoder:
             )
         try:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
-                return self._batch(raw, status, background, advance, elapsed_s)
-            self._one(raw, status, background, advance, elapsed_s)
+                return self._batch(raw, status, background, elapsed_s)
+            self._one(raw, status, background, elapsed_s)
             reading = Reading.__new__(Reading)
             reading.take(self.layout)
             return reading
         finally:
             self._alone.release()
 
-    def _one(self, raw, status, background, advance: bool, elapsed_s: float | None) -> None:
+    def _one(self, raw, status, background, elapsed_s: float | None) -> None:
         """Decode one cycle."""
         check_call(self.topology, self.dtype, raw, status, background)
         self._own.counts[:], self._own.status[:] = raw, 0 if status is None else status
         if background is not None:
             self._given[:] = 0.0 if self.ambient is None else self.ambient.taken
             self._given[: len(background)] += background
-        self.step(self._own, elapsed_s, given=background is not None, advance=advance)
+        self.step(self._own, elapsed_s, given=background is not None)
 
     def _kernel_call(self, inputs: Inputs, *, given: bool) -> tuple[Any, ...]:
         """The kernel with its model and data, phase, whether it goes on, and periods to age by."""
@@ -413,23 +410,25 @@ class Decoder:
 
         if self.ambient is not None and self._look is None:
             self._look = bound(*self.ambient.call(self.whole))
+        if self.creep is not None and self._relax is None:
+            self._relax = bound(*self.creep.call)
         predict = None if self.crosstalk is None else bound(*self._stray(given=given))
         call = self._kernel_call(inputs, given=given)
         inputs.calls[given] = predict, functools.partial(direct(*call), *call[1:3])
         return inputs.calls[given]
 
-    def _batch(self, raw, status, background, advance: bool, elapsed_s: float | None) -> Reading:
+    def _batch(self, raw, status, background, elapsed_s: float | None) -> Reading:
         """Decode consecutive cycles into new arrays."""
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
         check_call(self.topology, self.dtype, raw, status, background, cycles)
-        out = Results(self.plan.results, self.topology.n, self.dtype, cycles)
+        out = Results(self.topology.n, self.dtype, cycles)
         for t in range(raw.shape[0]):
             flags = None if status is None else status[t]
             given = None if background is None else background[t]
-            self._one(raw[t], flags, given, advance, elapsed_s)
+            self._one(raw[t], flags, given, elapsed_s)
             for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
                 whole[t] = array
-        return out.reading(self.plan.quantities)
+        return out.reading(self.plan.quantities, sigma=self.plan.wants.sigma is not None)
 
 
 def _estimators(

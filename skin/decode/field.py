@@ -5,21 +5,21 @@ The lateral field points the way of the tangential displacement: +x force, +x di
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
-from skin.decode.plan import Plan
-from skin.decode.records import BX, BY, BZ, INVALID, LANES, MAGNETIC_ANOMALY, SATURATED, SILENT
-from skin.decode.rows import read, write
+from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, read, sinc
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import force
 
-__all__ = ["FIELD_MIN", "GAIN_MIN", "Field", "Inverted", "anomaly_stage", "field_law", "inversion"]
+from skin.decode.records import (  # isort: skip
+    BX, BY, BZ, FIELD, INVALID, LANES, MAGNETIC_ANOMALY, SATURATED, SILENT, TEST_RATIO,
+)  # fmt: skip
+
+__all__ = ["FIELD_MIN", "GAIN_MIN", "Field", "Inverted", "check_fields", "field_at", "invert"]
 
 GAIN_MIN = 0.1
 """Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
@@ -57,36 +57,34 @@ class Inverted(NamedTuple):
     variance: float
 
 
-def field_law(plan: Plan) -> Callable:
-    """The field without the chip's offset, its drift and the background, mapped."""
-    with_chip = plan.chip_compensation
-    with_z = plan.angle or plan.consistency or "field" in plan.results
-
-    @jitable
-    def field(unit, counts, background, j, chip_above):
-        """Lateral field and Bz of a unit, and the chip's gain, which is left in them."""
-        real = type(chip_above)
-        bx, by = real(read(counts, BX, j)), real(read(counts, BY, j))
-        x = unit["x_bx"][j] * bx + unit["x_by"][j] * by + unit["x_offset"][j]
-        y = unit["y_bx"][j] * bx + unit["y_by"][j] * by + unit["y_offset"][j]
-        z = real(0.0)
-        gain = real(1.0)
-        if with_z:
-            z = unit["z_bz"][j] * real(read(counts, BZ, j)) + unit["z_offset"][j]
-        if with_chip:
-            x += unit["x_drift"][j] * chip_above
-            y += unit["y_drift"][j] * chip_above
-            z += unit["z_drift"][j] * chip_above
-            gain = max(gain + unit["chip_gain"][j] * chip_above, real(GAIN_MIN))
-        if background is not None:
-            bx = gain * read(background, 1, j)
-            by = gain * read(background, 2, j)
-            x -= unit["map_xx"][j] * bx + unit["map_xy"][j] * by
-            y -= unit["map_yx"][j] * bx + unit["map_yy"][j] * by
-            z -= gain * read(background, 3, j)
-        return x, y, z, gain
-
-    return field
+@jitable
+def field_at(wants, unit, counts, background, j, tile):
+    """A `Field` without the chip's offset, its drift and the background, mapped; without the gain
+    it is shown, if it is wanted."""
+    real = unit["x_bx"].dtype.type
+    one, chip_above = real(1.0), tile["chip_above"][j]
+    bx, by = real(read(counts, BX, j)), real(read(counts, BY, j))
+    x = unit["x_bx"][j] * bx + unit["x_by"][j] * by + unit["x_offset"][j]
+    y = unit["y_bx"][j] * bx + unit["y_by"][j] * by + unit["y_offset"][j]
+    z = unit["z_bz"][j] * real(read(counts, BZ, j)) + unit["z_offset"][j]
+    x += unit["x_drift"][j] * chip_above
+    y += unit["y_drift"][j] * chip_above
+    z += unit["z_drift"][j] * chip_above
+    gain = max(one + unit["chip_gain"][j] * chip_above, real(GAIN_MIN))
+    if background is not None:
+        bx = gain * read(background, 1, j)
+        by = gain * read(background, 2, j)
+        x -= unit["map_xx"][j] * bx + unit["map_xy"][j] * by
+        y -= unit["map_yx"][j] * bx + unit["map_yy"][j] * by
+        z -= gain * read(background, 3, j)
+    if wants.field is not None:
+        out = tile["result"]
+        each = one / gain
+        out[FIELD, j] = x * each
+        out[FIELD + 1, j] = y * each
+        out[FIELD + 2, j] = z * each
+    gain *= max(one + unit["film_drift"][j] * tile["film_above"][j], real(GAIN_MIN))
+    return Field(x, y, z, gain, np.sqrt(x * x + y * y))
 
 
 @jitable
@@ -122,8 +120,8 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     real = type(solid)
     u = unit["wavenumber"][j] * radius
     model, square = amplitude * (u * sinc(u)), solid * solid + z * z
-    read = solid * inverse
-    off, whole, weak = read - model, model * model * square, read * read
+    measured = solid * inverse
+    off, whole, weak = measured - model, model * model * square, measured * measured
     miss2 = off * off * square
     single2 = unit["anomaly_share"][j] * whole + unit["anomaly_field"][j] * weak
     mean2 = unit["miss_share"][j] * whole + unit["miss_field"][j] * weak
@@ -142,40 +140,35 @@ def film_variance(solid, radius, depth, unit, j):
     return across * (per_mm * per_mm)
 
 
-def strength_law(plan: Plan) -> Callable:
-    """R by the strength of the lateral field, R = asin(S / M0) / k [paper, eq. 1]."""
-    with_sigma = plan.sigma
+@jitable
+def by_strength(wants, solid, variance, depth, depth_sigma, gain, unit, j):
+    """R by the strength of the lateral field, R = asin(S / M0) / k [paper, eq. 1]: an `Inverted`,
+    its flags, and 1 / M0 over the gain.
 
-    @jitable
-    def by_strength(solid, variance, depth, depth_sigma, gain, weakest, unit, j):
-        """R, its sigma, its flags, 1 / S, 1 / M0 and the variance of the field.
-
-        The sigma is half of the interval of the arcsine, which has no slope at the crest.
-        """
-        real = type(solid)
-        one = real(1.0)
-        scale = unit["wavenumber_inverse"][j]
-        each = one / (solid * gain)  # one division for both quotients
-        inverse = solid * each * weakest
-        ratio = min(solid * inverse, one)
-        radius = scale * asin(ratio)
+    The sigma is half of the interval of the arcsine, which has no slope at the crest.
+    """
+    real = type(solid)
+    one = real(1.0)
+    scale = unit["wavenumber_inverse"][j]
+    each = one / (solid * gain)  # one division for both quotients
+    inverse = solid * each * exp2(-octaves(depth, unit, j))
+    ratio = min(solid * inverse, one)
+    radius = scale * asin(ratio)
+    noise2 = variance * (inverse * inverse)
+    square = ratio * ratio
+    near2 = noise2 + square * amplitude_variance(depth, unit["depth_sigma"][j], unit, j)
+    below = one - ratio
+    found = SATURATED if near2 >= below * below else 0
+    sigma = real(0.0)
+    if wants.sigma is not None:
+        variance += film_variance(solid, radius, depth, unit, j)
         noise2 = variance * (inverse * inverse)
-        square = ratio * ratio
-        near2 = noise2 + square * amplitude_variance(depth, unit["depth_sigma"][j], unit, j)
-        below = one - ratio
-        found = SATURATED if near2 >= below * below else 0
-        sigma = real(0.0)
-        if with_sigma:
-            variance += film_variance(solid, radius, depth, unit, j)
-            noise2 = variance * (inverse * inverse)
-            s = np.sqrt(noise2 + square * amplitude_variance(depth, depth_sigma, unit, j))
-            low = ratio - s
-            lower = asin(min(abs(low), one))
-            lower = lower if low > real(0.0) else -lower
-            sigma = real(0.5) * scale * (asin(min(ratio + s, one)) - lower)
-        return radius, sigma, found, each * gain, inverse, variance
-
-    return by_strength
+        s = np.sqrt(noise2 + square * amplitude_variance(depth, depth_sigma, unit, j))
+        low = ratio - s
+        lower = asin(min(abs(low), one))
+        lower = lower if low > real(0.0) else -lower
+        sigma = real(0.5) * scale * (asin(min(ratio + s, one)) - lower)
+    return Inverted(radius, sigma, each * gain, variance), found, inverse
 
 
 @jitable
@@ -187,74 +180,58 @@ def _cubic(factor, i, h, j):
     return ((c3 * h + c2) * h + c1) * h + factor[4 * i, j], slope
 
 
-def angle_law(plan: Plan) -> Callable:
-    """R by the angle psi of the field: a polynomial of psi and H, fitted to the film's field."""
-    with_sigma = plan.sigma
-
-    @jitable
-    def by_angle(solid, z, variance, depth, depth_sigma, unit, j):
-        """R(psi, H), psi = atan2(S, Bz), its sigma, its flags, 1 / S and the variance of the
-        field."""
-        real = type(solid)
-        upright = abs(z)
-        big = max(solid, upright)
-        quotient = real(1.0) / (solid * big)  # one division for both quotients
-        psi = atan(min(solid, upright) * (solid * quotient))
-        psi = real(1.5707963267948966) - psi if solid > upright else psi
-        psi = real(3.141592653589793) - psi if z < real(0.0) else psi
-        end = unit["angle_end"][j]
-        found = SATURATED if psi > end else 0
-        p = min(psi, end)
-        p2 = p * p
-        h = min(max(depth, real(DEPTH_MIN)), real(DEPTH_MAX))
-        factor = unit["angle"]
-        q0, d0 = _cubic(factor, 0, h, j)
-        q1, d1 = _cubic(factor, 1, h, j)
-        q2, d2 = _cubic(factor, 2, h, j)
-        q3, d3 = _cubic(factor, 3, h, j)
-        radius = p * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
-        sigma = real(0.0)
-        if with_sigma:
-            slope = ((real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1) * p2 + q0
-            deeper = p * (((d3 * p2 + d2) * p2 + d1) * p2 + d0) * depth_sigma
-            further = slope * (psi - p)
-            variance += film_variance(solid, radius, depth, unit, j)
-            inverse2 = real(1.0) / (solid * solid + z * z + variance)
-            # what is not known of Bz turns a field that lies flat
-            axial = unit["axial_variance"][j] * (solid * solid * inverse2)
-            turned2 = (variance + axial) * inverse2
-            sigma = np.sqrt(slope * slope * turned2 + deeper * deeper + further * further)
-        return radius, sigma, found, big * quotient, variance
-
-    return by_angle
-
-
-def inversion(plan: Plan) -> Callable:
-    """R by angle or by strength."""
-    with_angle = plan.angle
-    by_angle, by_strength = angle_law(plan), strength_law(plan)
-
-    @jitable
-    def invert(field, normal, variance, unit, j):
-        """An `Inverted`, flags, and the gain of chip and film; with `sine` 1 / M0 over it."""
-        depth, gain = normal.depth, field.gain
-        solid = max(field.strength, type(depth)(FIELD_MIN))
-        if with_angle:
-            radius, along, found, each, variance = by_angle(
-                solid, field.z, variance, depth, normal.depth_sigma, unit, j
-            )
-        else:
-            weakest = exp2(-octaves(depth, unit, j))
-            radius, along, found, each, gain, variance = by_strength(
-                solid, variance, depth, normal.depth_sigma, gain, weakest, unit, j
-            )
-        return Inverted(radius, along, each, variance), found, gain
-
-    return invert
+@jitable
+def by_angle(wants, solid, z, variance, depth, depth_sigma, unit, j):
+    """R by the angle psi = atan2(S, Bz) of the field: a polynomial of psi and H, fitted to the
+    film's field. An `Inverted`, and its flags."""
+    real = type(solid)
+    upright = abs(z)
+    big = max(solid, upright)
+    quotient = real(1.0) / (solid * big)  # one division for both quotients
+    psi = atan(min(solid, upright) * (solid * quotient))
+    psi = real(1.5707963267948966) - psi if solid > upright else psi
+    psi = real(3.141592653589793) - psi if z < real(0.0) else psi
+    end = unit["angle_end"][j]
+    found = SATURATED if psi > end else 0
+    p = min(psi, end)
+    p2 = p * p
+    h = min(max(depth, real(DEPTH_MIN)), real(DEPTH_MAX))
+    factor = unit["angle"]
+    q0, d0 = _cubic(factor, 0, h, j)
+    q1, d1 = _cubic(factor, 1, h, j)
+    q2, d2 = _cubic(factor, 2, h, j)
+    q3, d3 = _cubic(factor, 3, h, j)
+    radius = p * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
+    sigma = real(0.0)
+    if wants.sigma is not None:
+        slope = ((real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1) * p2 + q0
+        deeper = p * (((d3 * p2 + d2) * p2 + d1) * p2 + d0) * depth_sigma
+        further = slope * (psi - p)
+        variance += film_variance(solid, radius, depth, unit, j)
+        inverse2 = real(1.0) / (solid * solid + z * z + variance)
+        # what is not known of Bz turns a field that lies flat
+        axial = unit["axial_variance"][j] * (solid * solid * inverse2)
+        turned2 = (variance + axial) * inverse2
+        sigma = np.sqrt(slope * slope * turned2 + deeper * deeper + further * further)
+    return Inverted(radius, sigma, big * quotient, variance), found
 
 
 @jitable
-def doubt(beyond2, tile, unit, j):
+def invert(wants, field, normal, variance, unit, j):
+    """An `Inverted`, flags, and the gain of chip and film; with `sine` 1 / M0 over it."""
+    solid = max(field.strength, type(variance)(FIELD_MIN))
+    if wants.angle is not None:
+        found, flags = by_angle(
+            wants, solid, field.z, variance, normal.depth, normal.depth_sigma, unit, j
+        )
+        return found, flags, field.gain
+    return by_strength(
+        wants, solid, variance, normal.depth, normal.depth_sigma, field.gain, unit, j
+    )
+
+
+@jitable
+def inflate_sigma(beyond2, tile, unit, j):
     """Widen the sigmas of a unit whose relative miss is `beyond2` more, squared, than allowed.
 
     Field and depth disagree, and either may be what is wrong [derived]: the field by this share
@@ -281,54 +258,49 @@ def doubt(beyond2, tile, unit, j):
     tile["push_sigma"][j] = np.sqrt(known * known + half * half)
 
 
-def anomaly_stage(plan: Plan) -> Callable:
-    """The stage that holds fields against the film's: test ratios, doubt, and flags.
+@jitable
+def check_fields(wants, unit, size, tile, flag, state, advance):
+    """Hold fields against the film's: test ratios, wider sigmas, and flags.
 
     One reading that is beyond is doubted, the second in a row is a MAGNETIC_ANOMALY, as is a mean
     that is beyond.
     """
-    with_angle, with_ratio, by_angle = plan.angle, "test_ratio" in plan.results, angle_law(plan)
-    with_sigma, row = plan.sigma, plan.row("test_ratio")
-
-    @jitable
-    def check(unit, size, tile, flag, state, out, advance):
-        assume_noalias()
-        size = min(size, LANES)
-        real = unit["x_bx"].dtype.type
-        nothing, one, two, three = real(0.0), real(1.0), real(2.0), real(3.0)
-        doubted = np.int16(0)
+    assume_noalias()
+    size, out = min(size, LANES), tile["result"]
+    real = unit["x_bx"].dtype.type
+    nothing, one, two, three = real(0.0), real(1.0), real(2.0), real(3.0)
+    doubted = np.int16(0)
+    for j in range(size):
+        z, radius, gain = tile["z"][j], tile["radius"][j], tile["gain"][j]
+        solid, missed = max(tile["strength"][j], real(FIELD_MIN)), state["missed"][j]
+        if wants.angle is not None:
+            amplitude = gain * exp2(octaves(tile["depth"][j], unit, j))
+            miss2, single2, whole, above = anomaly(
+                solid, z, radius, amplitude, one, missed, unit, j
+            )
+        else:
+            depth = tile["depth"][j]
+            other, _ = by_angle(wants, solid, z, one, depth, one, unit, j)
+            miss2, single2, whole, above = anomaly(
+                solid, z, other.radius, one, gain, missed, unit, j
+            )
+        flags, odd, step = flag[j], state["odd"][j], unit["miss_step"][j]
+        counts, mean = flags & INVALID == 0, missed + step * above
+        last = (odd == one) | (odd == three)
+        before = last if advance else odd >= two
+        now = not miss2 <= single2
+        lies = (now & before) | (not mean * mean <= one)
+        # sums, for a store in some lanes alone costs more than all else here
+        state["missed"][j] = missed + (step if advance & counts else nothing) * above
+        seen = (one if now else nothing) + (two if before else nothing)
+        state["odd"][j] = odd + (seen - odd if counts else nothing)
+        found = MAGNETIC_ANOMALY if lies else 0
+        flag[j] = flags if flags & SILENT else flags | found
+        if wants.sigma is not None:
+            tile["beyond"][j] = max((miss2 - single2) / whole, nothing)
+            doubted = np.int16(doubted | (MAGNETIC_ANOMALY if now else 0))
+        ratio = np.sqrt(max(miss2 / single2, mean * mean))
+        out[TEST_RATIO, j] = real(np.nan) if flags & SILENT else ratio
+    if wants.sigma is not None and doubted != 0:
         for j in range(size):
-            z, radius, gain = tile["z"][j], tile["radius"][j], tile["gain"][j]
-            solid, missed = max(tile["strength"][j], real(FIELD_MIN)), state["missed"][j]
-            if with_angle:
-                amplitude = gain * exp2(octaves(tile["depth"][j], unit, j))
-                miss2, single2, whole, above = anomaly(
-                    solid, z, radius, amplitude, one, missed, unit, j
-                )
-            else:
-                depth = tile["depth"][j]
-                other, _, _, _, _ = by_angle(solid, z, one, depth, one, unit, j)  # R alone
-                miss2, single2, whole, above = anomaly(solid, z, other, one, gain, missed, unit, j)
-            flags, odd, step = flag[j], state["odd"][j], unit["miss_step"][j]
-            counts, mean = flags & INVALID == 0, missed + step * above
-            last = (odd == one) | (odd == three)
-            before = last if advance else odd >= two
-            now = not miss2 <= single2
-            lies = (now & before) | (not mean * mean <= one)
-            # sums, for a store in some lanes alone costs more than all else here
-            state["missed"][j] = missed + (step if advance & counts else nothing) * above
-            seen = (one if now else nothing) + (two if before else nothing)
-            state["odd"][j] = odd + (seen - odd if counts else nothing)
-            found = MAGNETIC_ANOMALY if lies else 0
-            flag[j] = flags if flags & SILENT else flags | found
-            if with_sigma:
-                tile["beyond"][j] = max((miss2 - single2) / whole, nothing)
-                doubted = np.int16(doubted | (MAGNETIC_ANOMALY if now else 0))
-            if with_ratio:
-                ratio = np.sqrt(max(miss2 / single2, mean * mean))
-                write(out, row, j, real(np.nan) if flags & SILENT else ratio)
-        if with_sigma and doubted != 0:
-            for j in range(size):
-                doubt(tile["beyond"][j], tile, unit, j)
-
-    return check
+            inflate_sigma(tile["beyond"][j], tile, unit, j)

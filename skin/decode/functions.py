@@ -1,4 +1,5 @@
-"""Elementary functions for decoding, in float32 or float64: polynomials alone, without a branch.
+"""Rows of numbers, and elementary functions for decoding, in float32 or float64: polynomials alone,
+without a branch.
 
 A mathematical library is called for one number at a time; these are computed for a whole vector.
 The type of the argument chooses the polynomial: float32 needs fewer terms.
@@ -7,7 +8,7 @@ The type of the argument chooses the polynomial: float32 needs fewer terms.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -15,10 +16,49 @@ from numba.extending import overload
 
 from bus.compiled.jit import jitable
 
-__all__ = ["OCTAVES_MAX", "asin", "atan", "atan2", "exp2", "log2", "sin_cos", "sinc"]
+__all__ = [
+    "OCTAVES_MAX", "Rows", "asin", "atan", "atan2", "exp2", "log2", "read", "rows_of", "sin_cos",
+    "sinc", "write",
+]  # fmt: skip
 
 OCTAVES_MAX = 24.0
 """Bound of the exponent of `exp2`."""
+
+
+class Rows(NamedTuple):
+    """Rows of a cycle, as the stages see them: from a block's first unit on.
+
+    Attributes
+    ----------
+    values : ndarray, shape (r * n,)
+    units : uintp
+        n, from one row to the next.
+    first : uintp
+        Place of lane 0 in row 0.
+    """
+
+    values: np.ndarray
+    units: np.unsignedinteger
+    first: np.unsignedinteger
+
+
+@jitable
+def rows_of(values, first):
+    """Rows of an array of shape (r, n), from a unit on."""
+    return Rows(values.reshape(values.size), np.uintp(values.shape[1]), np.uintp(first))
+
+
+# places are unsigned, so that the compiler knows that none counts from the end of the array
+@jitable
+def read(rows, row, lane):
+    """The number of a lane in a row."""
+    return rows.values[rows.first + np.uintp(row) * rows.units + np.uintp(lane)]
+
+
+@jitable
+def write(rows, row, lane, value):
+    """Set the number of a lane in a row."""
+    rows.values[rows.first + np.uintp(row) * rows.units + np.uintp(lane)] = value
 
 
 def _by_type(single: Callable[[Any], Any], double: Callable[[Any], Any]) -> Callable[[Any], Any]:

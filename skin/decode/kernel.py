@@ -4,33 +4,30 @@ Units are decoded in blocks of `LANES`, a block after the other: each stage is a
 of the block, in which all laws of the stage are computed and each result goes to its own row. There
 are few stages, for what is computed stays in registers; but none in which a unit takes so many
 instructions in a row that the processor cannot look ahead to the next one. The records stand in
-`records`, the stages and their laws in `flags`, `temperature`, `normal`, `field` and `tangential`.
-The type of the coefficients, float32 or float64, is the type of all arithmetic.
+`records`, the stages and their laws in `temperature`, `field` and `tangential`; flags by counts
+here. The type of the coefficients, float32 or float64, is the type of all arithmetic; what is not
+wanted is None, so that the compiler leaves it out.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from types import FunctionType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
-from skin.decode.flags import flags_stage
-from skin.decode.plan import Plan
-from skin.decode.records import FLAGS, INVALID, LANES, UNKNOWN
-from skin.decode.rows import rows_of, write
-from skin.decode.tangential import units_stage
-from skin.decode.temperature import temperature_stage
+from skin.decode.field import check_fields
+from skin.decode.functions import read, rows_of, write
+from skin.decode.tangential import decode_unloaded, hide, invert_units, show_units
+from skin.decode.temperature import decode_temperatures
+
+from skin.decode.records import (  # isort: skip
+    BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, INVALID, LANES, OUT_OF_RANGE, SATURATED,
+    SILENT, UNKNOWN,
+)  # fmt: skip
 
 __all__ = ["DecodeData", "decode", "decode_python"]
-
-WITH_LOOK = WITH_SKIP = WITH_FILM = WITH_CHIP = False
-decode_block: Any = None
-"""Constants and stages of a kernel; see `decode_python`."""
 
 
 class DecodeData(NamedTuple):
@@ -50,8 +47,8 @@ class DecodeData(NamedTuple):
         Scratch: flags of a block's units.
     tile : ndarray, shape (1,), record of `skin.decode.records.tile`
         Scratch: what one stage leaves to the next.
-    values : ndarray, shape (r, n)
-        Written: the wanted rows, in the order of `skin.decode.records.RESULT_ROWS`.
+    values : ndarray, shape (RESULTS, n)
+        Written: `DecodeModel.rows` of it, which are as in `skin.decode.records`.
     flags : ndarray, shape (n,), uint16
         Written: flags of the bus and of the decoder.
     valid : ndarray, shape (n,), bool
@@ -70,71 +67,93 @@ class DecodeData(NamedTuple):
 
 
 @jitable
-def hide(flag, size, out, rows):
-    """Show nothing of units that are UNKNOWN."""
-    assume_noalias()
-    nothing = out.values.dtype.type(np.nan)
-    for row in range(rows):
-        for j in range(min(size, LANES)):
-            if flag[j] & UNKNOWN != 0:
-                write(out, row, j, nothing)
-
-
-def clear_stage(plan: Plan) -> Callable:
-    """The stage that shows nothing tangential."""
-    rows = plan.tangential_rows
-
-    @jitable
-    def clear(size, out):
-        assume_noalias()
-        nothing = out.values.dtype.type(np.nan)
-        for row in rows:
-            for j in range(min(size, LANES)):
-                write(out, row, j, nothing)
-
-    return clear
+def outside(count, limits, j):
+    """Whether a count is outside a range: one comparison modulo 2^16."""
+    return (int(count) - int(limits["low"][j])) & 0xFFFF > int(limits["width"][j]) & 0xFFFF
 
 
 @jitable
-def background_of(values, first):
-    """Rows of a background, where there is one."""
-    if values is None:
-        return None
-    return rows_of(values, first)
+def judge(status, counts, limits, j):
+    """Flags of a unit from its counts alone, before anything is clamped."""
+    gel, frequency = read(counts, GEL, j), read(counts, FREQUENCY, j)
+    bx, by, bz = read(counts, BX, j), read(counts, BY, j), read(counts, BZ, j)
+    chip = read(counts, CHIP, j)
+    railed = (
+        outside(gel, limits["rail_gel"], j)
+        | outside(frequency, limits["rail_frequency"], j)
+        | outside(bx, limits["rail_bx"], j)
+        | outside(by, limits["rail_by"], j)
+        | outside(bz, limits["rail_bz"], j)
+        | outside(chip, limits["rail_chip"], j)
+    )
+    impossible = (
+        outside(gel, limits["possible_gel"], j)
+        | outside(frequency, limits["possible_frequency"], j)
+        | outside(chip, limits["possible_chip"], j)
+    )
+    uncalibrated = outside(gel, limits["calibrated_gel"], j) | outside(
+        frequency, limits["calibrated_frequency"], j
+    )
+    known = int(status) | int(limits["status"][j])
+    found = (
+        (SATURATED if railed else 0)
+        | (OUT_OF_RANGE if impossible else 0)
+        | (EXTRAPOLATED if uncalibrated else 0)
+    )
+    return (known if known & SILENT else known | found) & FLAGS
 
 
-def block_stage(plan: Plan) -> Callable:
-    """All stages, for the units of a block."""
-    with_warmth = "temperature" in plan.results or plan.film_compensation or plan.chip_compensation
-    with_skip = plan.skip and (plan.shear or "field" in plan.results)
-    judge, clear = flags_stage(plan), clear_stage(plan)
-    units, rest = units_stage(plan, loaded=True), units_stage(plan, loaded=False)
-    temperature = temperature_stage(plan)
+@jitable
+def find_flags(counts, status, limits, size, flag):
+    """Flags of the units of a block by their counts or from the bus; all of them in one.
 
-    @jitable
-    def decode_block(model, data, block, size, look, advance):
-        """`look`: at units without load as well; `advance` as of `decode`."""
-        assume_noalias()
-        first = block * LANES
-        flag, tile, state = data.flag, data.tile[0], data.state[block]
-        unit = model.coefficients[block if model.coefficients.size > 1 else 0]
-        limits = model.limits[block if model.limits.size > 1 else 0]
-        counts, out = rows_of(data.counts, first), rows_of(data.values, first)
-        background = background_of(data.background, first)
-        here = slice(first, first + size)
-        found, touched = judge(counts, data.status[here], limits, size, flag)
-        if with_warmth:
-            temperature(unit, counts, size, state, tile, flag, out, found, advance)
-        if with_skip and not (look or touched):
-            rest(unit, counts, background, size, tile, flag, state, out, advance)
-            clear(size, out)
-        else:
-            units(unit, counts, background, size, tile, flag, state, out, advance)
-        if found & UNKNOWN != 0:
-            hide(flag, size, out, data.values.shape[0])
-        write_flags(flag, limits, size, data.flags[here], data.valid[here])
+    Most blocks have none, which takes fewer limits to see than which flags each unit has.
+    """
+    assume_noalias()
+    size = min(size, LANES)
+    doubt = found = np.int16(0)
+    for j in range(size):
+        unusual = (
+            outside(read(counts, GEL, j), limits["usual_gel"], j)
+            | outside(read(counts, FREQUENCY, j), limits["usual_frequency"], j)
+            | outside(read(counts, BX, j), limits["usual_bx"], 0)
+            | outside(read(counts, BY, j), limits["usual_by"], 0)
+            | outside(read(counts, BZ, j), limits["usual_bz"], 0)
+            | outside(read(counts, CHIP, j), limits["usual_chip"], 0)
+        )
+        known = np.int16(status[j]) | limits["status"][j]
+        doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
+        flag[j] = np.int16(0)
+    if doubt != 0:
+        for j in range(size):
+            flag[j] = np.int16(judge(status[j], counts, limits, j))
+            found = np.int16(found | flag[j])
+    return found
 
-    return decode_block
+
+@jitable
+def are_pressed(counts, limits, size, flag):
+    """Whether something presses any unit of a block that is heard of."""
+    assume_noalias()
+    touched = np.int16(0)
+    for j in range(min(size, LANES)):
+        pressed = outside(read(counts, FREQUENCY, j), limits["idle_frequency"], j)
+        touched = np.int16(touched | (1 if pressed and flag[j] & SILENT == 0 else 0))
+    return touched != 0
+
+
+@jitable
+def show_rows(rows, tile, size, out):
+    """Copy the rows of a block's results that anyone reads.
+
+    The stages write them into the tile, whose rows are apart by a constant: of those of all units
+    the compiler would ask at run time whether they overlap.
+    """
+    assume_noalias()
+    for k in range(rows.size):
+        row = np.uintp(rows[k])
+        for j in range(min(size, LANES)):
+            write(out, row, j, tile["result"][row, j])
 
 
 @jitable
@@ -147,6 +166,42 @@ def write_flags(flag, limits, size, flags, valid):
 
 
 @jitable
+def background_of(values, first):
+    """Rows of a background, where there is one."""
+    if values is None:
+        return None
+    return rows_of(values, first)
+
+
+@jitable
+def decode_block(model, data, block, size, look, advance):
+    """All stages, for the units of a block. `look`: at units without load as well; `advance` as of
+    `decode`."""
+    assume_noalias()
+    wants, first = model.wants, block * LANES
+    flag, tile, state = data.flag, data.tile[0], data.state[block]
+    unit = model.coefficients[block if model.coefficients.size > 1 else 0]
+    limits = model.limits[block if model.limits.size > 1 else 0]
+    counts = rows_of(data.counts, first)
+    background = background_of(data.background, first)
+    here = slice(first, first + size)
+    found = find_flags(counts, data.status[here], limits, size, flag)
+    decode_temperatures(wants, unit, counts, size, state, tile, flag, advance)
+    if wants.field is not None or wants.shear is not None:
+        if look or are_pressed(counts, limits, size, flag):
+            invert_units(wants, unit, counts, background, size, tile, flag)
+            if wants.check is not None:
+                check_fields(wants, unit, size, tile, flag, state, advance)
+                show_units(wants, unit, size, tile)
+        else:
+            decode_unloaded(wants, unit, counts, background, size, tile, flag)
+    if found & UNKNOWN != 0:
+        hide(flag, UNKNOWN, tile)
+    show_rows(model.rows, tile, size, rows_of(data.values, first))
+    write_flags(flag, limits, size, data.flags[here], data.valid[here])
+
+
+@jitable
 def age(lag, keep, periods):
     """Let the lags of a block fade for some periods."""
     for j in range(LANES):
@@ -154,7 +209,7 @@ def age(lag, keep, periods):
             lag[j] *= keep[j] ** periods
 
 
-def _decode(model, data, phase, advance, missing):
+def decode_python(model, data, phase, advance, missing):
     """Decode the cycle of a `DecodeData`.
 
     Parameters
@@ -164,7 +219,7 @@ def _decode(model, data, phase, advance, missing):
     phase : int
         Number of the cycle, by which units without load are looked at.
     advance : bool
-        False: the cycle before once more; its temperatures stay as they are.
+        False: the same cycle once more; its temperatures stay as they are.
     missing : float
         Periods since the cycle before, less one, that lags age by. A change of the gel's
         temperature in them counts as if it came at their end.
@@ -174,33 +229,16 @@ def _decode(model, data, phase, advance, missing):
     if missing != 0.0:
         for block in range(data.state.size):
             unit = model.coefficients[block if model.coefficients.size > 1 else 0]
-            if WITH_FILM:
-                age(data.state[block]["film_lag"], unit["film_keep"], missing)
-            if WITH_CHIP:
-                age(data.state[block]["chip_lag"], unit["chip_keep"], missing)
-    phase -= 0 if advance else 1
-    look = WITH_LOOK and phase % model.look_every == 0
+            age(data.state[block]["film_lag"], unit["film_keep"], missing)
+            age(data.state[block]["chip_lag"], unit["chip_keep"], missing)
+    look = model.look_every > 0 and phase % model.look_every == 0
     for block in range(data.state.size):
         left = n - block * LANES
         # a whole block has nothing left over of its vectors, if the compiler knows
-        if WITH_SKIP or left < LANES:
-            decode_block(model, data, block, min(left, LANES), look, advance)
+        if left < LANES:
+            decode_block(model, data, block, left, look, advance)
         else:
             decode_block(model, data, block, LANES, look, advance)
 
 
-def decode_python(plan: Plan) -> Callable:
-    """The function that decodes as a plan says, not compiled: `_decode`, with its constants and
-    stages among its globals, for numba finds no closure again in its cache."""
-    constants = {
-        "WITH_LOOK": plan.look, "WITH_SKIP": plan.skip, "WITH_FILM": plan.film_compensation,
-        "WITH_CHIP": plan.chip_lags, "decode_block": block_stage(plan),
-    }  # fmt: skip
-    return FunctionType(_decode.__code__, globals() | constants, "decode")
-
-
-@functools.cache
-def decode(plan: Plan) -> Callable:
-    """The kernel of a `Plan.kernel`, compiled."""
-    kernel = decode_python(plan)
-    return compiled(kernel, fastmath={"contract"}, allocates=False, made_by=("decode", plan))
+decode = compiled(decode_python, fastmath={"contract"}, allocates=False)

@@ -10,7 +10,7 @@ from skin.physics.force_law import inverse, normal_law
 from topology import CHANNELS, Topology
 from topology.gel import gel_share
 
-__all__ = ["frequency_sigma_hz", "limits_of", "tidy_drop"]
+__all__ = ["calibrated_drop_hz", "frequency_sigma_hz", "limits_of"]
 
 STRETCH_MAX = 0.2
 """A frequency this share above rest is no working unit: it would be pulled to 6/5 of its height
@@ -34,7 +34,7 @@ def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray | dict
     span = 0.5 * (high - low)
     possible, calibrated = (low - span, high + span), (low, high)
     rest = p["frequency_rest_hz"]
-    least, most = tidy_drop(topology)
+    least, most = calibrated_drop_hz(topology)
     least_load = IDLE_SIGMAS * frequency_sigma_hz(topology)
     ranges = {
         **{f"rail_{name}": ends for name, ends in _rails(topology, vertical).items()},
@@ -88,7 +88,7 @@ def frequency_sigma_hz(topology: Topology) -> np.ndarray:
     return np.sqrt(p["frequency_noise_hz"] ** 2 + step**2 + p["frequency_sigma_hz"] ** 2)
 
 
-def tidy_drop(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+def calibrated_drop_hz(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Range of the frequency's fall, Hz, that is neither a lost tare nor beyond calibration."""
     p = topology.parameters
     return -PULL_SIGMAS * frequency_sigma_hz(topology), inverse(p["normal_max_n"], normal_law(p))

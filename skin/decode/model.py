@@ -15,8 +15,8 @@ from skin.decode import records as k
 from skin.decode.arrays import check
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
-from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
-from skin.decode.plan import Plan
+from skin.decode.limits import STEP_SIGMA, calibrated_drop_hz, frequency_sigma_hz, limits_of
+from skin.decode.plan import Plan, Wants
 from skin.decode.resting import axial_at_rest
 from skin.decode.uncertainty import Neighbours, uncertainty
 from skin.errors import CalibrationError
@@ -49,12 +49,17 @@ class DecodeModel(NamedTuple):
     limits : ndarray, shape (b,) or (1,), records of `LIMITS`
         Ranges of counts.
     look_every : int
-        As of `skin.decode.plan.Plan`.
+        Cycles from one look at all units to the next; 0: only those under load are looked at.
+    wants : Wants
+    rows : ndarray, shape (r,), int64
+        Results that anyone reads.
     """
 
     coefficients: np.ndarray
     limits: np.ndarray
     look_every: int
+    wants: Wants
+    rows: np.ndarray
 
 
 def model_of(
@@ -97,9 +102,11 @@ def model_of(
     }
     found |= uncertainty(topology, found, neighbours)
     return DecodeModel(
-        _blocks(found, k.coefficients(plan)),
+        _blocks(found, k.coefficients(plan.dtype)),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
-        plan.look_every,
+        0 if plan.skip and not plan.ambient else plan.look_every,
+        plan.wants,
+        np.array(plan.rows),
     )
 
 
@@ -200,7 +207,7 @@ def _normal(topology: Topology) -> dict[str, np.ndarray]:
     p = topology.parameters
     slope = p["frequency_slope_hz_per_mm"]
     per_hz = 1.0 / slope
-    low, high = (drop * per_hz for drop in tidy_drop(topology))
+    low, high = (drop * per_hz for drop in calibrated_drop_hz(topology))
     sigma = frequency_sigma_hz(topology) * per_hz
     depth_sigma = np.hypot(sigma, p["depth_sigma_mm"])
     return {
@@ -295,7 +302,7 @@ def field_angle_ends(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
         Least R at that angle; 0 without a table.
     """
     p = topology.parameters
-    deepest = tidy_drop(topology)[1] / p["frequency_slope_hz_per_mm"]
+    deepest = calibrated_drop_hz(topology)[1] / p["frequency_slope_hz_per_mm"]
     keys = np.vstack([p["field_angle_mm"], p["field_angle_max_mm"], np.ceil(deepest * 4.0) / 4.0])
     keys = keys[:, :1] if (keys == keys[:, :1]).all() else keys
     keys, inverse = np.unique(keys, axis=1, return_inverse=True)
@@ -342,7 +349,7 @@ def refuse_impossible(topology: Topology) -> None:
         )
         refuse(worst < GAIN_MIN, drift, f"a drift that leaves a gain of {GAIN_MIN:g} or more")
     octaves = OCTAVES_MARGIN * OCTAVES_MAX * np.log(2.0)
-    deepest = tidy_drop(topology)[1] / p["frequency_slope_hz_per_mm"]
+    deepest = calibrated_drop_hz(topology)[1] / p["frequency_slope_hz_per_mm"]
     for depth in (0.0, deepest):
         above = depth - p["field_reference_mm"]
         growth = (p["field_growth_per_mm2"] * above + p["field_growth_per_mm"]) * above

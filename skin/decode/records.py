@@ -7,16 +7,11 @@ never fetched. Those of the results are of the type `real`, float32 or float64.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
 from bus import status
 from bus.status import Status
-
-if TYPE_CHECKING:
-    from skin.decode.plan import Plan
 
 LANES = 64
 """Units in a block: enough that what is done once for a block is cheap, few enough that it stays in
@@ -64,59 +59,41 @@ LIMITS = np.dtype([
 
 COEFFICIENT_ROWS = {
     # I / I(20 °C) = scale * count + offset; °C in powers of octaves
-    "gel": {"gel_scale": 1, "gel_offset": 1, "gel_octaves": 3},
+    "gel_scale": 1, "gel_offset": 1, "gel_octaves": 3,
     # °C an octave in powers of the temperature above 20 °C; octaves², octaves at I(20 °C); °C²;
     # ends of the range
-    "gel_sigma": {
-        "gel_rate": 3, "gel_noise": 1, "gel_step": 1, "gel_variance": 1, "gel_low": 1,
-        "gel_high": 1,
-    },
+    "gel_rate": 3, "gel_noise": 1, "gel_step": 1, "gel_variance": 1, "gel_low": 1, "gel_high": 1,
     # share of its lag behind the gel that is left after one step; °C; 1/K
-    "film": {"film_keep": 1, "film_reference": 1, "film_drift": 1},
+    "film_keep": 1, "film_reference": 1, "film_drift": 1,
     # chip above its reference = scale * count + offset + follows * lagged gel temperature; 1/K;
     # µT/K
-    "chip": {
-        "chip_scale": 1, "chip_offset": 1, "chip_gain": 1, "x_drift": 1, "y_drift": 1, "z_drift": 1,
-    },
-    "chip_lag": {"chip_keep": 1, "chip_follows": 1},
-    # µT; lateral with its 2x2 map, scales and offsets in one
-    "field": {
-        "x_bx": 1, "x_by": 1, "x_offset": 1, "y_bx": 1, "y_by": 1, "y_offset": 1,
-    },
-    "vertical": {"z_bz": 1, "z_offset": 1},
+    "chip_scale": 1, "chip_offset": 1, "chip_keep": 1, "chip_follows": 1, "chip_gain": 1,
+    "x_drift": 1, "y_drift": 1, "z_drift": 1,
+    # µT; lateral with its 2x2 map, scales and offsets in one; of what a background takes off
+    "x_bx": 1, "x_by": 1, "x_offset": 1, "y_bx": 1, "y_by": 1, "y_offset": 1,
+    "z_bz": 1, "z_offset": 1,
+    "depth_per_hz": 1, "map_xx": 1, "map_xy": 1, "map_yx": 1, "map_yy": 1,
     # H in mm = scale * count + offset; `skin.physics.force_law`, by mm; µT²; mm, end of the
     # range; 1/mm and 1, by depth
-    "shear": {
-        "depth_scale": 1, "depth_offset": 1, "normal_law": LAW_TERMS,
-        "field_variance": 1, "displacement_max": 1,
-        "shear_law": LAW_TERMS, "shear_gain": 1, "shear_gain_offset": 1,
-    },
+    "depth_scale": 1, "depth_offset": 1, "normal_law": LAW_TERMS,
+    "field_variance": 1, "displacement_max": 1,
+    "shear_law": LAW_TERMS, "shear_gain": 1, "shear_gain_offset": 1,
     # mm; ends of the calibrated range; relative, N², mm that the frequency is unknown by; mm²,
     # across the displacement, row 2 i + j of R^(3 i) H^(2 j); relative, N²
-    "shear_sigma": {
-        "depth_sigma": 1, "depth_low": 1, "depth_high": 1, "normal_variance": 1, "normal_floor": 1,
-        "normal_sigma": 1, "film_variance": 6, "shear_variance": 1,
-        "shear_floor": 1,
-    },
-    "amplitude": {"amplitude_octaves": 3},  # log2(M0 / µT) in powers of H
-    # of M0, relative, at a known depth; mm; mm/rad
-    "strength": {"amplitude_variance": 1, "depth_sigma": 1, "wavenumber_inverse": 1},
-    # R(psi, H) in mm, row 4 i + j of psi^(2 i + 1) H^j; rad, beyond which it is a lower bound
-    "angle": {"angle": 16, "angle_end": 1},
-    "angle_sigma": {"axial_variance": 1},  # µT²
-    # rad/mm; squared tolerance of the field, of one reading and of the mean: relative, µT²; share
-    # of a reading in the mean
-    "check": {
-        "wavenumber": 1, "anomaly_share": 1, "anomaly_field": 1, "miss_share": 1, "miss_field": 1,
-        "miss_step": 1,
-    },
-    # direction at -pi, slope of the first segment, changes of slope at the knots that follow
-    "correction": {"theta_correction": 1 + KNOTS},
-    "centre": {"film_x": 1, "film_y": 1},  # mm, middle of the film off the chip's axis
-    # mm/Hz, and the 2x2 map alone
-    "background": {"depth_per_hz": 1, "map_xx": 1, "map_xy": 1, "map_yx": 1, "map_yy": 1},
+    "depth_sigma": 1, "depth_low": 1, "depth_high": 1, "normal_variance": 1, "normal_floor": 1,
+    "normal_sigma": 1, "film_variance": 6, "shear_variance": 1, "shear_floor": 1,
+    # log2(M0 / µT) in powers of H; of M0, relative, at a known depth; mm/rad, rad/mm
+    "amplitude_octaves": 3, "amplitude_variance": 1, "wavenumber_inverse": 1, "wavenumber": 1,
+    # R(psi, H) in mm, row 4 i + j of psi^(2 i + 1) H^j; rad, beyond which it is a lower bound; µT²
+    "angle": 16, "angle_end": 1, "axial_variance": 1,
+    # squared tolerance of the field, of one reading and of the mean: relative, µT²; share of a
+    # reading in the mean
+    "anomaly_share": 1, "anomaly_field": 1, "miss_share": 1, "miss_field": 1, "miss_step": 1,
+    # rad at -pi, slope of the first segment, changes of slope at the knots that follow; mm, middle
+    # of the film off the chip's axis
+    "theta_correction": 1 + KNOTS, "film_x": 1, "film_y": 1,
 }  # fmt: skip
-"""What is known of each unit, and of how many rows each is; by what it is for."""
+"""What is known of each unit, and of how many rows each is."""
 
 # -- what one cycle leaves to the next -------------------------------------------------------------
 # Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a float32
@@ -128,7 +105,7 @@ the last one was, and 2 if the one before."""
 ABOVE = ("film_above", "chip_above")
 """Temperatures of film and chip above their references."""
 
-ON_THE_WAY = (
+INTERMEDIATES = (
     "x", "y", "z", "strength", "gain", "radius", "along", "each", "variance", "beyond",
     "depth", "push", "depth_sigma", "push_sigma",
 )  # fmt: skip
@@ -137,14 +114,19 @@ its sigma; 1 / S; variance of the field; how far its miss is beyond what it may 
 squared; depth and normal force."""
 
 # -- what is decoded -------------------------------------------------------------------------------
-RESULT_ROWS = {
-    "temperature": 1, "force": 3, "tangential": 1, "theta": 1, "displacement": 3,
-    "temperature_sigma": 1, "force_sigma": 3, "tangential_sigma": 1, "theta_sigma": 1,
-    "displacement_sigma": 3,
-    "field": 3, "test_ratio": 1, "film_above": 1,
+TEMPERATURE, FORCE, TANGENTIAL, THETA, DISPLACEMENT = 0, 1, 4, 5, 6
+"""First rows of the results; the third of force and displacement is normal."""
+SIGMA = 9
+"""Rows from each of them to its one-sigma."""
+FIELD, TEST_RATIO, FILM_ABOVE = 18, 21, 22
+RESULTS = 23
+"""Rows of all results."""
+ROWS = {
+    "temperature": (TEMPERATURE, 1), "force": (FORCE, 3), "tangential": (TANGENTIAL, 1),
+    "theta": (THETA, 1), "displacement": (DISPLACEMENT, 3), "field": (FIELD, 3),
+    "test_ratio": (TEST_RATIO, 1),
 }  # fmt: skip
-"""Results in their order, and of how many rows each is; the third of force and displacement is
-normal."""
+"""First row, and how many, of what can be wanted."""
 
 
 def _record(rows: dict[str, int], real: npt.DTypeLike) -> np.dtype:
@@ -153,34 +135,9 @@ def _record(rows: dict[str, int], real: npt.DTypeLike) -> np.dtype:
     ])  # fmt: skip
 
 
-def coefficients(plan: Plan) -> np.dtype:
-    """The record of what is known of a block's units: what the kernel of a plan reads, no more."""
-    with_field = "field" in plan.results
-    tangential = plan.shear or with_field
-    tabled = plan.angle or plan.consistency
-    needed = {
-        "gel": True,
-        "gel_sigma": "temperature" in plan.results and plan.sigma,
-        "film": plan.film_compensation,
-        "chip": plan.chip_compensation,
-        "chip_lag": plan.chip_lags,
-        "field": tangential,
-        "vertical": tabled or with_field,
-        "shear": plan.shear,
-        "shear_sigma": plan.shear and plan.sigma,
-        "amplitude": plan.consistency or (plan.shear and not plan.angle),
-        "strength": plan.shear and not plan.angle,
-        "angle": tabled,
-        "angle_sigma": plan.sigma and tabled,
-        "check": plan.consistency,
-        "correction": plan.theta_correction,
-        "centre": plan.film_centre,
-        "background": tangential,
-    }
-    rows = {}
-    for group, is_needed in needed.items():
-        rows |= COEFFICIENT_ROWS[group] if is_needed else {}
-    return _record(rows, plan.dtype)
+def coefficients(real: npt.DTypeLike) -> np.dtype:
+    """The record of what is known of a block's units."""
+    return _record(COEFFICIENT_ROWS, real)
 
 
 def state(real: npt.DTypeLike) -> np.dtype:
@@ -189,5 +146,5 @@ def state(real: npt.DTypeLike) -> np.dtype:
 
 
 def tile(real: npt.DTypeLike) -> np.dtype:
-    """The record of what one stage leaves to the next."""
-    return _record(dict.fromkeys((*ABOVE, *ON_THE_WAY), 1), real)
+    """The record of what one stage leaves to the next, results among it."""
+    return _record(dict.fromkeys((*ABOVE, *INTERMEDIATES), 1) | {"result": RESULTS}, real)

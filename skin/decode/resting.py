@@ -1,9 +1,8 @@
-"""What neighbours at rest add along z, by magnet theory and by a tare, and what it says of films.
+"""What is not known of the fields that neighbours add: at rest, by theory and by a tare; moving.
 
 A tare reads Bz of an untouched unit less that of its own film (`axial_rest_ut`): what its
 neighbours at rest add, and the ambient field. Theory knows the first as well as films are made as
-drawn. All films of a skin are made alike, so what their fields at rest are off by also says what
-they are off by as they move.
+drawn.
 """
 
 from __future__ import annotations
@@ -14,35 +13,30 @@ import numpy as np
 
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
-from skin.physics.multipoles import ORDERS, STRENGTH, films_as_made, multipole_field
 from skin.physics.stencil import (
-    AS_MADE,
     Stencil,
     check_stencil,
     neighbours_at_rest,
-    with_films_apart,
-)
-from skin.physics.stray import (
-    DEPTH_MAX_MM,
-    DISPLACEMENT_MAX_MM,
-    NEAR_M,
-    field_at_rest,
-    films_seen,
-    near,
-    scan_poses,
+    neighbours_moving_ut2,
 )
 from topology import Topology
 
-__all__ = ["FilmsSeen", "axial_at_rest", "check_zeros", "rest_of"]
+__all__ = ["axial_at_rest", "check_zeros", "rest_of", "share_shown", "stray_ut2"]
 
 ALIKE_SIGMAS = 5.0
 """Sigmas by which a tare and theory may differ; a unit that reads farther off is not believed
 [assumed: as what the constants of a unit may be off by]."""
 AMBIENT_UT2 = 2500.0
 """Variance of a component of the ambient field of a tare, µT² [derived: the Earth's, 50 µT]."""
-STEP_MM = 1e-3
-"""Of differences: errors of truncation and rounding are both below 1e-4 of a slope."""
-DISTANCES = 24
+OWN_SHARE = 0.03
+"""By which what neighbours at rest add differs from unit to unit: strengths and places
+[assumed]."""
+SHAPE2 = 0.1
+"""Share of the variance that a tare leaves at least: the shape of films [assumed]."""
+STEEPNESS = 18.0, 10.0
+"""Share by which errors of places change what neighbours add, over those errors and the distance of
+the nearest one: of units that are not tared, and that are [derived: films on a plane, by the slopes
+of their stencil]."""
 FAR = 3.0
 """Root of the mean square of the difference over the units of a patch, in sigmas of their zeros
 (`field_sigma_ut`), from which it is named [derived: what differs by less is in sigma]."""
@@ -82,99 +76,70 @@ def _believed(topology: Topology, rest_ut: np.ndarray, variance_ut2: np.ndarray)
     return (measured2 > 0.0) & ((p["axial_rest_ut"] - rest_ut) ** 2 <= most2)
 
 
-class FilmsSeen:
-    """What the fields of films at rest say of the fields along z that they add as they move.
+def stray_ut2(topology: Topology, stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the field by films that are not made, and units that are not placed, as the
+    stencil has them: of x or y and of z, µT².
 
-    The multipoles that all films share, with those of films as made as the prior, and the ambient
-    field of the tare are estimated from `axial_rest_ut` of all units, by linear least squares. What
-    a unit itself is off, errors of places and tilts, and films that differ in strength count as
-    noise, independent from unit to unit.
+    All films of a skin are made alike, so that what they add as they move is off by one and the
+    same share, `stray_sigma_relative`; errors of places and tilts move it by a share that falls
+    with the distance, laterally. Of films that were measured neither is in here. At rest they are
+    off by `Stencil.rest_sigma_ut`, of which a tare takes the lateral part off.
 
     Parameters
     ----------
     topology : Topology
-        Places as drawn.
+    stencil : Stencil
+
+    Returns
+    -------
+    lateral_ut2 : ndarray, shape (2, n)
+        Of units that are not tared, and of units that are.
+    axial_ut2 : ndarray, shape (n,)
+    """
+    p, film, rest = topology.parameters, load_film_table().film, stencil.rest_sigma_ut**2
+    lateral_ut2 = np.stack([0.5 * (rest[0] + rest[1]), np.zeros(stencil.n)])
+    if not stencil.drawn:
+        return lateral_ut2, np.zeros(stencil.n)
+    moved_ut2, moved_axial_ut2 = neighbours_moving_ut2(topology, (1.0, 1.0))
+    nearest_mm = np.full(stencil.n, np.inf)
+    np.minimum.at(nearest_mm, stencil.unit, 1e3 * stencil.apart_m)
+    lever = film.middle_mm + film.chip_mm
+    off_mm = np.hypot(p["placement_sigma_mm"], lever * p["placement_sigma_rad"])
+    for row, steepness in enumerate(STEEPNESS):
+        share2 = p["stray_sigma_relative"] ** 2 + (steepness * off_mm / nearest_mm) ** 2
+        lateral_ut2[row] += share2 * moved_ut2
+    lateral_ut2[0] += p["placement_sigma_rad"] ** 2 * stencil.rest_ut[2] ** 2
+    return lateral_ut2, p["stray_sigma_relative"] ** 2 * moved_axial_ut2
+
+
+def share_shown(topology: Topology, stencil: Stencil) -> float:
+    """Mean square of the share by which films add otherwise than as drawn, once a tare has read
+    them at rest, over that before.
+
+    That share, which all films of a skin have, and the ambient field of the tare are estimated from
+    `axial_rest_ut` of all units, by linear least squares. It says less of films as they move, for
+    their shape may differ too.
+
+    Parameters
+    ----------
+    topology : Topology
+        With what a tare has measured.
     stencil : Stencil
         That of the drawing.
     """
-
-    def __init__(self, topology: Topology, stencil: Stencil) -> None:
-        self._stencil = stencil
-        separated = with_films_apart(topology)
-        shape, covariance = films_as_made()
-        p, film = topology.parameters, load_film_table().film
-        share = float(p["stray_sigma_relative"].mean()) / AS_MADE
-        self._prior = share**2 * covariance
-        lever = film.middle_mm + film.chip_mm
-        place2 = p["placement_sigma_mm"] ** 2 + lever**2 * p["placement_sigma_rad"] ** 2
-        strength2 = p["field_amplitude_sigma_relative"] ** 2 + STRENGTH**2
-        n = topology.n
-        self._rest, slopes, self._noise_ut2 = np.zeros((n, ORDERS)), np.zeros((n, 3)), np.zeros(n)
-        for at, by, points, turn in films_seen(separated):
-            poles = np.einsum("cm,kcm->mk", turn[2], multipole_field(points))
-            field = poles @ shape
-            slope = np.empty((3, at.size))
-            for axis, step in enumerate(STEP_MM * np.eye(3)):
-                moved = multipole_field(points + step[:, np.newaxis])
-                moved_ut = np.einsum("cm,kcm,k->m", turn[2], moved, shape)
-                slope[axis] = (moved_ut - field) / STEP_MM
-            np.add.at(self._rest, at, poles)
-            np.add.at(slopes, at, np.einsum("abm,bm->ma", separated.rotation[:, :, by], slope))
-            noise = strength2[by] * field**2 + place2[by] * np.sum(slope**2, axis=0)
-            self._noise_ut2 += np.bincount(at, noise, minlength=n)
-        self._noise_ut2 += place2 * np.sum(slopes**2, axis=1)
-        far_ut = field_at_rest(separated) - field_at_rest(separated, NEAR_M)  # of dipoles
-        self._rest[:, 0] += far_ut[2] / shape[0]
-        self._moving = _moving(separated)
-        self._ambient = CHIP_AXES[2] * topology.rotation[:, 2].T
-
-    def share2(self, topology: Topology) -> np.ndarray:
-        """Mean square of what films add along z otherwise than as drawn, as they move, over that of
-        films of which nothing was measured; shape (n,).
-
-        Parameters
-        ----------
-        topology : Topology
-            With what a tare has measured.
-        """
-        p, prior, rest_ut = topology.parameters, self._prior, self._stencil.rest_ut[2]
-        seen = _believed(topology, rest_ut, self._stencil.rest_sigma_ut[2] ** 2)
-        before = np.einsum("nk,kl,nl->n", self._moving, prior, self._moving)
-        if not seen.any() or not (before > 0.0).any():
-            return np.ones(topology.n)
-        matrix = np.hstack([self._rest, self._ambient])[seen]
-        weight = 1.0 / (p["axial_rest_sigma_ut"] ** 2 + self._noise_ut2)[seen]
-        off_ut = (p["axial_rest_ut"] - rest_ut)[seen]
-        covariance = AMBIENT_UT2 * np.eye(ORDERS + 3)
-        covariance[:ORDERS, :ORDERS] = prior
-        normal = (matrix.T * weight) @ matrix
-        found = np.linalg.solve(np.eye(len(covariance)) + covariance @ normal, covariance)
-        mean = (found @ (matrix.T * weight) @ off_ut)[:ORDERS]
-        square = found[:ORDERS, :ORDERS] + np.outer(mean, mean)
-        after = np.einsum("nk,kl,nl->n", self._moving, square, self._moving)
-        return after / np.where(before > 0.0, before, 1.0)
-
-
-def _moving(topology: Topology) -> np.ndarray:
-    """Change along z, by multipole, that films within `NEAR_M` make at each chip in the mean over
-    the range of a scan, side by side as on a flat skin, µT, shape (n, ORDERS)."""
-    i, j = near(topology, NEAR_M)
-    at, by = np.concatenate([i, j]), np.concatenate([j, i])
-    if not at.size:
-        return np.zeros((topology.n, ORDERS))
-    d = 1e3 * np.linalg.norm(topology.position[:, at] - topology.position[:, by], axis=0)
-    moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
-    distance = np.geomspace(d.min(), d.max() + STEP_MM, DISTANCES)
-    still = np.zeros((3, DISTANCES, 1))
-    still[0, :, 0], still[2] = distance, load_film_table().film.chip_mm
-    change = multipole_field(still - moved.T[:, np.newaxis]) - multipole_field(still)
-    table = change[:, 2] @ share * distance**4
-    strength = topology.parameters["field_amplitude_ut"][by]
-    out = np.zeros((topology.n, ORDERS))
-    for k, row in enumerate(table):
-        each = strength * np.interp(d, distance, row) / d**4
-        out[:, k] = np.bincount(at, each, minlength=topology.n)
-    return out
+    p, rest_ut = topology.parameters, stencil.rest_ut[2]
+    variance_ut2 = stencil.rest_sigma_ut[2] ** 2
+    seen = _believed(topology, rest_ut, variance_ut2)
+    if not stencil.drawn or not seen.any() or not variance_ut2.any():
+        return 1.0
+    prior = np.mean(variance_ut2) / np.mean(rest_ut**2)
+    matrix = np.column_stack([rest_ut, CHIP_AXES[2] * topology.rotation[:, 2].T])[seen]
+    noise_ut2 = p["axial_rest_sigma_ut"] ** 2 + (OWN_SHARE * rest_ut) ** 2
+    weighted = matrix.T / noise_ut2[seen]
+    known = np.diag(1.0 / np.array([prior, AMBIENT_UT2, AMBIENT_UT2, AMBIENT_UT2]))
+    covariance = np.linalg.inv(known + weighted @ matrix)
+    share = (covariance @ (weighted @ (p["axial_rest_ut"] - rest_ut)[seen]))[0]
+    return float(np.clip((share**2 + covariance[0, 0]) / prior, SHAPE2, 1.0))
 
 
 def rest_of(topology: Topology, stencil: Stencil | None) -> tuple[np.ndarray, np.ndarray]:

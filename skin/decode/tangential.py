@@ -1,33 +1,41 @@
-"""Tangential displacement and force, and what is not known of them."""
+"""Depth, displacement and force of units, and what is not known of them.
+
+Depth and normal force come from the frequency of the oscillator under the gel capacitor, the
+tangential displacement from the field, the tangential force from the displacement.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.decode.field import (
-    FIELD_MIN,
-    GAIN_MIN,
-    Field,
-    Inverted,
-    anomaly_stage,
-    field_law,
-    inversion,
-)
-from skin.decode.functions import atan2, sin_cos
-from skin.decode.normal import Normal, law_variance, normal_law
-from skin.decode.plan import Plan
-from skin.decode.records import EXTRAPOLATED, IDLE, KNOTS, LANES, SILENT
-from skin.decode.rows import read, write
+from skin.decode.field import FIELD_MIN, Field, Inverted, field_at, invert
+from skin.decode.functions import atan2, read, sin_cos
 from skin.decode.temperature import EXTRAPOLATION
 from skin.physics.force_law import at as law_at
-from skin.physics.force_law import force, lines
+from skin.physics.force_law import force
 
-__all__ = ["units_stage"]
+from skin.decode.records import (  # isort: skip
+    DISPLACEMENT, EXTRAPOLATED, FORCE, FREQUENCY, IDLE, KNOTS, LANES, RESULTS, SIGMA, SILENT,
+    TANGENTIAL, TEMPERATURE, TEST_RATIO, THETA,
+)  # fmt: skip
+
+__all__ = ["decode_unloaded", "hide", "invert_units", "show_units"]
+
+THETA_MOST_RAD = 1.8137993642342178
+"""Sigma of a direction that is not known: even over the circle, pi / sqrt(3)."""
+
+
+class Normal(NamedTuple):
+    """Depth, mm, and normal force, N, with their one-sigma."""
+
+    depth: float
+    push: float
+    depth_sigma: float
+    push_sigma: float
 
 
 class Shear(NamedTuple):
@@ -50,33 +58,40 @@ class Shear(NamedTuple):
     stiffening: float
 
 
-def shear_variance_of(plan: Plan) -> Callable:
-    """Variance of the tangential force along its direction."""
-    push_of = force if plan.cubes else lines
-
-    @jitable
-    def shear_variance(shear, along, depth_sigma, unit, j):
-        law = law_at(unit["shear_law"], j)
-        half = push_of(shear.radius + along, law)
-        half -= push_of(shear.radius - along, law)
-        half *= type(along)(0.5) * shear.stiffening
-        deeper = shear.law * unit["shear_gain"][j] * depth_sigma
-        push = shear.law * shear.stiffening
-        law2 = law_variance(push, unit["shear_variance"][j], unit["shear_floor"][j])
-        return half * half + deeper * deeper + law2
-
-    return shear_variance
+@jitable
+def law_variance(force, relative2, absolute2):
+    """What a law is off by that is not the unit's: a share of the force, and as much for all loads;
+    but never more than the force itself, for the law goes through zero as the unit does."""
+    square = force * force
+    return relative2 * square + min(absolute2, square)
 
 
 @jitable
-def component(part, along2, across2):
-    """Sigma of a component whose share of the direction is `part`; both are equal at R = 0."""
-    return np.sqrt(across2 + part * part * (along2 - across2))
+def normal_of(wants, unit, counts, background, j):
+    """A unit's `Normal`."""
+    real = unit["depth_scale"].dtype.type
+    depth = unit["depth_scale"][j] * real(read(counts, FREQUENCY, j))
+    depth += unit["depth_offset"][j]
+    if background is not None:
+        depth -= unit["depth_per_hz"][j] * read(background, 0, j)
+    law = law_at(unit["normal_law"], j)
+    push = force(depth, law)
+    depth_sigma = push_sigma = real(0.0)
+    if wants.sigma is not None:
+        over = max(depth - unit["depth_high"][j], unit["depth_low"][j] - depth)
+        beyond = real(EXTRAPOLATION) * max(over, real(0.0))
+        depth_sigma = unit["depth_sigma"][j] + beyond
+        # half of what the force changes over the interval of the frequency, and of the law
+        sigma = unit["normal_sigma"][j] + beyond
+        half = real(0.5) * (force(depth + sigma, law) - force(depth - sigma, law))
+        law2 = law_variance(push, unit["normal_variance"][j], unit["normal_floor"][j])
+        push_sigma = np.sqrt(half * half + law2)
+    return Normal(depth, push, depth_sigma, push_sigma)
 
 
 @jitable
-def correct(x, y, unit, j):
-    """Correct a direction by the unit's table, linear in theta between knots: a sum of ramps."""
+def corrected(x, y, unit, j):
+    """A direction by the unit's table, linear in theta between knots: a sum of ramps."""
     real = type(x)
     along = atan2(y, x) + real(np.pi)
     table = unit["theta_correction"]
@@ -88,135 +103,124 @@ def correct(x, y, unit, j):
     return x * cosine - y * sine, x * sine + y * cosine
 
 
-def shear_of(plan: Plan) -> Callable:
-    """Direction, displacement and force of a unit from its R; what is wanted is shown."""
-    with_correction, with_centre = plan.theta_correction, plan.film_centre
-    with_force, with_tangential = "force" in plan.results, "tangential" in plan.results
-    with_theta, with_displacement = "theta" in plan.results, "displacement" in plan.results
-    push_row, tangential_row = plan.row("force"), plan.row("tangential")
-    theta_row, row = plan.row("theta"), plan.row("displacement")
-    push_of = force if plan.cubes else lines
-
-    @jitable
-    def shear(field, inverted, depth, unit, out, j):
-        real = type(depth)
-        zero, one = real(0.0), real(1.0)
-        x, y, outer = field.x * inverted.each, field.y * inverted.each, inverted.radius
-        if with_correction:
-            x, y = correct(x, y, unit, j)
-        radius, share = outer, one if field.strength > zero else zero
-        if with_centre:
-            dx = outer * x - unit["film_x"][j]
-            dy = outer * y - unit["film_y"][j]
-            radius, share = np.sqrt(dx * dx + dy * dy), one
-            away = one / max(radius, real(FIELD_MIN))
-            x = dx * away
-            y = dy * away
-        law = push_of(radius, law_at(unit["shear_law"], j))
-        stiffening = unit["shear_gain"][j] * depth + unit["shear_gain_offset"][j]
-        push = law * stiffening
-        if with_force:
-            write(out, push_row, j, push * x)
-            write(out, push_row + 1, j, push * y)
-        if with_tangential:
-            write(out, tangential_row, j, push * share)
-        if with_theta:
-            write(out, theta_row, j, atan2(y, x))
-        if with_displacement:
-            write(out, row, j, radius * x)
-            write(out, row + 1, j, radius * y)
-        return Shear(x, y, radius, law, stiffening)
-
-    return shear
+@jitable
+def show_shear(wants, field, inverted, depth, unit, out, j):
+    """Direction, displacement and force of a unit from its R: a `Shear`, which is shown."""
+    real = type(depth)
+    zero, one = real(0.0), real(1.0)
+    x, y, outer = field.x * inverted.each, field.y * inverted.each, inverted.radius
+    if wants.correction is not None:
+        x, y = corrected(x, y, unit, j)
+    radius, share = outer, one if field.strength > zero else zero
+    if wants.centre is not None:
+        dx = outer * x - unit["film_x"][j]
+        dy = outer * y - unit["film_y"][j]
+        radius, share = np.sqrt(dx * dx + dy * dy), one
+        away = one / max(radius, real(FIELD_MIN))
+        x = dx * away
+        y = dy * away
+    law = force(radius, law_at(unit["shear_law"], j))
+    stiffening = unit["shear_gain"][j] * depth + unit["shear_gain_offset"][j]
+    push = law * stiffening
+    out[FORCE, j] = push * x
+    out[FORCE + 1, j] = push * y
+    out[TANGENTIAL, j] = push * share
+    out[DISPLACEMENT, j] = radius * x
+    out[DISPLACEMENT + 1, j] = radius * y
+    if wants.theta is not None:
+        out[THETA, j] = atan2(y, x)
+    return Shear(x, y, radius, law, stiffening)
 
 
-def sigma_of(plan: Plan) -> Callable:
+@jitable
+def component(part, along2, across2):
+    """Sigma of a component whose share of the direction is `part`; both are equal at R = 0."""
+    return np.sqrt(across2 + part * part * (along2 - across2))
+
+
+@jitable
+def show_sigma(shear, inverted, depth_sigma, unit, out, j):
     """One-sigma of all that is tangential."""
-    with_force, with_tangential = "force" in plan.results, "tangential" in plan.results
-    with_theta, with_displacement = "theta" in plan.results, "displacement" in plan.results
-    push_row, tangential_row = plan.row("force_sigma"), plan.row("tangential_sigma")
-    theta_row, row = plan.row("theta_sigma"), plan.row("displacement_sigma")
-    shear_variance = shear_variance_of(plan)
-
-    @jitable
-    def sigma(shear, inverted, depth_sigma, unit, out, j):
-        real = type(depth_sigma)
-        limit = unit["displacement_max"][j]
-        over = max(inverted.radius - inverted.along - limit, real(0.0))
-        along = inverted.along + real(EXTRAPOLATION) * over
-        along2 = along * along
-        # across the direction, R sigma / S, which has a limit at R = 0
-        aside = inverted.each * inverted.radius
-        across2 = min(inverted.variance * (aside * aside), limit * limit)
-        rate = real(1.0) / max(shear.radius, real(1e-12))
-        turned2 = across2 * (rate * rate)
-        if with_theta:
-            most = real(1.8137993642342178)  # pi / sqrt(3)
-            write(out, theta_row, j, min(np.sqrt(turned2), most))
-        if with_displacement:
-            write(out, row, j, component(shear.x, along2, across2))
-            write(out, row + 1, j, component(shear.y, along2, across2))
-        if with_force or with_tangential:
-            push = shear.law * shear.stiffening
-            along2 = shear_variance(shear, along, depth_sigma, unit, j)
-            across2 = push * push * turned2
-            if with_tangential:
-                write(out, tangential_row, j, np.sqrt(along2))
-            if with_force:
-                write(out, push_row, j, component(shear.x, along2, across2))
-                write(out, push_row + 1, j, component(shear.y, along2, across2))
-
-    return sigma
+    real = type(depth_sigma)
+    limit = unit["displacement_max"][j]
+    over = max(inverted.radius - inverted.along - limit, real(0.0))
+    along = inverted.along + real(EXTRAPOLATION) * over
+    along2 = along * along
+    # across the direction, R sigma / S, which has a limit at R = 0
+    aside = inverted.each * inverted.radius
+    across2 = min(inverted.variance * (aside * aside), limit * limit)
+    rate = real(1.0) / max(shear.radius, real(1e-12))
+    turned2 = across2 * (rate * rate)
+    out[SIGMA + THETA, j] = min(np.sqrt(turned2), real(THETA_MOST_RAD))
+    out[SIGMA + DISPLACEMENT, j] = component(shear.x, along2, across2)
+    out[SIGMA + DISPLACEMENT + 1, j] = component(shear.y, along2, across2)
+    law, push = law_at(unit["shear_law"], j), shear.law * shear.stiffening
+    half = force(shear.radius + along, law) - force(shear.radius - along, law)
+    half *= real(0.5) * shear.stiffening
+    deeper = shear.law * unit["shear_gain"][j] * depth_sigma
+    law2 = law_variance(push, unit["shear_variance"][j], unit["shear_floor"][j])
+    along2 = half * half + deeper * deeper + law2
+    across2 = push * push * turned2
+    out[SIGMA + TANGENTIAL, j] = np.sqrt(along2)
+    out[SIGMA + FORCE, j] = component(shear.x, along2, across2)
+    out[SIGMA + FORCE + 1, j] = component(shear.y, along2, across2)
 
 
-def field_of(plan: Plan) -> Callable:
-    """The field and its strength, which is shown if it is wanted."""
-    with_field, with_film, with_chip = (
-        "field" in plan.results, plan.film_compensation, plan.chip_compensation
-    )  # fmt: skip
-    row, law = plan.row("field"), field_law(plan)
-
-    @jitable
-    def field_at(unit, counts, background, j, above, out):
-        real = unit["x_bx"].dtype.type
-        chip_above = above["chip_above"][j] if with_chip else real(0.0)
-        x, y, z, gain = law(unit, counts, background, j, chip_above)
-        if with_field:
-            each = real(1.0) / gain
-            write(out, row, j, x * each)
-            write(out, row + 1, j, y * each)
-            write(out, row + 2, j, z * each)
-        if with_film:
-            warmer = unit["film_drift"][j] * above["film_above"][j]
-            gain *= max(real(1.0) + warmer, real(GAIN_MIN))
-        return Field(x, y, z, gain, np.sqrt(x * x + y * y))
-
-    return field_at
+@jitable
+def show_normal(wants, normal, out, j):
+    """Normal force and depth."""
+    out[FORCE + 2, j] = normal.push
+    out[DISPLACEMENT + 2, j] = normal.depth
+    if wants.sigma is not None:
+        out[SIGMA + FORCE + 2, j] = normal.push_sigma
+        out[SIGMA + DISPLACEMENT + 2, j] = normal.depth_sigma
 
 
-def keep_of(plan: Plan) -> tuple[Callable, Callable]:
-    """What writes a unit down between two stages, and what reads it."""
-    with_sigma = plan.sigma
+@jitable
+def show(wants, field, inverted, normal, unit, out, j):
+    """All that is known of a unit but its temperature and field."""
+    shear = show_shear(wants, field, inverted, normal.depth, unit, out, j)
+    if wants.sigma is not None:
+        show_sigma(shear, inverted, normal.depth_sigma, unit, out, j)
+    show_normal(wants, normal, out, j)
 
-    @jitable
-    def keep(tile, j, field, inverted, normal, gain):
-        tile["strength"][j] = field.strength
-        tile["z"][j] = field.z
-        tile["radius"][j] = inverted.radius
-        tile["gain"][j] = gain
-        tile["depth"][j] = normal.depth
-        if with_sigma:
-            tile["x"][j] = field.x
-            tile["y"][j] = field.y
-            tile["along"][j] = inverted.along
-            tile["each"][j] = inverted.each
-            tile["variance"][j] = inverted.variance
-            tile["push"][j] = normal.push
-            tile["depth_sigma"][j] = normal.depth_sigma
-            tile["push_sigma"][j] = normal.push_sigma
 
-    @jitable
-    def kept(tile, j):
+@jitable
+def keep(tile, j, field, inverted, normal, gain):
+    """Write a unit down for the stages that follow."""
+    tile["x"][j], tile["y"][j], tile["z"][j] = field.x, field.y, field.z
+    tile["strength"][j], tile["gain"][j] = field.strength, gain
+    tile["radius"][j], tile["along"][j] = inverted.radius, inverted.along
+    tile["each"][j], tile["variance"][j] = inverted.each, inverted.variance
+    tile["depth"][j], tile["push"][j] = normal.depth, normal.push
+    tile["depth_sigma"][j], tile["push_sigma"][j] = normal.depth_sigma, normal.push_sigma
+
+
+@jitable
+def invert_units(wants, unit, counts, background, size, tile, flag):
+    """Fields, depths and R of the units of a block; shown here where no check follows."""
+    assume_noalias()
+    for j in range(min(size, LANES)):
+        field = field_at(wants, unit, counts, background, j, tile)
+        if wants.shear is not None:
+            flags, normal = flag[j], normal_of(wants, unit, counts, background, j)
+            variance = unit["field_variance"][j]
+            if background is not None:
+                variance += read(background, 4, j)
+            inverted, found, gain = invert(wants, field, normal, variance, unit, j)
+            found |= EXTRAPOLATED if inverted.radius > unit["displacement_max"][j] else 0
+            flag[j] = flags if flags & SILENT else flags | found
+            if wants.check is not None:
+                keep(tile, j, field, inverted, normal, gain)
+            else:
+                show(wants, field, inverted, normal, unit, tile["result"], j)
+
+
+@jitable
+def show_units(wants, unit, size, tile):
+    """Show the units of a block after their fields have been checked."""
+    assume_noalias()
+    for j in range(min(size, LANES)):
         strength = tile["strength"][j]
         field = Field(tile["x"][j], tile["y"][j], tile["z"][j], strength, strength)
         inverted = Inverted(
@@ -225,85 +229,32 @@ def keep_of(plan: Plan) -> tuple[Callable, Callable]:
         normal = Normal(
             tile["depth"][j], tile["push"][j], tile["depth_sigma"][j], tile["push_sigma"][j]
         )
-        return field, inverted, normal
-
-    return keep, kept
+        show(wants, field, inverted, normal, unit, tile["result"], j)
 
 
-def show_of(plan: Plan, loaded: bool) -> Callable:
-    """Forces, displacements and their one-sigma of a unit that is `loaded`, or what shows without
-    load."""
-    with_force, with_displacement = "force" in plan.results, "displacement" in plan.results
-    with_sigma = plan.sigma
-    push_row, push_sigma_row = plan.row("force") + 2, plan.row("force_sigma") + 2
-    depth_row, depth_sigma_row = plan.row("displacement") + 2, plan.row("displacement_sigma") + 2
-    shear_from, sigma_from = shear_of(plan), sigma_of(plan)
-
-    @jitable
-    def show(field, inverted, normal, unit, out, j):
-        if loaded:
-            shear = shear_from(field, inverted, normal.depth, unit, out, j)
-            if with_sigma:
-                sigma_from(shear, inverted, normal.depth_sigma, unit, out, j)
-        if with_force:
-            write(out, push_row, j, normal.push)
-            if with_sigma:
-                write(out, push_sigma_row, j, normal.push_sigma)
-        if with_displacement:
-            write(out, depth_row, j, normal.depth)
-            if with_sigma:
-                write(out, depth_sigma_row, j, normal.depth_sigma)
-
-    return show
+@jitable
+def decode_unloaded(wants, unit, counts, background, size, tile, flag):
+    """What shows of a block's units without load: IDLE, and nothing that is tangential."""
+    assume_noalias()
+    out = tile["result"]
+    nothing = out.dtype.type(np.nan)
+    for row in range(FORCE, TEST_RATIO + 1):
+        if row != SIGMA + TEMPERATURE:
+            for j in range(LANES):
+                out[row, j] = nothing
+    for j in range(min(size, LANES)):
+        flags = flag[j]
+        flag[j] = flags if flags & SILENT else flags | IDLE
+        if wants.shear is not None:
+            show_normal(wants, normal_of(wants, unit, counts, background, j), out, j)
 
 
-def units_stage(plan: Plan, loaded: bool) -> Callable:
-    """The stage that decodes units but for their temperatures: those that are `loaded`, or what
-    shows without load."""
-    with_shear, with_check = plan.shear, loaded and plan.consistency
-    with_field = loaded and (plan.shear or "field" in plan.results)
-    shows_later = with_check and plan.sigma
-    normal_of, field_at, invert = normal_law(plan), field_of(plan), inversion(plan)
-    (keep, kept), show, check = keep_of(plan), show_of(plan, loaded), anomaly_stage(plan)
-
-    @jitable
-    def invert_units(unit, counts, background, size, tile, flag, out):
-        assume_noalias()
-        for j in range(min(size, LANES)):
-            flags = flag[j]
-            if with_field:
-                field = field_at(unit, counts, background, j, tile, out)
-            if with_shear:
-                normal = normal_of(unit, counts, background, j)
-                if with_field:
-                    variance = unit["field_variance"][j]
-                    if background is not None:
-                        variance += read(background, 4, j)
-                    inverted, found, gain = invert(field, normal, variance, unit, j)
-                    found |= EXTRAPOLATED if inverted.radius > unit["displacement_max"][j] else 0
-                    flag[j] = flags if flags & SILENT else flags | found
-                    if with_check:
-                        keep(tile, j, field, inverted, normal, gain)
-                    if not shows_later:
-                        show(field, inverted, normal, unit, out, j)
-                else:
-                    show(None, None, normal, unit, out, j)
-            if not loaded:
-                flag[j] = flags if flags & SILENT else flags | IDLE
-
-    @jitable
-    def show_units(unit, size, tile, out):
-        assume_noalias()
-        for j in range(min(size, LANES)):
-            field, inverted, normal = kept(tile, j)
-            show(field, inverted, normal, unit, out, j)
-
-    @jitable
-    def units(unit, counts, background, size, tile, flag, state, out, advance):
-        invert_units(unit, counts, background, size, tile, flag, out)
-        if with_check:
-            check(unit, size, tile, flag, state, out, advance)
-            if shows_later:
-                show_units(unit, size, tile, out)
-
-    return units
+@jitable
+def hide(flag, unknown, tile):
+    """Show nothing of units that are `unknown`."""
+    assume_noalias()
+    out = tile["result"]
+    for j in range(LANES):
+        if flag[j] & unknown != 0:
+            for row in range(RESULTS):
+                out[row, j] = np.nan

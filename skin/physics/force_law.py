@@ -22,9 +22,9 @@ from bus.compiled.elementwise import above_zero, anywhere, choose, lesser
 from bus.compiled.jit import jitable
 
 __all__ = [
-    "STIFFNESSES", "TERMS", "Law", "at", "energy", "force", "in_series", "inverse", "lines",
+    "STIFFNESSES", "TERMS", "Law", "at", "energy", "force", "in_series", "inverse",
     "normal_law", "normal_law_mm", "rescaled", "scaled", "secant", "shear_law", "slope", "stacked",
-    "stiffening", "stiffens",
+    "stiffening",
 ]  # fmt: skip
 
 TERMS = ("soft", "knee", "stiffer", "cubic")
@@ -57,12 +57,6 @@ def force(x, law):
     soft, knee, stiffer, cubic = law
     beyond = above_zero(x - knee)
     return soft * x + (stiffer + cubic * beyond * beyond) * beyond
-
-
-@jitable
-def lines(x, law):
-    """`force` of a law that is two lines, for kernels whose units all have such."""
-    return law[0] * x + law[2] * above_zero(x - law[1])
 
 
 @jitable
@@ -129,11 +123,6 @@ def secant(square, law):
 def stiffening(depth_mm, gain_per_mm, reference_mm):
     """Factor of the tangential force at a depth (eq. 2)."""
     return 1.0 + gain_per_mm * (depth_mm - reference_mm)
-
-
-def stiffens(p: Mapping[str, Any]) -> bool:
-    """Whether a law of any unit is more than two lines, of parameters of `UnitModel`."""
-    return any(bool(np.any(law[3] != 0.0)) for law in (normal_law(p), shear_law(p)))
 
 
 def rescaled(law: Law, per_x: Any) -> Law:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy import optimize
 
 from skin.errors import ScanError
 
@@ -17,7 +19,7 @@ __all__ = ["Fit", "check_levels", "check_samples", "gauss_newton", "least_square
 
 RANK = 1e-7
 """Singular value, of a matrix with columns of length 1, below which a column adds nothing new."""
-STEPS = 40
+STEPS = 200
 NORMAL_MAD = 1.4826
 """Sigma of a normal distribution over its median absolute deviation [derived]."""
 
@@ -187,29 +189,20 @@ def gauss_newton(
     ScanError
         As `least_squares`, or the steps do not come to rest.
     """
-    found = np.array(start, float)
-
-    def cost(at: np.ndarray) -> float:
-        return float(np.sum(((values - model(at)[0]) / sigma) ** 2))
-
-    now = cost(found)
-    for _ in range(STEPS):
-        predicted, derivatives = model(found)
-        step = least_squares(derivatives, values - predicted, sigma, names)
-        share, then = 1.0, cost(found + step.values)
-        while not then <= now and share > 1e-6:
-            share *= 0.5
-            then = cost(found + share * step.values)
-        if then <= now:
-            found, now = found + share * step.values, then
-        # a thousandth of its own sigma is no step worth taking
-        if share <= 1e-6 or np.all(np.abs(share * step.values) <= 1e-3 * step.sigma + 1e-15):
-            final = least_squares(model(found)[1], values - model(found)[0], sigma, names)
-            return replace(final, values=found)
-    raise ScanError(
-        f"scan: must settle on {', '.join(names)}; got steps that do not come to rest after "
-        f"{STEPS} (last: {dict(zip(names, found.tolist(), strict=True))})"
-    )
+    solve: Any = optimize.least_squares  # scipy's stubs know no derivatives that are given
+    found = solve(
+        lambda at: (model(at)[0] - values) / sigma, start,
+        lambda at: model(at)[1] / np.reshape(sigma, (-1, 1)),
+        method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=STEPS,
+    )  # fmt: skip
+    if not found.success:
+        raise ScanError(
+            f"scan: must settle on {', '.join(names)}; got steps that do not come to rest after "
+            f"{STEPS} (last: {dict(zip(names, found.x.tolist(), strict=True))})"
+        )
+    predicted, derivatives = model(found.x)
+    fit = least_squares(derivatives, values - predicted, sigma, names)
+    return replace(fit, values=found.x)
 
 
 def robust_sigma(values: np.ndarray) -> float:

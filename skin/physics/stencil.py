@@ -134,13 +134,9 @@ class Stencil:
 
         ``c @ gram @ c`` is the mean square of a polynomial with coefficients c.
         """
-        return _gram(self.depth_max_mm, self.displacement_max_mm, self.degree)
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Means of all terms over the range of the scan, shape (terms,)."""
         moved, share = scan_poses(self.depth_max_mm, self.displacement_max_mm)
-        return monomials(moved.T, self.degree) @ share
+        terms = monomials(moved.T, self.degree)
+        return terms * share @ terms.T
 
     def __call__(self, displacement_mm: np.ndarray) -> np.ndarray:
         """Predict the change of the field at every chip since all units were at rest.
@@ -353,18 +349,12 @@ def rest_sigma_ut(topology: Topology) -> np.ndarray:
     return share * (np.sqrt(np.maximum(variance, 0.0)) / AS_MADE + far)
 
 
-def neighbours_moving_ut2(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of what all neighbours add, of x or y and of z, if `PRESSED` of them move at
-    random through the range of the scans, µT², shape (n,) each."""
+def neighbours_moving_ut2(
+    topology: Topology, pressed: tuple[float, float] = PRESSED
+) -> tuple[np.ndarray, np.ndarray]:
+    """`moving_ut2` of all neighbours, frames apart."""
     nobody = np.zeros(0, np.int64)
-    return moving_ut2(with_films_apart(topology), nobody, nobody, PRESSED)
-
-
-def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.ndarray:
-    """See `Stencil.gram`."""
-    moved, share = scan_poses(depth_max_mm, displacement_max_mm)
-    terms = monomials(moved.T, degree)
-    return terms * share @ terms.T
+    return moving_ut2(with_films_apart(topology), nobody, nobody, pressed)
 
 
 def _with_films(topology: Topology) -> Topology:

@@ -8,8 +8,7 @@ from typing import overload
 
 import numpy as np
 
-from skin.contact.contact import Contact
-from skin.contact.wrench import wrench_in_frame
+from skin.contact.contact import Contact, wrench_adjoint
 from skin.errors import OptionError, SkinError, shown
 from skin.robot.closeness import CloseFilm, Closeness
 from topology import Topology
@@ -195,4 +194,4 @@ class Joints:
             return wrench.wrench_in(rotation, origin)
         if np.shape(wrench) != (6,):
             raise SkinError(f"wrench: must have shape (6,); got {np.shape(wrench)}")
-        return wrench_in_frame(wrench, rotation, origin)
+        return wrench_adjoint(rotation, origin) @ wrench

@@ -43,9 +43,6 @@ MANY_ARGUMENTS: dict[str, Callable[[Definition], bool]] = {
             ("skin/sim/grasping/world.py", "grasp"),
         )
     ),
-    "a stage of decoding: it is part of the kernel, and shares what lies around it": lambda d: (
-        relative(d.file).startswith("skin/decode/") and "_stage." in d.name
-    ),
     "a command: its arguments are the options of the command line": lambda d: (
         relative(d.file).startswith("skin/cli/") and not d.name.startswith("_")
     ),

@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
-from skin.decode.ambient_model import memory_of
+from skin.decode.ambient_kernels import memory_of
 from skin.physics.rest import film_at_rest_ut
 
 PRIOR_UT2 = 2500.0
@@ -23,7 +23,7 @@ BODIES = ("held_s", "voters", "field_ut", "covariance_ut2", "kept_s", "kept_ut",
 class NaiveAmbient:
     """Units of a topology, `body` says of each which field it sees.
 
-    Its state has the names of `skin.decode.ambient_model`.
+    Its state has the names of `skin.decode.ambient_kernels`.
     """
 
     def __init__(self, skin, body, *, near_votes=False):

@@ -32,7 +32,7 @@ def fresh(monkeypatch, caplog):
 @pytest.fixture
 def two_jobs(monkeypatch):
     """Two kernels that other processes compile at once."""
-    jobs = [warm.Job("module", name, (), ()) for name in ("step", "films")]
+    jobs = [warm.Job("module", name, ()) for name in ("step", "films")]
     monkeypatch.setattr(warm, "jobs_of", lambda calls: jobs)
 
     def side_by_side(jobs, done):

@@ -1,11 +1,13 @@
-"""The stage that detects slip; the order of its calls is that of
-docs/explanation/derivations.md."""
+"""The stage that detects slip, in the order of docs/explanation/derivations.md: a test of the units
+by their lags, then stick or slip of units and contact, with hysteresis."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from bus.compiled.jit import jitable
+from bus.compiled.jit import compiled, jitable
 from skin.contact.record import (
     BORN,
     BRIDGE,
@@ -21,8 +23,17 @@ from skin.contact.slip.friction import (
     friction_margin,
     learn_friction,
     show_bounds,
-    stick_ratio_by_cone,
 )
+from skin.contact.slip.lags import (
+    begin_cycle,
+    contact_frame,
+    correct,
+    fit_motion,
+    learn_noise,
+    lowpass_share,
+    predict,
+    take_units,
+)  # fmt: skip
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN
 from skin.contact.slip.pattern_test import (
     ROUNDING,
@@ -30,84 +41,148 @@ from skin.contact.slip.pattern_test import (
     detect_pattern,
     project_nuisances,
 )  # fmt: skip
-from skin.contact.slip.rigid_fit import contact_frame, fit_motion, move_units
-from skin.contact.slip.state import (
-    MOTIONS,
-    PLANE,
-    begin_contact,
-    count_slipping,
-    decide_contact,
-    decide_units,
-    is_kept,
-    misses_units,
-    still_slides,
-)
-from skin.contact.slip.unit_filter import (
-    begin_cycle,
-    correct,
-    is_noisy,
-    learn_noise,
-    lowpass_share,
-    predict,
-    take_units,
-)  # fmt: skip
+from skin.contact.slip.state import MOTIONS, PLANE
 
-__all__ = ["detect_slip"]
+__all__ = ["detect_slip", "detect_slip_python"]
 
 LEAST_SIZE_M = 1e-4
 """[numeric] Lower bound of the size of a contact, metre."""
 
 
 @jitable
-def _test_lags(record, members, model, data):
-    """Test units by their lags behind the body's motion.
-
-    Writes motion and rotation of the body; returns the number of tested units, the fraction of the
-    load that sticks by the pattern test, and the log-odds of slip and of an alarm.
-    """
-    fit, settings, dt_s = data.all[0], model.settings[0], data.cycle[0]["elapsed_s"]
-    motions = PLANE if contact_frame(record, members, model, data) else MOTIONS
-    size = max(record["arm"], LEAST_SIZE_M)
-    stuck, known = take_units(record, members, size, motions, model, data)
-    if stuck < UNITS_FOR_TURN:
-        motions = 2
-    fit["motion"][:] = 0.0
-    out_of_plane = 1.0
-    if stuck:
-        out_of_plane = fit_motion(members, motions, settings["floor_mm"], data)
-    move_units(members, motions, fit["motion"], data.slips)
-    share = lowpass_share(members, motions, stuck, dt_s, data.slips)
-    predict(members, share, settings, data)
-    alarm = alarm_odds(share, dt_s, settings)
-    tested, sticks, odds = 0, 1.0, 0.0
-    if record["slip"] == SlipState.GROSS:
-        tested = members.size
-    elif known >= LEAST_UNITS:
-        tested = members.size
-        nuisances = project_nuisances(members, motions, stuck, out_of_plane, settings, data)
-        odds, sticks = detect_pattern(record, members, nuisances, alarm, settings, data)
-        decide_units(members, alarm, settings["floor_mm"], data)
-        # Slip that may have begun is not noise.
-        if not odds > ROUNDING:
-            learn_noise(members, stuck, motions, share, data)
-        correct(members, dt_s, data)
+def _show_motion(record, fit, size):
+    """Displacement and rotation of the skin by the body."""
     axes, motion = fit["axes"], fit["motion"]
     for c in range(3):
         record["motion"][c] = axes[0, c] * motion[0] + axes[1, c] * motion[1]
         record["rotation"][c] = axes[2, c] * motion[2] * 1e-3 / size
-    return tested, sticks, odds, alarm
 
 
 @jitable
-def _detect_contact(record, members, silent, model, data):
-    """Detect slip of one contact and its units; `silent` touched units are silent."""
-    settings, cycle = model.settings[0], data.cycle[0]
-    if record["event"] & (BORN | RESUMED):
-        begin_contact(record, members, data)
-    tested, sticks, odds, alarm = _test_lags(record, members, model, data)
-    slipping, load_slipping = count_slipping(members, data)
+def _begin_contact(record, members, data):
+    """Take the state over from the contact that a new one split from; a resumed one keeps its
+    friction, and its state if that is recent and its units were silent and not lifted."""
+    lifted = True
+    for i in members:
+        if record["event"] & BORN and record["parent"] == 0:
+            data.slip[i] = UnitSlip.NO_CONTACT
+        lifted &= data.slip[i] == UnitSlip.NO_CONTACT
+    if record["event"] & BORN and record["parent"] > 0:
+        for parent in data.contacts:
+            if parent["id"] == record["parent"]:
+                record["slip"], record["onset_ns"] = parent["slip"], parent["onset_ns"]
+                record["stick_ratio"] = parent["stick_ratio"]
+                record["gross_ns"] = parent["gross_ns"]
+                record["gross_ratio"] = parent["gross_ratio"]
+                record["decided_ns"] = parent["decided_ns"]
+    # decided so recently that its units could not have come to rest
+    since_s = 1e-9 * (data.cycle[0]["now_ns"] - record["decided_ns"])
+    if lifted or since_s >= PARAMETERS.rest_s:
+        record["slip"] = SlipState.UNKNOWN
+        record["onset_ns"] = 0
+
+
+@jitable
+def _decide_units(members, alarm, floor_mm, data):
+    """Stick or slip of each unit of a contact, at log-odds of `alarm` and the number of units."""
+    dt_s, least = data.cycle[0]["elapsed_s"], 2.0 * (alarm + np.log(members.size))
+    for i in members:
+        s, state = data.slips[i], data.slip[i]
+        if state == UnitSlip.NO_CONTACT:
+            data.slip[i] = UnitSlip.STICK
+        elif state == UnitSlip.SLIPPING:
+            if _comes_to_rest(s, dt_s, floor_mm):
+                data.slip[i] = UnitSlip.RE_STICK
+        elif s["slip_score"] > 0.0 and s["slip_score"] ** 2 > least:
+            data.slip[i] = UnitSlip.SLIPPING
+            s["mean_lag"][:] = 0.0
+            s["lag_sum"][:] = 0.0
+            s["lag_cycles"], s["sliding_s"] = 0.0, PARAMETERS.rest_s
+        s["held"] = 1.0 if data.slip[i] != UnitSlip.SLIPPING else 0.0
+
+
+@jitable
+def _comes_to_rest(s, dt_s, floor_mm):
+    """Whether a slipping unit sticks again: its lag no longer grows."""
+    total, mean, lag = s["lag_sum"], s["mean_lag"], s["lag"]
+    s["sliding_s"] -= dt_s
+    s["lag_cycles"] += 1.0
+    total[0] += lag[0]
+    total[1] += lag[1]
+    cycles = s["lag_cycles"]
+    if cycles * dt_s < PARAMETERS.rest_s:
+        return False
+    mean_x, mean_y = total[0] / cycles, total[1] / cycles
+    further = (mean_x - mean[0]) ** 2 + (mean_y - mean[1]) ** 2
+    variance = s["noise"] / cycles
+    if further > PARAMETERS.outlier_sigmas**2 * 2.0 * (variance + floor_mm**2):
+        mean[0], mean[1] = mean_x, mean_y
+        s["sliding_s"] = cycles * dt_s
+        total[0], total[1], s["lag_cycles"] = 0.0, 0.0, 0.0
+        return False
+    s["anchor"][0] += mean_x
+    s["anchor"][1] += mean_y
+    s["anchor_variance"] = variance
+    lag[0] -= mean_x
+    lag[1] -= mean_y
+    return True
+
+
+@jitable
+def _still_slides(record, ratio, misses, cycle):
+    """Whether gross slip continues: sliding faces use all of their friction, no more and no less;
+    their slip is not detected otherwise. A face that `misses` units is not averaged."""
+    if (cycle["now_ns"] - record["gross_ns"]) * 1e-9 < PARAMETERS.rest_s:
+        share = 0.0 if misses else min(1.0, cycle["elapsed_s"] / PARAMETERS.slow_s)
+        record["gross_ratio"] += share * (ratio - record["gross_ratio"])
+        return True
+    least = 1.0 - PARAMETERS.outlier_sigmas * PARAMETERS.friction_spread
+    return least * record["gross_ratio"] < ratio < record["gross_ratio"] / least
+
+
+@jitable
+def _decide_contact(record, members, tested, ratio, settings, data):
+    """State of the contact from its stick ratio, with hysteresis; see derivations.md. `ratio` is
+    the used friction, `tested` the number of tested units."""
+    now_ns, before, stick = data.cycle[0]["now_ns"], record["slip"], record["stick_ratio"]
+    few = tested - record["slip_units"] < LEAST_UNITS
+    # Where all units slide alike there are no lags: only the cone can show it. Friction learned by
+    # an alarm does not count: a false alarm would cause further ones.
+    used_up = record["margin"] < 0.0 and not record["friction_information"] > 0.0
+    leave = 0.5 + 0.5 * settings["incipient_ratio"]
+    least = leave if before == SlipState.INCIPIENT else settings["incipient_ratio"]
+    state = SlipState.STICK
+    if tested < LEAST_UNITS and not np.isfinite(record["margin"]):
+        state = SlipState.UNKNOWN
+    elif stick < settings["gross_ratio"] or (few and record["margin"] < 0.0):
+        state = SlipState.GROSS
+    elif stick < least or used_up:
+        state = SlipState.INCIPIENT
+    if state >= SlipState.INCIPIENT and before < SlipState.INCIPIENT:
+        record["onset_ns"] = now_ns
+        for i in members:
+            if data.slip[i] == UnitSlip.SLIPPING or data.slips[i]["in_pattern"] > 0.0:
+                data.slips[i]["began"] = record["id"]
+    elif state < SlipState.INCIPIENT:
+        record["onset_ns"] = 0
+    if state == SlipState.GROSS and before != SlipState.GROSS:
+        record["gross_ns"], record["gross_ratio"] = now_ns, ratio
+    record["slip"], record["decided_ns"] = state, now_ns
+
+
+@jitable
+def _decide(record, members, sticks, odds, alarm, silent, model, data):
+    """Decide the state of a contact after the test of its units, of which it learns friction;
+    `silent` touched units are silent."""
+    settings, cycle, tested = model.settings[0], data.cycle[0], record["body_units"]
+    slipping, load_slipping = 0, 0.0
+    for i in members:
+        if data.slip[i] == UnitSlip.NO_CONTACT:
+            data.slip[i] = UnitSlip.STICK
+        elif data.slip[i] == UnitSlip.SLIPPING:
+            slipping += 1
+            load_slipping += data.slips[i]["load"]
     record["slip_units"] = slipping
-    record["body_units"] = tested
     record["pattern"] = np.sqrt(2.0 * max(odds, 0.0))
     stuck_before = record["stick_ratio"]
     record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
@@ -116,23 +191,30 @@ def _detect_contact(record, members, silent, model, data):
     if tested < LEAST_UNITS:
         record["flags"] |= FEW_UNITS
         if np.isfinite(record["margin"]):
-            record["stick_ratio"] = stick_ratio_by_cone(record)
-    misses = misses_units(record, silent, data)
+            # By the used fraction of the friction cone, where friction differs between faces.
+            z = record["margin"] / PARAMETERS.friction_spread
+            record["stick_ratio"] = 0.5 * math.erfc(-z / math.sqrt(2.0))
+    misses = False  # silent units that were in this contact when last heard
+    for at in range(silent):
+        misses |= data.slips[data.lists[at]["queue"]]["body"] == record["id"]
+    # For want of units the state is kept: where what is heard of a sliding face uses another
+    # friction than all of it, or where too few are heard for a test.
+    short = record["slip"] == SlipState.GROSS or tested < LEAST_UNITS
+    recent = 1e-9 * (cycle["now_ns"] - record["decided_ns"]) < PARAMETERS.rest_s
     slides = record["slip"] == SlipState.GROSS and tested >= LEAST_UNITS
-    if slides and still_slides(record, ratio, misses, cycle):
+    if slides and _still_slides(record, ratio, misses, cycle):
         record["stick_ratio"] = 0.0
         record["decided_ns"] = cycle["now_ns"]
-    elif is_kept(record, misses, tested, cycle["now_ns"]):
+    elif misses and short and recent:
         record["stick_ratio"] = stuck_before
     elif not slides:
-        decide_contact(record, members, tested, ratio, settings, data)
+        _decide_contact(record, members, tested, ratio, settings, data)
     else:
         record["slip"] = SlipState.STICK
         record["onset_ns"] = 0
         for i in members:
             data.slip[i] = UnitSlip.NO_CONTACT
     show_bounds(record, ratio, settings)
-    _report(record, members, odds, alarm, model, data)
 
 
 @jitable
@@ -150,7 +232,10 @@ def _report(record, members, odds, alarm, model, data):
     slides = record["slip"] == SlipState.GROSS
     for i in members:
         s, rotation = data.slips[i], model.poses[i]["rotation"]
-        s["noisy"] = is_noisy(s["noise_sum"], s["noise_count"], limit)
+        # The one-sigma of a sum of squares is the root of twice their number.
+        further = s["noise_sum"] - s["noise_count"]
+        noisy = further > 0.0 and further**2 > 4.0 * limit * s["noise_count"]
+        s["noisy"] = 1.0 if noisy else 0.0
         if s["noisy"] > 0.0:
             record["flags"] |= NOISY
         if slides or data.slip[i] == UnitSlip.SLIPPING or s["in_pattern"] > 0.0:
@@ -162,9 +247,8 @@ def _report(record, members, odds, alarm, model, data):
         direction[a] = direction[a] / total if total > 0.0 else np.nan
 
 
-@jitable
-def detect_slip(model, data):
-    """Detect slip of the ``data.cycle["slips"]`` contacts that are described, and of their units.
+def detect_slip_python(model, data):
+    """Detect slip of the contacts that are described, and of their units.
 
     Parameters
     ----------
@@ -173,7 +257,8 @@ def detect_slip(model, data):
         Written: `slip`, `slips`, `all`, and the fields of `contacts` that belong to slip and
         friction.
     """
-    begin_cycle(data.all[0], data.cycle[0]["elapsed_s"])
+    fit, settings, dt_s = data.all[0], model.settings[0], data.cycle[0]["elapsed_s"]
+    begin_cycle(fit, dt_s)
     silent = 0  # that were touched, listed in `queue`
     for i in range(data.units.size):
         if data.slip[i] == UnitSlip.NO_CONTACT:
@@ -185,12 +270,42 @@ def detect_slip(model, data):
         elif data.label[i] < 0:
             data.slip[i] = UnitSlip.NO_CONTACT
             data.slips[i]["anchor_depth"] = 0.0
-    for k in range(data.cycle[0]["slips"]):
+    for k in range(data.cycle[0]["present"]):
         record = data.contacts[data.slots[k]["present"]]
-        if not record["flags"] & WEAK:
-            members = data.members[record["begin"] : record["end"]]
-            _detect_contact(record, members, silent, model, data)
+        if record["flags"] & WEAK:
+            continue
+        members = data.members[record["begin"] : record["end"]]
+        if record["event"] & (BORN | RESUMED):
+            _begin_contact(record, members, data)
+        # the motion of the body, and the lags of units behind it
+        motions = PLANE if contact_frame(record, members, model, data) else MOTIONS
+        size = max(record["arm"], LEAST_SIZE_M)
+        stuck, known = take_units(record, members, size, motions, model, data)
+        if stuck < UNITS_FOR_TURN:
+            motions = 2
+        out_of_plane = fit_motion(members, motions, stuck, settings["floor_mm"], data)
+        share = lowpass_share(members, motions, stuck, dt_s, data.slips)
+        predict(members, share, settings, data)
+        _show_motion(record, fit, size)
+        # their test: the fraction of the load that sticks, and the log-odds of slip and an alarm
+        alarm, sticks, odds = alarm_odds(share, dt_s, settings), 1.0, 0.0
+        slides = record["slip"] == SlipState.GROSS
+        tested = members.size if slides or known >= LEAST_UNITS else 0
+        if tested and not slides:
+            nuisances = project_nuisances(members, motions, stuck, out_of_plane, settings, data)
+            odds, sticks = detect_pattern(record, members, nuisances, alarm, settings, data)
+            _decide_units(members, alarm, settings["floor_mm"], data)
+            # Slip that may have begun is not noise.
+            if not odds > ROUNDING:
+                learn_noise(members, stuck, motions, share, data)
+            correct(members, dt_s, data)
+        record["body_units"] = tested
+        _decide(record, members, sticks, odds, alarm, silent, model, data)
+        _report(record, members, odds, alarm, model, data)
     for at in range(data.cycle[0]["touching_units"]):
         s, told = data.slips[data.members[at]], data.told[at]
         told["began"], told["noisy"] = s["began"], s["noisy"]
         told["noise_ratio"] = s["noise_ratio"]
+
+
+detect_slip = compiled(detect_slip_python, fastmath={"contract"}, allocates=False)

@@ -9,9 +9,8 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.contact.record import NO_FRICTION, SlipState, UnitSlip
 from skin.contact.slip.parameters import PARAMETERS
-from skin.contact.wrench import tangential_demand
 
-__all__ = ["friction_margin", "learn_friction", "show_bounds", "stick_ratio_by_cone"]
+__all__ = ["friction_margin", "learn_friction", "show_bounds"]
 
 FAR = -5.0
 """[numeric] Sigmas below the mean from which a bound has no information."""
@@ -107,7 +106,9 @@ def friction_margin(record, settings):
     """Friction so far, free fraction of its cone, and the grip force: equation 21. NaN where
     friction is not known: see `show_bounds`.
 
-    Returns the used friction.
+    The friction force that holds shear and torsion together is on an ellipsoid: ``(shear / friction
+    load)² + (torsion / friction load arm)² = 1`` (Howe and Cutkosky 1996). Returns the used
+    friction.
     """
     if record["friction_information"] > 0.0:
         record["friction"] = record["friction_mean"]
@@ -117,14 +118,21 @@ def friction_margin(record, settings):
         record["friction"] = settings["friction"]
         record["friction_sigma"] = np.nan
         record["friction_spread"] = np.nan
-    demand = tangential_demand(record["shear"], record["torsion"], record["arm"])
+    demand = record["shear"]
+    if record["arm"] > 0.0:  # else a point, which bears no measurable torsion
+        demand = np.sqrt(demand**2 + (record["torsion"] / record["arm"]) ** 2)
     if record["friction"] > 0.0:
         record["margin"] = 1.0 - demand / (record["friction"] * record["load"])
         grip = settings["safety"] * demand / record["friction"]
         record["grip_force"] = grip
         relative = record["friction_sigma"] / record["friction"]
         noise = settings["safety"] / record["friction"]
-        square = _tangential_variance(record)
+        normal, covariance, across = record["axes"][:, 2], record["wrench_covariance"], 0.0
+        for a in range(3):
+            across += covariance[a, a]
+            for b in range(3):
+                across -= normal[a] * covariance[a, b] * normal[b]
+        square = 0.5 * max(across, 0.0)  # of a component of the force across the normal, N²
         record["grip_force_sigma"] = np.sqrt((grip * relative) ** 2 + noise**2 * square)
     else:
         record["flags"] |= NO_FRICTION
@@ -150,23 +158,3 @@ def show_bounds(record, ratio, settings):
     if holds and ratio < least:
         record["margin"] = 1.0 - ratio / least
         record["grip_force"] *= ratio / least
-
-
-@jitable
-def stick_ratio_by_cone(record):
-    """Fraction of the load that sticks where friction differs between faces, by the used fraction
-    of the friction cone. For contacts of few units."""
-    z = record["margin"] / PARAMETERS.friction_spread
-    return 0.5 * math.erfc(-z / math.sqrt(2.0))
-
-
-@jitable
-def _tangential_variance(record):
-    """Variance of a component of the force across the contact's normal, N²."""
-    normal, covariance = record["axes"][:, 2], record["wrench_covariance"]
-    across = 0.0
-    for a in range(3):
-        across += covariance[a, a]
-        for b in range(3):
-            across -= normal[a] * covariance[a, b] * normal[b]
-    return 0.5 * max(across, 0.0)

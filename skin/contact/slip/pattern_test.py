@@ -38,12 +38,6 @@ def alarm_odds(share, dt_s, settings):
 
 
 @jitable
-def _along(s, v):
-    """Component of a vector of a unit along its imposed displacement."""
-    return v[0] * s["direction"][0] + v[1] * s["direction"][1]
-
-
-@jitable
 def project_nuisances(members, motions, stuck, out_of_plane, settings, data):
     """Project the nuisances out of the lags: derivations.md, equations 14 and 15.
 
@@ -55,7 +49,8 @@ def project_nuisances(members, motions, stuck, out_of_plane, settings, data):
     for i in members:
         s = slips[i]
         s["redundancy"] = 1.0
-        s["residual"] = -s["root_weight"] * _along(s, s["lag"])
+        x, y = s["direction"][0], s["direction"][1]
+        s["residual"] = -s["root_weight"] * (x * s["lag"][0] + y * s["lag"][1])
     for a in range(nuisances):
         prior[a, :] = 0.0
         if a == motions:
@@ -66,37 +61,35 @@ def project_nuisances(members, motions, stuck, out_of_plane, settings, data):
             prior[a, a] = 1.0 / out_of_plane
         for i in members:
             s = slips[i]
-            if a == motions:  # a gain error common to all units
-                _along_imposed(a, s["imposed"], s)
-            elif a > motions:
-                _along_imposed(a, _soft_ground(s, settings["gain_error"] ** 2), s)
+            if a >= motions:
+                size = s["imposed"]  # a gain error common to all units
+                if a > motions:
+                    # Soft ground, which yields in proportion to the distance from the centre;
+                    # gains that are learned have less prior variance.
+                    size = s["direction"][0] * (s["moved"][0] - s["followed"][0])
+                    size += s["direction"][1] * (s["moved"][1] - s["followed"][1])
+                    size *= s["square_distance"]
+                    size /= settings["gain_error"] ** 2 * s["gain_information"]
+                s["design"][0, a] = size * s["direction"][0]
+                s["design"][1, a] = size * s["direction"][1]
             s["design"][0, a] *= s["root_weight"]
             s["design"][1, a] *= s["root_weight"]
-        scale = _orthogonalise(a, members, slips, prior)
-        _take_out(a, members, scale, slips)
-        for c in range(PLANE, a + 1):
-            prior[a, c] *= scale
+        _orthonormalise(a, members, slips, prior)
+        explained = 0.0
+        for i in members:
+            s, design = slips[i], slips[i]["design"]
+            x, y = design[0, a], design[1, a]
+            explained += s["root_weight"] * (x * s["lag"][0] + y * s["lag"][1])
+            s["nuisance"][a] = x * s["direction"][0] + y * s["direction"][1]
+        for i in members:
+            s = slips[i]
+            s["residual"] += explained * s["nuisance"][a]
+            s["redundancy"] -= s["nuisance"][a] ** 2
     for i in members:
         s = slips[i]
         left = s["residual"] / np.sqrt(max(s["redundancy"], BLIND))
         s["slip_score"] = left if s["redundancy"] > BLIND else 0.0
     return nuisances
-
-
-@jitable
-def _along_imposed(a, size, s):
-    """Set column a of a unit to a displacement along the imposed one."""
-    s["design"][0, a] = size * s["direction"][0]
-    s["design"][1, a] = size * s["direction"][1]
-
-
-@jitable
-def _soft_ground(s, gain_variance):
-    """Soft ground, which yields in proportion to the distance from the centre; gains that are
-    learned have less prior variance."""
-    far = s["direction"][0] * (s["moved"][0] - s["followed"][0])
-    far += s["direction"][1] * (s["moved"][1] - s["followed"][1])
-    return far * s["square_distance"] / (gain_variance * s["gain_information"])
 
 
 @jitable
@@ -112,8 +105,8 @@ def _common(a, b, members, slips, prior):
 
 
 @jitable
-def _orthogonalise(a, members, slips, prior):
-    """Make column a orthogonal to those before; returns its scale, 0 if it depends on them."""
+def _orthonormalise(a, members, slips, prior):
+    """Make column a orthogonal to those before and normal; 0 if it depends on them."""
     before = prior[a, a] ** 2
     for i in members:
         design = slips[i]["design"]
@@ -127,23 +120,12 @@ def _orthogonalise(a, members, slips, prior):
         for c in range(PLANE, b + 1):
             prior[a, c] -= common * prior[b, c]
     square = _common(a, a, members, slips, prior)
-    return 1.0 / np.sqrt(square) if square > RANK * before else 0.0
-
-
-@jitable
-def _take_out(a, members, scale, slips):
-    """Normalise column a and subtract its projection from the lags."""
-    explained = 0.0
+    scale = 1.0 / np.sqrt(square) if square > RANK * before else 0.0
     for i in members:
-        s, design = slips[i], slips[i]["design"]
-        design[0, a] *= scale
-        design[1, a] *= scale
-        explained += s["root_weight"] * (design[0, a] * s["lag"][0] + design[1, a] * s["lag"][1])
-        s["nuisance"][a] = design[0, a] * s["direction"][0] + design[1, a] * s["direction"][1]
-    for i in members:
-        s = slips[i]
-        s["residual"] += explained * s["nuisance"][a]
-        s["redundancy"] -= s["nuisance"][a] ** 2
+        slips[i]["design"][0, a] *= scale
+        slips[i]["design"][1, a] *= scale
+    for c in range(PLANE, a + 1):
+        prior[a, c] *= scale
 
 
 @jitable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus.compiled.jit import bound, compiled, direct, jitable
+from bus.compiled.jit import bound, compiled, direct
 from bus.compiled.watch import watch
 
 
@@ -55,24 +55,3 @@ def test_divisions_are_those_of_numpy():
 
     with np.errstate(divide="ignore"):
         assert compiled(divide_python)(np.array([1.0, 0.0])) == np.inf
-
-
-@jitable
-def twice(x):
-    return 2.0 * x
-
-
-def variant(factor):
-    def times(x):
-        return twice(x) * factor
-
-    return compiled(times, made_by=("variant", factor))
-
-
-@needs_compiler
-def test_closures_over_other_constants_have_code_of_another_name():
-    three, four = variant(3.0), variant(4.0)
-    assert (three(1.0), four(1.0)) == (6.0, 8.0)
-    names = {one.py_func.__qualname__ for one in (three, four)}
-    assert len(names) == 2
-    assert three.py_func.made_by == ("variant", 3.0)

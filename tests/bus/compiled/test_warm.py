@@ -43,7 +43,7 @@ def test_a_kernel_is_compiled_once_by_another_process(fresh):
 
 def test_what_cannot_be_compiled_is_left_to_who_needs_it(fresh):
     done = []
-    job = Job("skin.decode.creep", "nothing", (), ())
+    job = Job("skin.decode.creep", "nothing", ())
     side_by_side([job], done.append)
     assert done == [job]
     assert job.mark is not None

@@ -8,16 +8,14 @@ from hypothesis import strategies as st
 import tests.naive.contact as naive
 from skin.contact.describe import walk
 from skin.contact.model import WAYPOINTS, neighbour_graph
-from skin.contact.record import BORN, CONTACT
+from skin.contact.record import NEW
 from skin.contact.stream import ContactStream
 
 
-def walked(centres, sigma_m, born=(0,)):
+def walked(centres, sigma_m):
     """Waypoints and travel of a record whose centre goes along; sigma of each coordinate."""
-    record, path = np.zeros(1, CONTACT)[0], np.zeros((WAYPOINTS, 3))
-    record["travel"], record["waypoints"] = 7.0, 5  # of another contact
-    for t, centre in enumerate(centres):
-        record["event"] = BORN if t in born else 0
+    record, path = NEW.copy()[0], np.zeros((WAYPOINTS, 3))
+    for centre in centres:
         record["centroid"] = centre
         walk(record, np.sum(np.square(sigma_m)), path)
     return record, path
@@ -41,12 +39,6 @@ def test_a_step_counts_from_three_sigmas_and_a_fifth_of_a_millimetre_on(seed, si
     assert record["origin"].tolist() == kept[0].tolist()
     lengths = np.linalg.norm(np.diff(kept, axis=0), axis=1)
     assert record["travel"] == pytest.approx(lengths.sum(), abs=1e-15)
-
-
-def test_a_new_contact_has_not_gone_anywhere():
-    record, path = walked([[0, 0, 0], [1, 0, 0], [2, 0, 0], [9, 5, 0]], [0.0] * 3, born=(0, 3))
-    assert (record["waypoints"], record["travel"]) == (1, 0.0)
-    assert path[0].tolist() == record["origin"].tolist() == [9.0, 5.0, 0.0]
 
 
 @pytest.mark.parametrize("steps", [WAYPOINTS - 1, WAYPOINTS, WAYPOINTS + 1, 2 * WAYPOINTS + 3])

@@ -53,8 +53,8 @@ def test_eigenvectors_are_those_of_a_matrix_however_degenerate_tiny_or_huge(seed
     near = Rotation.from_rotvec(rng.normal(0.0, 1e-4, 3)) * turn
     v = {"none": np.eye(3), "near": near.as_matrix(),
          "far": Rotation.random(rng=rng).as_matrix()}[at]  # fmt: skip
-    diagonal, before = np.zeros((3, 3)), v.copy()
-    diagonalise(tuple(m[np.triu_indices(3)]), v, diagonal)
+    diagonal, before = v.T @ m @ v, v.copy()
+    diagonalise(v, diagonal)
     values = diagonal.diagonal()
     np.testing.assert_allclose(v.T @ v, np.eye(3), atol=1e-14)
     left = 1e-11 * sum(square)  # beside the diagonal; its square over a gap, in the values

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skin.contact.model import contact_data, contact_model
-from skin.contact.shared_field import _force_per_ut, add_shared, spread_shared
+from skin.contact.unseen import add_shared, force_per_ut, spread_shared
 
 K_RAD_PER_MM, M0_UT = 0.5, 2500.0
 SOFT, KNEE_MM, STIFFER = 0.4, 0.8, 0.3
@@ -43,7 +43,7 @@ def units_of(fields, by_strength, rng):
     moved = np.vstack([turned / K_RAD_PER_MM * fields[:2] / size - FILM_MM[:, np.newaxis],
                        np.full(n, DEPTH_MM)])  # fmt: skip
     data = contact_data(n, 2, 0)._replace(
-        covariance_ut2=root @ root.transpose(0, 2, 1), gain=np.zeros((4, 4, 6, 3))
+        covariance_ut2=root @ root.transpose(0, 2, 1), gain=np.zeros((2, 2, 2, 6, 3))
     )
     data.units["field"], data.units["field_displacement"] = fields.T, moved.T
     data.units["residue"] = rng.uniform(1.0, 9.0, n)
@@ -59,7 +59,7 @@ def fields_of(rng, n=UNITS):
 
 def per_ut(i, model, data):
     """Tangential force of a unit per µT, (2, 3)."""
-    return np.reshape(_force_per_ut(data.units[i], model.poses[i]), (2, 3))
+    return np.reshape(force_per_ut(data.units[i], model.poses[i]), (2, 3))
 
 
 @pytest.mark.parametrize("by_strength", [False, True])
@@ -86,29 +86,25 @@ def test_units_whose_field_or_displacement_is_unknown_share_nothing(by_strength)
     assert per_ut(4, model, data)[:, :2].all()
 
 
-def test_wrenches_per_field_and_their_covariances_are_those_of_plain_matrices():
+def test_wrenches_per_field_and_their_covariance_are_those_of_plain_matrices():
     rng = np.random.default_rng(7)
     model, data = units_of(fields_of(rng), False, rng)
-    gain = np.zeros((4, 4, 6, 3))
-    for k, units in enumerate([[2, 1], [0]]):
-        for i in units:
-            pose, u, found = model.poses[i], data.units[i], per_ut(i, model, data)
-            ways = {pose["body"]: found @ pose["axes"].T,
-                    pose["body"] + 2: np.outer(found[:, 2], pose["axes"][:, 2])}  # fmt: skip
-            for column, local in ways.items():
-                forces = pose["rotation"][:, :2] @ local
-                gain[k, column, :3] += forces
-                gain[k, column, 3:] += np.cross(pose["position"], forces, axisb=0, axisc=0)
-            shared = add_shared(k, u, pose, data.gain)
-            assert shared == pytest.approx(u["residue"] * (found[:, :2] ** 2).sum(axis=1))
-    np.testing.assert_allclose(data.gain, gain, rtol=1e-9, atol=1e-12)
-    data.sums["wrench_covariance"] = rng.standard_normal(21)
-    before = data.sums["wrench_covariance"].copy()
-    spread_shared(2, model, data)
-    gain[3] = gain[:3].sum(axis=0)
-    for k in (0, 1, 3):
-        expected = sum(gain[k, g] @ data.covariance_ut2[g] @ gain[k, g].T
-                       + 7.0 * gain[k, g + 2] @ gain[k, g + 2].T for g in range(2))  # fmt: skip
-        spread = data.sums["wrench_covariance"][k] - before[k]
-        np.testing.assert_allclose(spread, expected[np.triu_indices(6)], rtol=1e-7, atol=1e-9)
-    np.testing.assert_array_equal(data.sums["wrench_covariance"][2], before[2])
+    gain = np.zeros((2, 2, 6, 3))
+    for pose, u, i in zip(model.poses, data.units, range(UNITS), strict=True):
+        found = per_ut(i, model, data)
+        for rest, local in enumerate((found @ pose["axes"].T,
+                                      np.outer(found[:, 2], pose["axes"][:, 2]))):  # fmt: skip
+            forces = pose["rotation"][:, :2] @ local
+            gain[pose["body"], rest, :3] += forces
+            gain[pose["body"], rest, 3:] += np.cross(pose["position"], forces, axisb=0, axisc=0)
+        shared = add_shared(u, pose, data.gain[0])
+        assert shared[:2] == pytest.approx(u["residue"] * (found[:, :2] ** 2).sum(axis=1))
+    np.testing.assert_allclose(data.gain[0], gain, rtol=1e-9, atol=1e-12)
+    before = rng.standard_normal((6, 6))
+    covariance = before.copy()
+    spread_shared(data.gain[0], 7.0, data, covariance)
+    expected = sum(
+        of_field @ c @ of_field.T + 7.0 * rest @ rest.T
+        for (of_field, rest), c in zip(gain, data.covariance_ut2, strict=True)
+    )
+    np.testing.assert_allclose(covariance - before, expected, rtol=1e-7, atol=1e-9)

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 import tests.naive.contact as naive
-from skin.contact.model import POSE, neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
-from skin.contact.shared_field import Common
 from skin.contact.stream import ContactStream
+from skin.contact.unseen import Common
 from tests.fixtures.contact_stream import with_gate
 
 PITCH, FACE = 0.012, 0.0105
@@ -65,14 +65,13 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
     half = rng.normal(0.0, 12.0, (bodies, 3, 3))
     covariance = half @ half.transpose(0, 2, 1)
     body = np.arange(n) * bodies // n
-    law = np.zeros(n, POSE)
-    law["body"], law["axes"] = body, np.moveaxis(rotation, 2, 0)
-    law["shear"][..., 0], law["gain_offset"] = (0.5, 0.8, 2.0, 0.0), 1.0
+    law = np.array([0.5, 0.8, 2.0, 0.0])[:, np.newaxis]
+    laws = {"body": body, "axes": np.moveaxis(rotation, 2, 0), "shear": law, "gain_offset": 1.0}
     true = drag * np.array([[np.cos(0.7)], [np.sin(0.7)]]) * rng.uniform(0.7, 1.0, n)
     true_force = np.vstack([shear_of(field_of(true))[1], np.full((1, n), 2.0)])
     field, moved, force, sigma = (np.zeros((3, n)) for _ in range(4))
     residue = np.zeros(n)
-    common = Common(law, field, moved, covariance, residue, rest_ut**2)
+    common = Common(laws, rest_ut**2, covariance, field, moved, residue)
     stream = stream_of(position, rotation)
     stream.bind(force, sigma, moved, np.full((3, n), 0.01), common=common)
     told, _ = naive.wrench(range(n), true_force, sigma, position, rotation, np.zeros(3))

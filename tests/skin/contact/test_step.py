@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import tests.naive.contact as naive
-from skin.contact import step as module
+from skin.contact import stream as module
+from skin.contact.identity import EARLY, SAME
 from skin.contact.model import neighbour_graph
-from skin.contact.step import EARLY, SAME
 from skin.contact.stream import ContactStream
 from tests.fixtures.kernels import interpret_contacts
 
@@ -46,12 +46,12 @@ def test_a_step_says_how_many_contacts_there_are_when_they_are_others():
 
 def test_slip_is_told_the_seconds_since_the_cycle_before_and_nothing_of_an_early_one(monkeypatch):
     told = []
+    interpret_contacts(monkeypatch)
     monkeypatch.setattr(
         module, "detect_slip",
         lambda model, data: told.append([data.cycle[0][name].item()
-                                         for name in ("slips", "elapsed_s", "now_ns")]),
+                                         for name in ("present", "elapsed_s", "now_ns")]),
     )  # fmt: skip
-    interpret_contacts(monkeypatch)
     stream = row_of(2, want={"slip"})
     for now_ns, load in ((3_000_000, 1), (7_000_000, 1), (13_000_000, 1), (13_000_000, 1), (12, 1),
                          (14_000_000, 0)):  # fmt: skip
@@ -61,9 +61,8 @@ def test_slip_is_told_the_seconds_since_the_cycle_before_and_nothing_of_an_early
     assert np.isfinite(stream.total.load)
 
 
-@pytest.mark.parametrize("want", [(), ("wrench",), ("contacts", "shocks")])
-def test_where_slip_is_not_wanted_its_kernel_is_not_compiled(want):
-    stream = row_of(2, want=want)
-    assert len(stream._own.calls) == 1
-    take(stream, 1, 1, 1)
-    assert stream.data.cycle["slips"][0] == 0
+@pytest.mark.parametrize(
+    ("want", "kernels"), [((), 1), (("wrench",), 2), (("contacts", "shocks"), 2), (("slip",), 3)]
+)
+def test_kernels_that_are_not_wanted_are_not_compiled(want, kernels):
+    assert len(row_of(2, want=want)._own.calls) == kernels

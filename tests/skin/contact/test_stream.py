@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact import step
 from skin.contact.model import neighbour_graph
 from skin.contact.record import UNTOUCHED, Event, Flag, SlipState, UnitKind, UnitSlip
 from skin.contact.stream import CONTACT_WANTS, ContactStream
@@ -78,42 +77,6 @@ def test_contacts_are_those_of_the_plain_arrays(seed):
             assert getattr(contact, name) == pytest.approx(one[name], rel=1e-12, nan_ok=True), name
         variance = np.diag(contact.wrench_covariance)
         assert contact.wrench_sigma**2 == pytest.approx(variance, rel=1e-12, abs=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("want", "spared"),
-    [
-        ((), {"describe", "judge", "shock"}),
-        ({"wrench"}, {"judge", "shock"}),
-        ({"contacts"}, {"judge", "shock"}),
-        ({"slip"}, {"shock"}),
-        ({"shocks"}, {"judge"}),
-    ],
-)
-def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
-    called = set()
-    interpret_contacts(monkeypatch)
-    for home, name, what in (
-        (step, "describe", "describe"),
-        (step, "detect_slip", "judge"),
-        (step, "follow_shocks", "shock"),
-    ):
-        kernel = getattr(home, name)
-
-        def note(*args, kernel=kernel, what=what):
-            called.add(what)
-            return kernel(*args)
-
-        monkeypatch.setattr(home, name, note)
-    stream = plate(want=want)
-    with np.errstate(invalid="ignore"):  # as machine code computes
-        for number in range(1, 4):
-            assert len(cycle(stream, BOTH, number)) == 2
-    assert called == {"describe", "judge", "shock"} - spared
-    called.clear()
-    for number in range(4, 60):
-        assert cycle(stream, np.zeros((3, N)), number) == []
-    assert called == set()
 
 
 def test_without_contact_there_is_no_force_and_no_centre():
@@ -359,15 +322,6 @@ def test_coverage_is_the_share_of_the_area_that_is_heard():
     assert contact.coverage == pytest.approx(used / (used + beside))
 
 
-def test_warmup_leaves_everything_as_it_was():
-    stream, other = plate(want=CONTACT_WANTS), plate(want=CONTACT_WANTS)
-    stream.warmup()
-    assert told_by(stream) == told_by(other)
-    cycle(stream, BOTH, 1)
-    cycle(other, BOTH, 1)
-    assert told_by(stream) == told_by(other)
-
-
 def test_shocks_of_a_contact():
     stream = plate(want={"shocks"})
     rng = np.random.default_rng(0)
@@ -381,14 +335,6 @@ def test_shocks_of_a_contact():
     (contact, _) = cycle(plate(), BOTH, 1)
     with pytest.raises(SkinError, match="want: must have 'shocks'"):
         _ = contact.impact
-
-
-def test_wrench_of_a_contact_in_the_frame_of_a_hand():
-    (contact, _) = cycle(plate(), BOTH, 1)
-    turn = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
-    wrench, covariance = contact.wrench_in(turn, contact.centroid)
-    assert wrench[3:] == pytest.approx(turn.T @ contact.moment, abs=1e-12)
-    assert covariance[3:, 3:] == pytest.approx(turn.T @ contact.moment_covariance @ turn, abs=1e-15)
 
 
 def test_machine_code_and_python_tell_alike(monkeypatch):

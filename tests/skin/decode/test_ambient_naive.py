@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient import Ambient
-from skin.decode.ambient_model import memory_of
+from skin.decode.ambient_kernels import memory_of
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
 

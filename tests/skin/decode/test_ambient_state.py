@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,37 +39,6 @@ def test_nothing_is_known_at_first_and_after_a_reset():
         assert not one.background.any()
         assert (one.residue_ut2 == PRIOR_UT2).all()
         assert not one.followed.any()
-        assert not one.wants_tare.any()
-
-
-def test_units_whose_zero_has_gone_to_its_end_want_a_tare():
-    ambient, _ = anyhow()
-    zero = ambient._data.zero
-    zero[:] = 0.0
-    for unit, (row, value) in enumerate([(0, 60.0), (0, -60.0), (1, 200.0), (2, -200.0),
-                                         (0, 59.9), (1, -199.9), (2, 61.0)]):  # fmt: skip
-        zero[row, unit] = value
-    assert np.flatnonzero(ambient.wants_tare).tolist() == [0, 1, 2, 3]
-    told = json.loads(json.dumps(ambient.report()))
-    names = ambient.topology.unit_names
-    assert told["wants_tare"] == list(names[:4])
-    assert told["zeros"] == {names[i]: zero[:, i].tolist() for i in range(7)}
-
-
-def test_the_report_is_of_each_body():
-    ambient, _ = anyhow(1)
-    state = state_of(ambient)
-    ambient._data.bodies["voters"] = 3.0, 5.0
-    told = ambient.report()
-    for g, body in enumerate(("a", "b")):
-        assert told["ambient"][body]["field_ut"] == pytest.approx(state.field_ut[g])
-        sigma = np.sqrt(np.diag(state.covariance_ut2[g]))
-        assert told["ambient"][body]["sigma_ut"] == pytest.approx(sigma)
-        assert told["ambient"][body]["voters"] == (3, 5)[g]
-    assert ambient.field_ut.shape == (3, 2)
-    ambient._data.marks[:] = np.where(np.arange(UNITS) == 4, 8, 4)
-    assert told is not ambient.report()
-    assert ambient.report()["followed"] == [ambient.topology.unit_names[4]]
 
 
 def test_each_chip_reads_the_field_of_its_body_through_its_map():

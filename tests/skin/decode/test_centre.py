@@ -75,11 +75,3 @@ def test_the_sigma_holds_its_share_of_errors_of_off_centre_films():
     off = np.abs(read.displacement_mm[:, :2] - face.T[:, :, np.newaxis])
     held = (off <= read.displacement_sigma_mm[:, :2]).mean()
     assert 0.66 < held < 0.71
-
-
-def test_kernels_have_cubes_only_where_a_force_law_has_one():
-    plain = calibrated(row_of(5), seed=3)
-    cubed = with_parameters(plain, shear_cubic_n_per_mm3=[0.0, 0.0, 0.1, 0.0, 0.0])
-    assert not Decoder(plain, sweeps=0, ambient=False).plan.cubes
-    assert Decoder(cubed, sweeps=0, ambient=False).plan.cubes
-    assert not Decoder(cubed, {"displacement"}, sweeps=0, ambient=False).plan.cubes

@@ -154,19 +154,6 @@ def test_batches_are_single_cycles_whatever_is_wanted(want, loop):
                 np.testing.assert_array_equal(of_batch[t], single, err_msg=name)
 
 
-def test_a_cycle_that_is_decoded_once_more_does_not_move_on():
-    raw = counts_at(SKIN, np.array([[0.0], [1.5]]), 1.0, DIRECTION)
-    plain, again = Decoder(SKIN, sweeps=0, ambient=False), Decoder(SKIN, sweeps=0, ambient=False)
-    run(plain, raw)
-    run(again, raw)
-    for _ in range(3):
-        again(raw[0], advance=False)
-    np.testing.assert_array_equal(
-        again(raw[1], advance=False).force, plain(raw[1], advance=False).force
-    )
-    np.testing.assert_array_equal(again(raw[0]).force, plain(raw[0]).force)
-
-
 def test_a_run_that_starts_under_load_shows_what_it_cannot_know():
     """Anything from the elastic force to that of a fresh load is equally likely."""
     raw = counts_at(SKIN, 1.5, 1.0, DIRECTION)

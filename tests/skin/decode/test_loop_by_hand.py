@@ -72,7 +72,7 @@ def test_sweeps_are_decodings_with_the_prediction_as_background(sweeps, estimato
         base[:4] += 0.0 if given is None else given
         for sweep in range(sweeps):
             crosstalk.predict(place, valid, taken, base, above)
-            reading = plain(counts, status, taken, advance=sweep == 0)
+            reading = plain(counts, status, taken, elapsed_s=0.0 if sweep else None)
             place, valid = reading.displacement_mm.copy(), reading.valid.copy()
             above[:] = film_above(plain)
         same(looped(counts, status, given), reading)
@@ -133,9 +133,6 @@ def test_ambient_field_comes_off_the_next_cycle():
         same(looped(raw[t], status[t], given), expected)
         np.testing.assert_array_equal(looped.ambient.taken, ambient.taken)
     assert np.abs(ambient.background[1:]).max() > 1.0
-    before = ambient.taken.copy()
-    looped(raw[0], status[0], advance=False)  # once more: nothing new is learnt
-    np.testing.assert_array_equal(looped.ambient.taken, before)
     looped.reset()
     assert not looped.ambient.background.any()
 

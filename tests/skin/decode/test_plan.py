@@ -109,27 +109,6 @@ def test_idle_is_not_untouched_and_not_invalid():
     assert not Decoder(skin, skip=True, sweeps=0, ambient=False)(pressed).status.any()
 
 
-# -- the same cycle once more ----------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("interpreted")
-@pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-classic"])
-def test_decoding_a_cycle_again_changes_nothing_that_follows(layout):
-    skin = calibrated(row_of(30, layout, 10.0), seed=4)
-    raw = sensible_counts(skin, 9, 5)
-    status = np.random.default_rng(6).choice([0, 0, 0, 2, 1], (9, 30)).astype(np.uint16)
-    once, twice = (Decoder(skin, sweeps=0, ambient=False) for _ in range(2))
-    other = np.full((4, 30), 100.0, np.float32)
-    for counts, flags in zip(raw, status, strict=True):
-        first = once(counts, flags)
-        twice(counts, flags)
-        twice(counts, flags, other, advance=False)
-        again = twice(counts, flags, advance=False)
-        for name in FIELDS:
-            a, b = getattr(first, name), getattr(again, name)
-            np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6, err_msg=name)
-
-
 # -- background ------------------------------------------------------------------------------------
 
 

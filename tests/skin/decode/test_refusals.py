@@ -10,6 +10,7 @@ from msgspec import structs
 
 from skin.decode.decoder import Decoder
 from skin.decode.model import field_angle_ends
+from skin.decode.records import TEMPERATURE
 from skin.errors import CalibrationError, OptionError
 from tests.fixtures.decode import planned, row_of, with_parameters
 
@@ -183,94 +184,34 @@ def test_tables_of_units_that_are_off_are_not_needed():
         Decoder(untold, consistency=True, sweeps=0, ambient=False)
 
 
-def test_the_loop_follows_zeros_where_all_that_work_tell_their_temperature():
-    def needed(skin):
-        return planned(skin, {"force"}, ambient=True).results
-
-    assert "temperature" in needed(row_of(3))
-    assert "temperature" in needed(odd_one("off", 0))
-    assert "temperature" in needed(odd_one("foreign", 0))
-    assert "temperature" not in needed(odd_one("working", 0))
-    assert "field" in needed(odd_one("working", 0))
-
-
 # -- no more than is wanted ------------------------------------------------------------------------
 
 
-def kernel_of(skin, want, **options):
+def wants_of(skin, want, **options):
     options = {"sweeps": 0, "ambient": False} | options
-    return planned(skin, want, **options).kernel
+    return planned(skin, want, **options).wants
 
 
 def test_what_is_not_wanted_is_not_compiled():
     skin = row_of(3)
-    warm = kernel_of(skin, {"temperature"}, estimator="sine")
-    assert warm == kernel_of(skin, {"temperature"})
-    assert warm.results == ("temperature",)
-    assert not warm.shear
-    assert kernel_of(skin, {"field"}).angle is False
+    warm = wants_of(skin, {"temperature"}, estimator="sine")
+    assert warm == wants_of(skin, {"temperature"})
+    assert set(warm) == {None}
+    assert planned(skin, {"temperature"}, sweeps=0, ambient=False).rows == [TEMPERATURE]
+    assert wants_of(skin, {"field"}).angle is None
     for name in ("force", "tangential", "theta", "displacement"):
-        assert kernel_of(skin, {name}).angle
-        assert kernel_of(skin, {name}).shear
-    assert kernel_of(skin, {"force"}, skip=True).look is False
-    assert kernel_of(skin, {"force"}, skip=True, ambient=True).look
-    assert kernel_of(skin, {"force"}, ambient=True).look is False
+        assert wants_of(skin, {name}).angle
+        assert wants_of(skin, {name}).shear
 
 
-def test_compensations_are_those_of_drifts_that_matter():
-    """No drift, no compensation; one in a single unit is enough."""
-    still = {name: 0.0 for name in row_of(3).parameters if "_per_k" in name}
-    plain = with_parameters(row_of(3), **still)
-    sine = {"estimator": "sine", "consistency": False, "sweeps": 0,
-               "ambient": False}  # fmt: skip
-
-    def plan(want, options, **drifts):
-        return planned(with_parameters(plain, **drifts), want, **options)
-
-    one = np.array([0.0, 0.0, 1e-3])
-    assert not plan({"force"}, sine).film_compensation
-    assert not plan({"force"}, sine).chip_compensation
-    assert plan({"force"}, sine, film_drift_per_k=one).film_compensation
-    assert not plan({"temperature"}, sine, film_drift_per_k=one).film_compensation
-    assert not plan({"field"}, sine, film_drift_per_k=one).film_compensation
-    assert plan(
-        {"force"}, {"sweeps": 1, "consistency": False}, film_drift_per_k=one
-    ).film_compensation
-    assert plan({"force"}, sine, hall_gain_per_k=one).chip_compensation
-    assert plan({"field"}, sine, hall_gain_per_k=one).chip_compensation
-    angle = sine | {"estimator": "field-angle"}
-    assert not plan({"force"}, angle, hall_gain_per_k=one).chip_compensation
-    assert plan({"force"}, angle | {"ambient": True}, hall_gain_per_k=one).chip_compensation
-    assert plan({"force"}, angle | {"sweeps": 2}, hall_gain_per_k=one).chip_compensation
-    for axis in "xyz":
-        drift = {f"hall_drift_{axis}_ut_per_k": one}
-        assert plan({"force"}, angle, **drift).chip_compensation
-        assert plan({"field"}, angle, **drift).chip_compensation
-        assert not plan({"temperature"}, angle, **drift).chip_compensation
-        assert not plan({"force"}, angle, **drift).chip_lags
-    for name, value in (("film_x_mm", one), ("film_y_mm", one)):
-        assert plan({"force"}, sine, **{name: value}).film_centre
-        assert not plan({"temperature"}, sine, **{name: value}).film_centre
-    assert not plan({"force"}, sine).film_centre
-    table = np.zeros((16, 3))
+def test_films_and_directions_are_corrected_only_where_a_unit_needs_it():
+    one, table = np.array([0.0, 0.0, 1e-3]), np.zeros((16, 3))
     table[5, 1] = 0.1
-    assert plan({"force"}, sine, theta_correction_rad=table).theta_correction
-    assert not plan({"temperature"}, sine, theta_correction_rad=table).theta_correction
-    assert not plan({"force"}, sine).theta_correction
-
-
-def test_a_chip_follows_the_gel_only_where_its_own_temperature_is_not_told():
-    drift = {"hall_drift_x_ut_per_k": 1.0}
-    classic = with_parameters(row_of(3, "f3t-classic"), **drift)
-
-    def lags(skin):
-        return planned(skin, {"force"}, "sine", consistency=False).chip_lags
-
-    assert lags(classic)
-    assert not lags(with_parameters(row_of(3), **drift))
-    wired = classic.wired.copy()
-    wired[0] = False
-    assert not lags(dataclasses.replace(classic, wired=wired))
-    untold = with_parameters(row_of(3), **drift)
-    own = untold.wired & (np.arange(6) != 5)[:, np.newaxis]
-    assert lags(dataclasses.replace(untold, wired=own))
+    for name, value, field in (
+        ("film_x_mm", one, "centre"), ("film_y_mm", one, "centre"),
+        ("theta_correction_rad", table, "correction"),
+    ):  # fmt: skip
+        skin = with_parameters(row_of(3), **{name: value})
+        assert getattr(wants_of(skin, {"force"}), field)
+        assert getattr(wants_of(skin, {"temperature"}), field) is None
+        assert getattr(wants_of(row_of(3), {"force"}), field) is None

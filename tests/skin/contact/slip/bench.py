@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from skin.contact.model import contact_data, contact_model
-from skin.contact.record import Event, Flag, SlipState, UnitKind
+from skin.contact.record import NEW, Event, Flag, SlipState, UnitKind
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.detector import detect_slip
+from skin.contact.slip.detector import detect_slip_python
 from tests.naive.slip import NaiveSlip
 
 STIFFNESS = 0.5
@@ -113,12 +113,14 @@ class Bench:
             members = np.array(contact["members"])
             slot = contact["id"] % 8
             data.slots["present"][k] = slot
-            record = self.contacts[slot]
             end = begin + members.size
             data.members[begin:end], data.label[members] = members, slot
             units["kind"][members] = UnitKind.OPEN
             born = contact["id"] not in self.seen
             self.seen.add(contact["id"])
+            if born:
+                self.contacts[slot] = NEW[0]
+            record = self.contacts[slot]
             record["id"], record["parent"] = contact["id"], contact.get("parent", 0)
             record["event"] = contact.get("event", Event.BORN if born else Event.NONE)
             record["begin"], record["end"], record["flags"] = begin, end, contact.get("flags", 0)
@@ -126,8 +128,8 @@ class Bench:
             records.append((record, members))
             begin = end
         cycle = data.cycle
-        cycle["slips"], cycle["elapsed_s"], cycle["now_ns"] = len(contacts), dt_s, self.now_ns
-        detect_slip(self.model, data)
+        cycle["present"], cycle["elapsed_s"], cycle["now_ns"] = len(contacts), dt_s, self.now_ns
+        detect_slip_python(self.model, data)
         self.naive.silent = (units["kind"] == UnitKind.BRIDGE) | (units["kind"] == UnitKind.SILENT)
         self.naive.leave((data.label < 0) & (units["kind"] == UnitKind.OUT))
         judged = [(r, m) for r, m in records if not r["flags"] & Flag.WEAK]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.contact.slip.rigid_fit import _solve
+from skin.contact.slip.lags import _solve
 from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
 
 
