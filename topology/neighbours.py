@@ -10,9 +10,9 @@ __all__ = ["compressed_rows", "nearest_point", "neighbour_pairs", "pairs_within"
 
 
 def _tree(position: np.ndarray) -> Any:
-    from scipy.spatial import cKDTree  # heavy: not before it is needed
+    from scipy.spatial import KDTree  # heavy: not before it is needed
 
-    return cKDTree(position.T)
+    return KDTree(position.T)
 
 
 def pairs_within(position: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,7 +8,15 @@ from dataclasses import fields
 
 import numpy as np
 
-from bus.assemble.memory import BY_DEADLINE, BY_END, Memory, Shown, new_memory, new_shown
+from bus.assemble.memory import (
+    BY_COMPLETE,
+    BY_DEADLINE,
+    BY_END,
+    Memory,
+    Shown,
+    new_memory,
+    new_shown,
+)
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from bus.frame import FRAME_DTYPE, FrameViews, views
 from bus.table import FrameTable, Tables
@@ -17,7 +25,8 @@ from topology import Topology
 __all__ = ["Assembler"]
 
 _KINDS = tuple(field.name for field in fields(FrameCounters))
-_CLOSED_BY = (None, ClosedBy.COMPLETE, ClosedBy.SYNC, ClosedBy.DEADLINE, ClosedBy.END)
+_CLOSED_BY = tuple(ClosedBy)
+"""By what closed a cycle, a BY_… of the kernels, less `BY_COMPLETE`."""
 
 
 class Assembler:
@@ -254,5 +263,5 @@ class Assembler:
 
     def cycle(self) -> RawCycle:
         """The cycle that closed last; for callers of the kernels."""
-        by = _CLOSED_BY[self._closed_by[0]]
+        by = _CLOSED_BY[self._closed_by[0] - BY_COMPLETE]
         return RawCycle(self._number[0], self._stamp[0], by, *self._cycle)

@@ -314,9 +314,10 @@ class Decoder:
             if predict is not None:
                 predict()
             decode(self._phase, sweep == 0, 0.0 if sweep else missing)
-        if self.creep is not None:
+        if self._relax is not None:
             self._relax()
-        if self._look is not None and self._phase % self.plan.look_every == 0:
+        looks = self._phase % self.plan.look_every == 0
+        if looks and self._look is not None and self.ambient is not None:
             self.ambient.elapsed_s[0], self._unseen_s = max(self._unseen_s, 0.0), 0.0
             self._look()
         self._phase += 1

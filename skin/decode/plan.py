@@ -12,7 +12,7 @@ with `ambient`, which then has fewer readings.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,15 +63,15 @@ class Wants(NamedTuple):
         Temperatures of chips that are not on the wire: they follow the gel.
     """
 
-    shear: Literal[True] | None
-    angle: Literal[True] | None
-    check: Literal[True] | None
-    sigma: Literal[True] | None
-    theta: Literal[True] | None
-    field: Literal[True] | None
-    correction: Literal[True] | None
-    centre: Literal[True] | None
-    chip: Literal[True] | None
+    shear: bool | None
+    angle: bool | None
+    check: bool | None
+    sigma: bool | None
+    theta: bool | None
+    field: bool | None
+    correction: bool | None
+    centre: bool | None
+    chip: bool | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class Plan:
         shear = sweeps > 0 or ambient or not names.isdisjoint(TANGENTIAL)
         shear = shear or (consistent and "test_ratio" in names)
         relaxes = any(p[f"{law}_creep_relative"].any() for law in ("normal", "shear"))
-        computed = Wants(
+        computed = dict(
             shear=shear, angle=shear and estimator == "field-angle", check=shear and consistent,
             sigma="sigma" in names, theta="theta" in names, field=ambient or "field" in names,
             correction=shear and p["theta_correction_rad"].any(),
@@ -144,7 +144,7 @@ class Plan:
         )  # fmt: skip
         return cls(
             quantities=tuple(name for name in UNIT_WANTS if name in names - {"sigma"}),
-            wants=Wants(*(True if each else None for each in computed)),
+            wants=Wants(**{name: True if each else None for name, each in computed.items()}),
             estimator=estimator,
             consistency=consistent and shear,
             dtype=options.dtype,

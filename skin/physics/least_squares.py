@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import optimize
@@ -188,7 +189,8 @@ def gauss_newton(
     ScanError
         As `least_squares`, or the steps do not come to rest.
     """
-    found = optimize.least_squares(
+    solve: Any = optimize.least_squares  # scipy's stubs know no derivatives that are given
+    found = solve(
         lambda at: (model(at)[0] - values) / sigma, start,
         lambda at: model(at)[1] / np.reshape(sigma, (-1, 1)),
         method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=STEPS,

@@ -41,8 +41,12 @@ def expected_in(file):
     return found
 
 
-def check_golden(name, issues):
-    golden, text = GOLDEN / "messages" / f"{name}.txt", "".join(f"{issue}\n" for issue in issues)
+def lines_of(issues):
+    return "".join(f"{issue}\n" for issue in issues)
+
+
+def check_golden(name, text):
+    golden = GOLDEN / "messages" / f"{name}.txt"
     if os.environ.get("UPDATE_GOLDEN"):
         golden.write_text(text, "utf-8")
     assert text == golden.read_text("utf-8")
@@ -52,7 +56,7 @@ def check_golden(name, issues):
 def test_a_broken_file_gives_all_of_its_problems_with_their_lines(name, monkeypatch):
     monkeypatch.chdir(GOLDEN / "topologies")
     issues = issues_of(f"{name}.toml")
-    check_golden(name, issues)
+    check_golden(name, lines_of(issues))
     assert Counter((i.file, i.line) for i in issues) == expected_in(f"{name}.toml")
 
 
@@ -69,13 +73,13 @@ def test_files_that_cannot_be_read_say_why(tmp_path, monkeypatch):
     Path("digits.toml").write_text("format = 1\nx = " + "7" * 5000)
     texts = ("nowhere", "folder", "deepest", "large", "dotted", "digits", "pipe", "n" * 300)
     names = ("plam", "gripper.xml", "hand.urdf", "run.mcap", *(f"{name}.toml" for name in texts))
-    check_golden("unreadable", [issue for name in names for issue in issues_of(name)])
+    check_golden("unreadable", lines_of(issue for name in names for issue in issues_of(name)))
 
 
 def test_mjcf_without_its_library_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     monkeypatch.chdir(GOLDEN / "topologies")
-    check_golden("library", issues_of("robot_ball.toml"))
+    check_golden("library", lines_of(issues_of("robot_ball.toml")))
 
 
 def test_a_file_with_a_thousand_problems_is_read_no_further(tmp_path):

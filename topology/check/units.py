@@ -223,8 +223,8 @@ class Units:
                 for name, value in given.items():
                     parameters[name][..., unit] = 0.0 if value == () else value
         for fault in parameter_faults(parameters):
-            for unit in np.flatnonzero(fault.broken & single):
-                changes = self._given[int(unit)]
+            for unit in np.flatnonzero(fault.broken & single).tolist():
+                changes = self._given[unit]
                 blamed = [change for change in changes if fault.field in change[2]] or changes
                 source, key, _ = blamed[-1]
                 fault.report(unit, key, source)

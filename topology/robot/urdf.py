@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from topology.robot.xml import Element, XmlError, parse
 
 __all__ = ["read_urdf"]
 
+KINDS: tuple[JointKind, ...] = ("fixed", "revolute", "continuous", "prismatic")
 NEAR = 5
 """Folders around a model in which other folders are looked into for a package.xml [assumed]."""
 SHAPES = {
@@ -141,11 +142,12 @@ class _Reader:
         return xyz, from_rpy(*rpy.tolist())
 
     def _joint(self, element: Element) -> _Joint | None:
-        name, kind = str(element.get("name")), element.get("type")
+        name, given = str(element.get("name")), element.get("type")
         where = f"joint {name!r}"
-        if kind not in get_args(JointKind):
+        kind: JointKind | None = next((known for known in KINDS if known == given), None)
+        if kind is None:
             expected = "fixed, revolute, continuous or prismatic"
-            self._fault(expected, kind, element, f"{where} type")
+            self._fault(expected, given, element, f"{where} type")
             return None
         ends = []
         for tag in ("parent", "child"):

@@ -58,9 +58,9 @@ def checked(tmp_path, text, capsys):
 @pytest.mark.parametrize(
     ("text", "line", "where"),
     [
-        (GRID, 19, "patches[0] 'p' pitch_m: must be larger, for "),
-        (LIST, 21, "patches[0] 'p' units[1] xyz_m: must be farther from p/0, for "),
-        (STACK, 30, "patches[1] 'q' pose: must be farther from p/"),
+        (GRID, 20, "patches[0] 'p' pitch_m: must be larger, for "),
+        (LIST, 22, "patches[0] 'p' units[1] xyz_m: must be farther from p/0, for "),
+        (STACK, 31, "patches[1] 'q' pose: must be farther from p/"),
     ],
 )
 def test_check_says_which_key_of_a_dense_skin_to_change(text, line, where, tmp_path, capsys):
