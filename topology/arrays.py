@@ -113,8 +113,6 @@ class Topology:
         The robot that carries the skin; `position` and `rotation` are those at its home.
     serials : tuple of str, length n or 0
         Serial number of each unit by its calibration file; "" without one.
-    notes : tuple of str
-        What the files have that is passed over.
     """
 
     name: str
@@ -143,7 +141,6 @@ class Topology:
     patch_links: tuple[str, ...] = ()
     robot: RobotModel | None = None
     serials: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Contents in a line."""

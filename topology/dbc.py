@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from topology.errors import Report, nearest
+from topology.errors import Report
 from topology.files import missing
 from topology.read import read_text, show
 from topology.schema import Layout
@@ -21,6 +21,8 @@ __all__ = ["conversion", "from_dbc", "read_dbc"]
 
 LARGEST_MB = 8
 """Larger files are refused before they are parsed; those of whole cars are a few MB."""
+LONGEST_REASON = 200
+"""Characters of a message of cantools, which quotes a line of any length."""
 LARGEST_BITS = 16
 """Of a signal: counts are int16."""
 
@@ -46,17 +48,16 @@ def conversion(unit: str, own: str) -> tuple[float, float] | None:
     ((1000.0, 0.0), (1.0, 0.0), None)
     """
     text = re.sub(r"[µμ]", "u", unit.replace(" ", ""))
-    if own == "°C":
-        text = re.sub("^(°|deg_?)", "", text)
     if not text:
         return 1.0, 0.0
+    if own == "°C":
+        text = re.sub("^(°|deg_?)", "", text)
     factor = _UNITS[own].get(text)
     return None if factor is None else (factor, _ZEROS.get(text, 0.0))
 
 
-def read_dbc(path: Path, shown: str, report: Report) -> dict[str, Any] | None:
-    """Messages of a DBC file by name, as cantools has them; None where it cannot be read, and
-    reported.
+def read_dbc(path: Path, shown: str, report: Report) -> list[Any] | None:
+    """Messages of a DBC file, as cantools has them; None where it cannot be read, and reported.
 
     Parameters
     ----------
@@ -85,13 +86,14 @@ def read_dbc(path: Path, shown: str, report: Report) -> dict[str, Any] | None:
     except Exception as error:  # a damaged file may raise anything
         reason = " ".join(str(error).removeprefix("DBC: ").split()) or type(error).__name__
         line = re.search(r"at line (\d+)", reason)
+        reason = reason if len(reason) <= LONGEST_REASON else f"{reason[:LONGEST_REASON]}..."
         report.about_file(shown, "a DBC file", reason, line=int(line[1]) if line else 0)
         return None
-    return {message.name: message for message in found.messages}
+    return list(found.messages)
 
 
 def from_dbc(
-    layout: Layout, key: Key, source: Source, files: dict[Path, dict[str, Any] | None]
+    layout: Layout, key: Key, source: Source, files: dict[Path, list[Any] | None]
 ) -> tuple[WireLayout, list[Key]] | None:
     """Make a wire layout of a DBC's message.
 
@@ -102,7 +104,7 @@ def from_dbc(
     key : Key
         Its place in `source`.
     source : Source
-    files : dict of Path to messages
+    files : dict of Path to list of messages
         DBC files read for other layouts; this one's is added.
 
     Returns
@@ -124,11 +126,14 @@ def from_dbc(
     if path not in files:
         files[path] = read_dbc(path, shown, source.report)
     messages, at = files[path], (*key, "message")
-    if messages is None or not source.refer(
-        layout.message, f"a message of {shown}", messages, at
-    ):  # fmt: skip
+    if messages is None:
         return None
-    message = messages[layout.message]
+    names = [message.name for message in messages]
+    if not source.refer(layout.message, f"a message of {shown}", names, at):
+        return None
+    message = messages[names.index(layout.message)]
+    if names.count(message.name) > 1:
+        source.fault(at, f"a name used once in {shown}", repr(message.name))
     signals: list[Signal] = []
     places: list[Key] = []
     for name, given in layout.dbc_signals.items():
@@ -181,13 +186,13 @@ def _signal(
     source: Source,
 ) -> Signal | None:  # fmt: skip
     """A signal of the message as one of a layout; None where it cannot be one, and reported."""
-    known = {signal.name: signal for signal in message.signals}
-    if of_dbc not in known:
-        kind = f"the name of a signal of {message.name} ({shown})"
-        source.fault(at, kind, repr(of_dbc), nearest(of_dbc, known))
+    names = [signal.name for signal in message.signals]
+    if not source.refer(of_dbc, f"a signal of {message.name} ({shown})", names, at):
         return None
-    found, unfit = known[of_dbc], ""
-    if found.is_float:
+    found, unfit = message.signals[names.index(of_dbc)], ""
+    if names.count(of_dbc) > 1:
+        unfit = "one of several of that name"
+    elif found.is_float:
         unfit = f"a float of {found.length} bits"
     elif found.multiplexer_ids:
         unfit = "a multiplexed one"

@@ -87,13 +87,10 @@ class Report:
     ----------
     issues : list of Issue
         In order of discovery, each once.
-    notes : list of str
-        What is passed over, in words.
     """
 
     def __init__(self) -> None:
         self.issues: list[Issue] = []
-        self.notes: list[str] = []
 
     def about_file(
         self, file: str, expected: str, got: object, *, line: int = 0, where: str = "",

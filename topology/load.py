@@ -78,7 +78,7 @@ def load(
     assert table is not None
     units = Units(resolve_tables(table, source), allow_no_calibration)
     report.raise_if_any()
-    topology = _assemble(units, tuple(report.notes))
+    topology = _assemble(units)
     if not allow_overload:
         _check_load(topology, source)
     return topology
@@ -124,7 +124,7 @@ def _check_load(topology: Topology, source: Source) -> None:
     source.report.raise_if_any()
 
 
-def _assemble(units: Units, notes: tuple[str, ...]) -> Topology:
+def _assemble(units: Units) -> Topology:
     """The arrays of a topology, from units of which all is right."""
     tables = units.tables
     file = tables.file
@@ -169,7 +169,6 @@ def _assemble(units: Units, notes: tuple[str, ...]) -> Topology:
         patch_links=tables.links,
         robot=tables.robot,
         serials=tuple(units.serials),
-        notes=notes,
     )
     seal(topology)
     return topology

@@ -15,15 +15,18 @@ def _tree(position: np.ndarray) -> Any:
     return KDTree(position.T)
 
 
-def pairs_within(position: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of points at most `radius` apart.
+def pairs_within(
+    position: np.ndarray, reach: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of points no farther apart than the larger reach of the two.
 
     Parameters
     ----------
     position : ndarray, shape (3, n), float64
         Metre.
-    radius : float
-        Metre.
+    reach : ndarray, shape (n,), float64, or float
+        Metre. Each point has its own: with the largest one for all, a single point of a wide reach
+        would make pairs of all others.
 
     Returns
     -------
@@ -32,7 +35,11 @@ def pairs_within(position: np.ndarray, radius: float) -> tuple[np.ndarray, np.nd
     distance : ndarray, shape (m,), float64
         Metre.
     """
-    i, j = _tree(position).query_pairs(radius, output_type="ndarray").T
+    found = _tree(position).query_ball_point(position.T, reach)
+    one = np.repeat(np.arange(len(found)), [len(others) for others in found])
+    two = np.concatenate([[], *found]).astype(np.int64)
+    pairs = np.stack([np.minimum(one, two), np.maximum(one, two)])
+    i, j = np.unique(pairs[:, one != two], axis=1)
     return i, j, np.linalg.norm(position[:, i] - position[:, j], axis=0)
 
 
@@ -75,8 +82,8 @@ def neighbour_pairs(
     i, j : ndarray, shape (m,), int64
         Each pair once, i < j.
     """
-    i, j, distance = pairs_within(position, float(np.max(reach, initial=0.0)))
-    near = (rigid[i] == rigid[j]) & (distance <= np.maximum(reach[i], reach[j]))
+    i, j, _ = pairs_within(position, reach)
+    near = rigid[i] == rigid[j]
     return i[near], j[near]
 
 

@@ -149,7 +149,6 @@ def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> PatchSummary:
 
 def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str]:
     """What may be meant, but is worth a second look."""
-    yield from topology.notes
     for name, gap in _far_away(topology):
         yield (
             f"{name} is {gap:.3g} m from all else of the skin and from the "
@@ -178,7 +177,7 @@ def _overlapping(position: np.ndarray, normal: np.ndarray, radius: np.ndarray) -
     Two faces that are tilted by 2 a to each other meet where their planes do, which is
     distance / (2 cos a) from either centre.
     """
-    i, j, distance = pairs_within(position, 2 * float(np.max(radius)))
+    i, j, distance = pairs_within(position, 2 * radius)
     half_tilt = np.sqrt(np.clip((1 + np.sum(normal[:, i] * normal[:, j], axis=0)) / 2, 0, 1))
     room = distance >= (radius[i] + radius[j]) * half_tilt * (1 - 1e-6)
     return int(np.count_nonzero(~room))

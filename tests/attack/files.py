@@ -96,7 +96,7 @@ CM_ BO_ 256 "A comment over lines
 BO_ 256 Taxel: 8 Board";
 BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN";
 BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
-SIG_VALTYPE_ 256 Z : 1;
+SIG_VALTYPE_ 256 T : 0;
 """
 FAULTS = b"""format = 1
 seed = 7

@@ -298,7 +298,7 @@ SPELLED = {
     ("µT", None, None): "mg g MHz LSB - % 10uT uT/s",
     ("Hz", None, None): "mhz rpm uT",
     ("µA", None, None): "V °C",
-    ("°C", None, None): "% uA rad",
+    ("°C", None, None): "% uA rad ° deg",
 }
 
 

@@ -276,6 +276,14 @@ def test_pairs_within_a_radius_are_those_of_the_obvious_search(position, radius)
     assert pairs <= naive.pairs_within(position, radius + 1e-12)
 
 
+def test_a_single_point_of_a_wide_reach_makes_no_pairs_of_the_others():
+    position = np.zeros((3, 4000))
+    position[0] = np.arange(4000) * 1e-3
+    i, j, _ = pairs_within(position, np.where(np.arange(4000) == 7, 10.0, 1.5e-3))
+    assert i.size == 2 * 3999 - 2
+    assert {*i.tolist(), *j.tolist()} == {*range(4000)}
+
+
 @given(clouds)
 def test_nearest_distances_are_those_of_the_obvious_search(position):
     np.testing.assert_allclose(nearest_point(position)[0], naive.nearest_distance(position))

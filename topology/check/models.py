@@ -65,14 +65,15 @@ def resolve_models(
         key = ("models", index)
         given = given_parameters(entry, key, source)
         at, base = (*key, "base"), entry.base
-        if source.refer(base, "a model further up or built in", models, at):
-            model = msgspec.structs.replace(models[base], **given)
-            for fault in parameter_faults(to_arrays([model])):
-                if fault.broken[0]:
-                    wrong.add(entry.name)
-                    if base not in wrong:  # those of the base are reported there
-                        fault.report(0, key, source)
-            models.setdefault(entry.name, model)
+        if not source.refer(base, "a model further up or built in", models, at):
+            wrong.add(base)
+        model = msgspec.structs.replace(models.get(base, UnitModel()), **given)
+        broken = [fault for fault in parameter_faults(to_arrays([model])) if fault.broken[0]]
+        for fault in broken if base not in wrong else ():  # those of the base are reported there
+            fault.report(0, key, source)
+        if broken or base in wrong:
+            wrong.add(entry.name)
+        models.setdefault(entry.name, model)
         for channel, scale in entry.scales.items():
             at = (*key, "scales", channel)
             if source.refer(channel, "a channel", CHANNELS, at):

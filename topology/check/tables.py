@@ -24,6 +24,9 @@ __all__ = ["Tables", "resolve_tables"]
 MOST_UNITS = 100_000
 """Upper bound of units: at 250 Hz a bus carries 90, so a larger number is a mistake."""
 
+FARTHEST_LINK_M = 1e6
+"""Of any link from the base: with more, distances between units overflow."""
+
 SHORTEST_AXIS = 1e-6
 
 
@@ -68,7 +71,7 @@ def resolve_tables(file: File, source: Source) -> Tables:
     """
     _check_buses(file, source)
     robot = resolve_robot(file, source)
-    links = {} if robot is None else _link_poses(robot)
+    links = {} if robot is None else _link_poses(robot, source)
     frames, link_of_frame = resolve_frames(file, links, source)
     models, scales = resolve_models(file, source)
     layouts = resolve_layouts(file, source)
@@ -88,9 +91,14 @@ def resolve_tables(file: File, source: Source) -> Tables:
     return Tables(source, file, robot, poses, carriers, models, scales, layouts)
 
 
-def _link_poses(robot: RobotModel) -> dict[str, Transform]:
-    """T_skin_link of every link at home, by name."""
-    poses = robot.forward(robot.home)
+def _link_poses(robot: RobotModel, source: Source) -> dict[str, Transform]:
+    """T_skin_link of every link at home, by name; none where the model's numbers are absurd."""
+    with np.errstate(all="ignore"):
+        poses = robot.forward(robot.home)
+    if not np.abs(poses).max() < FARTHEST_LINK_M:
+        got = f"one that reaches {FARTHEST_LINK_M:g} m and more at home"
+        source.fault(("robot", "model"), "a model in metres", got)
+        return {}
     return {
         name: (poses[link, :3, :3], poses[link, :3, 3])
         for link, name in enumerate(robot.link_names)

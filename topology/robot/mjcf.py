@@ -137,8 +137,9 @@ class _Reader:
                 int(m.eq_obj2id[e]),
                 m.eq_data[e, :5],
             )
-            if joint not in self.moving or joint in found or other in found:
-                continue
+            drivers = {driver for driver, _, _ in found.values()}
+            if joint not in self.moving or joint in found or joint in drivers or other in found:
+                continue  # a chain has no single driver
             rest = m.qpos0[m.jnt_qposadr[joint]]
             if other < 0:
                 found[joint] = (-1, 0.0, float(rest + a))

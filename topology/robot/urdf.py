@@ -42,7 +42,7 @@ class _Joint(Link):
     """Name of the link that it hangs on."""
     element: Element = field(kw_only=True)
     limits: tuple[float, float] = (math.nan, math.nan)
-    follows: str = ""
+    follows: str | None = None
     """The joint whose coordinate it has, times `multiplier`, plus `offset`."""
 
 
@@ -90,8 +90,8 @@ class _Reader:
         links = [] if self.wrong else self._tree(joints)
         if self.wrong:
             return None
-        free = [joint for joint in joints if joint.kind != "fixed" and not joint.follows]
-        self._drive(joints, [joint.joint for joint in free])
+        free = [joint for joint in joints if joint.kind != "fixed" and joint.follows is None]
+        self._drive(joints, {joint.joint: index for index, joint in enumerate(free)})
         geoms = self._geoms(links)
         for link in links:
             link.mass, link.line = self._mass(link.name), self.links[link.name].line
@@ -176,7 +176,7 @@ class _Reader:
                 self._fault(expected, limit.get("upper"), limit, at)
             joint.limits = (low, high)
         if kind != "fixed" and mimic is not None:
-            joint.follows = mimic.get("joint") or "none"
+            joint.follows = mimic.get("joint") or ""
             joint.multiplier = self._numbers(mimic, "multiplier", 1, "1", f"{where} mimic")
             joint.offset = self._numbers(mimic, "offset", 1, "0", f"{where} mimic")
         return joint
@@ -196,34 +196,36 @@ class _Reader:
         if self.wrong:
             return []
         links: list[Link] = [Link(roots[0])]
+        below: dict[str, list[_Joint]] = {}
+        for joint in joints:
+            below.setdefault(joint.above, []).append(joint)
         for index, link in enumerate(links):
-            for joint in joints:
-                if joint.above == link.name:
-                    joint.parent = index
-                    links.append(joint)
+            for joint in below.get(link.name, ()):
+                joint.parent = index
+                links.append(joint)
         left = self.links.keys() - {link.name for link in links}
         if left:
             got = ", ".join(name for name in self.links if name in left)
             self._fault("links in a tree, not in a ring", got, self.root, "robot")
         return links
 
-    def _drive(self, joints: list[_Joint], free: list[str]) -> None:
+    def _drive(self, joints: list[_Joint], free: dict[str, int]) -> None:
         """Give each joint that moves its driver, through all joints that it follows in turn."""
         movable = {joint.joint: joint for joint in joints if joint.kind != "fixed"}
         found: dict[str, tuple[int, float, float]] = {}
         for name, joint in movable.items():
             at, multiplier, offset, seen = joint, 1.0, 0.0, {name}
-            while at.follows:
+            while at.follows is not None:
                 if at.follows not in movable or at.follows in seen:
                     expected = "the name of a joint that moves and follows no other in a ring"
                     where, hint = f"joint {at.joint!r} mimic", nearest(at.follows, free)
                     self._fault(expected, at.follows, at.element, where, hint)
-                    return
+                    break
                 offset += multiplier * at.offset
                 multiplier *= at.multiplier
                 at = movable[at.follows]
                 seen.add(at.joint)
-            found[name] = (free.index(at.joint), multiplier, offset)
+            found[name] = (free.get(at.joint, -1), multiplier, offset)
         for name, (driver, multiplier, offset) in found.items():
             joint = movable[name]
             joint.driver, joint.multiplier, joint.offset = driver, multiplier, offset
