@@ -15,18 +15,15 @@ def _tree(position: np.ndarray) -> Any:
     return KDTree(position.T)
 
 
-def pairs_within(
-    position: np.ndarray, reach: np.ndarray | float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of points no farther apart than the larger reach of the two.
+def pairs_within(position: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of points at most `radius` apart.
 
     Parameters
     ----------
     position : ndarray, shape (3, n), float64
         Metre.
-    reach : ndarray, shape (n,), float64, or float
-        Metre. Each point has its own: with the largest one for all, a single point of a wide reach
-        would make pairs of all others.
+    radius : float
+        Metre.
 
     Returns
     -------
@@ -35,11 +32,7 @@ def pairs_within(
     distance : ndarray, shape (m,), float64
         Metre.
     """
-    found = _tree(position).query_ball_point(position.T, reach)
-    one = np.repeat(np.arange(len(found)), [len(others) for others in found])
-    two = np.concatenate([[], *found]).astype(np.int64)
-    pairs = np.stack([np.minimum(one, two), np.maximum(one, two)])
-    i, j = np.unique(pairs[:, one != two], axis=1)
+    i, j = _tree(position).query_pairs(radius, output_type="ndarray").T
     return i, j, np.linalg.norm(position[:, i] - position[:, j], axis=0)
 
 
@@ -66,7 +59,10 @@ def nearest_point(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def neighbour_pairs(
     position: np.ndarray, reach: np.ndarray, rigid: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Neighbours: points of one rigid body, nearer than the larger reach of the two.
+    """Neighbours: points of one rigid body, no farther apart than the larger reach of the two.
+
+    Each point is searched with its own reach: with the largest one for all, a single point of a
+    wide reach would make pairs of all others.
 
     Parameters
     ----------
@@ -82,9 +78,12 @@ def neighbour_pairs(
     i, j : ndarray, shape (m,), int64
         Each pair once, i < j.
     """
-    i, j, _ = pairs_within(position, reach)
-    near = rigid[i] == rigid[j]
-    return i[near], j[near]
+    found = _tree(position).query_ball_point(position.T, reach)
+    one = np.repeat(np.arange(len(found)), [len(others) for others in found])
+    two = np.concatenate([[], *found]).astype(np.int64)
+    pairs = np.stack([np.minimum(one, two), np.maximum(one, two)])
+    i, j = np.unique(pairs[:, (one != two) & (rigid[one] == rigid[two])], axis=1)
+    return i, j
 
 
 def compressed_rows(n: int, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from topology.arrays import EXTENDED, Topology
 from topology.budget import bus_load
-from topology.neighbours import nearest_point, pairs_within
+from topology.neighbours import nearest_point, neighbour_pairs
 
 __all__ = ["FAR_M", "BusSummary", "PatchSummary", "Summary", "summary"]
 
@@ -177,7 +177,8 @@ def _overlapping(position: np.ndarray, normal: np.ndarray, radius: np.ndarray) -
     Two faces that are tilted by 2 a to each other meet where their planes do, which is
     distance / (2 cos a) from either centre.
     """
-    i, j, distance = pairs_within(position, 2 * radius)
+    i, j = neighbour_pairs(position, 2 * radius, np.zeros(radius.size))
+    distance = np.linalg.norm(position[:, i] - position[:, j], axis=0)
     half_tilt = np.sqrt(np.clip((1 + np.sum(normal[:, i] * normal[:, j], axis=0)) / 2, 0, 1))
     room = distance >= (radius[i] + radius[j]) * half_tilt * (1 - 1e-6)
     return int(np.count_nonzero(~room))
