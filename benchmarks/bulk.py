@@ -33,6 +33,7 @@ from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
+from skin.sinks import Ending
 
 SKIN, SCENE = "palm", "slide"
 ROUND = 1280
@@ -324,5 +325,5 @@ def _equal_to_live(folder: Path, scene: np.ndarray) -> bool:
         if not same:
             return False
         count += 1
-    last = pipeline.flush()
+    last = pipeline.end(Ending.FLUSHED)
     return count + (last is not None) == found.num_rows

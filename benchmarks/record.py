@@ -94,12 +94,12 @@ def _batches(folder: Path) -> tuple[Topology, list[list[np.ndarray]]]:
 def _recorded(palm: Topology, file: Path) -> Iterator[tuple[Pipeline, Recorder]]:
     pipeline = Pipeline(palm)
     recorder = Recorder(file, pipeline)
-    pipeline.attach(recorder)
+    pipeline.sinks.attach(recorder)
     try:
         pipeline.warmup()
         yield pipeline, recorder
     finally:
-        pipeline.close()
+        pipeline.sinks.stop()
         file.unlink()
 
 

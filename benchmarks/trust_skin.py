@@ -199,7 +199,8 @@ class Player:
         """A state a cycle, valid until the next; counts of shape (t, c, n)."""
         for each in counts:
             stamp = self._number * self._period_ns
-            yield self.pipeline(
+            self.pipeline.counts[:], self.pipeline.status[:] = each, 0
+            yield self.pipeline.state(
                 RawCycle(self._number, stamp, ClosedBy.COMPLETE, each, **self._flags)
             )
             self._number += 1

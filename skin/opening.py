@@ -171,5 +171,5 @@ def _recording(
         raise OptionError(f"record: {name}: must end in one of {ends_known}")
     from skin.io.record.recorder import Recorder
 
-    pipeline.attach(recorder := Recorder(record, pipeline, ends))
+    pipeline.sinks.attach(recorder := Recorder(record, pipeline, ends))
     return recorder, None

@@ -351,6 +351,7 @@ def test_a_closed_skin_is_no_empty_one():
         SkinError, match=r"iter\(skin\): must be an open skin; got one that is closed"
     ):
         iter(strip)
+    strip.close()
     assert list(started) == [], "a loop that runs ends"
 
 
