@@ -2,6 +2,8 @@
 
 import ast
 import doctest
+import importlib
+import importlib.metadata
 import re
 import subprocess
 import sys
@@ -14,6 +16,7 @@ from tests.house.sources import ROOT, definitions, sources, text_of
 from tests.house.words import PARAPHRASES
 
 DOCUMENTS = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+CONSTRAINTS = ROOT / "constraints.txt"
 ARCHITECTURE = ROOT / "docs" / "explanation" / "architecture.md"
 LINK = re.compile(r"\[([^\]]+)\]\(([^)#\s]+)\)")
 FUNCTION = re.compile(r"`([\w.]+)`$")
@@ -76,6 +79,21 @@ def test_every_command_of_make_that_is_named_is_there():
         name for file in DOCUMENTS for name in re.findall(r"`make ([\w-]+)`", file.read_text())
     }
     assert sorted(name for name in named if f"\n{name}:" not in makefile) == []
+
+
+def test_the_reference_is_what_the_program_knows(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    reference = importlib.import_module("reference")
+    locked = dict(line.split("==") for line in CONSTRAINTS.read_text().split() if "==" in line)
+    if importlib.metadata.version("tyro") != locked["tyro"]:
+        pytest.skip("help texts of another version of tyro")
+    stale = [
+        page.name
+        for page in reference.pages()
+        if reference.written(text := page.read_text("utf-8")) != text
+    ]
+    assert stale == [], "make reference"
+    assert len(reference.pages()) == 4
 
 
 PYTHON = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
