@@ -13,7 +13,7 @@ it, and is in sigma; where terms predict no better than none, there is none.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -125,6 +125,94 @@ def fit_creep(
         rise, a force that never changes; or one that is not that of this displacement.
     """
     check_choice("law", law, ("normal", "shear"))
+    data = _checked(time_s, elastic_n, force_n, sigma_n, run)
+    resolved = MIDDLES_S >= SAMPLES_A_TERM * data.between_s()
+    prior = {"gain": (1.0, GAIN_SIGMA)} | dict.fromkeys(NAMES[:CREEP_TERMS], (WEIGHT, WEIGHT))
+    prior |= {
+        name: (mean, 0.5 * DECADE) for name, mean in zip(NAMES[CREEP_TERMS:], LOGS, strict=True)
+    }
+
+    def residual(at: dict[str, Any]) -> np.ndarray:
+        return data.missed(at if len(at) == 1 else _tied(at, resolved)) / data.sigma
+
+    def fitted(has_terms: bool, chosen: np.ndarray) -> Fit:
+        known = prior if has_terms else {"gain": prior["gain"]}
+        return fit_law(lambda at: [residual(at)[chosen]], known)
+
+    folds = np.cumsum(data.begins) - 1
+    if folds[-1] < FOLDS - 1:
+        folds = folds_of(folds.size)
+
+    def error(has_terms: bool, training: np.ndarray) -> np.ndarray:
+        fit = fitted(has_terms, training)
+        at = dict(zip(fit.names, fit.values.tolist(), strict=True))
+        return np.minimum(residual(at)[~training] ** 2, 9.0)
+
+    has_terms, scores = cross_validated((False, True), folds, error)
+    every = np.ones(folds.size, bool)
+    whole = fitted(True, every)
+    values = _tied(dict(zip(whole.names, whole.values.tolist(), strict=True)), resolved)
+    taken = whole = replace(whole, values=np.array(list(values.values())))
+    # from a step on, what is unknown of its relaxation, and how large that is
+    unknown2, relaxes = whole.unknown(_relaxing) ** 2, _relaxing(values) - values["gain"]
+    if not has_terms or rms(relaxes) ** 2 < unknown2:
+        taken = fitted(False, every)
+        unknown2 += rms(_relaxing(values) - taken["gain"]) ** 2
+    left_n = data.sigma * residual(dict(zip(taken.names, taken.values.tolist(), strict=True)))
+    unknown2 += data.share2(left_n)
+    determined = whole.of(NAMES[:CREEP_TERMS]).left <= KEPT
+    return CreepFit(
+        _parameters(taken, law, float(np.sqrt(unknown2)), folds.size), taken["gain"],
+        float(taken.sigma[taken.names.index("gain")]), tuple(determined.tolist()),
+        tuple((data.sigma * np.sqrt(scores.mean(axis=1))).tolist()), rms(left_n),
+    )  # fmt: skip
+
+
+class _Data(NamedTuple):
+    """A recording of t samples; `begins` where a face has rested before."""
+
+    time_s: np.ndarray
+    elastic: np.ndarray
+    force: np.ndarray
+    begins: np.ndarray
+    sigma: float
+
+    def missed(self, at: dict[str, Any]) -> np.ndarray:
+        """Residual of the force, N, of a gain and terms, or of a gain alone."""
+        borne = self.elastic
+        if len(at) > 1:
+            weights, log_s = np.array([at[name] for name in NAMES]).reshape(2, -1)
+            starts = np.flatnonzero(self.begins)
+            borne = borne + weights @ _memory(self.time_s, borne, np.exp(log_s), starts)
+        return self.force - at["gain"] * borne
+
+    def _interval_s(self) -> np.ndarray:
+        return np.where(self.begins, np.nan, np.diff(self.time_s, prepend=np.nan))
+
+    def _moves(self) -> np.ndarray:
+        return np.abs(np.diff(self.elastic, prepend=0.0)) > MOVED * self.sigma
+
+    def between_s(self) -> float:
+        """From sample to sample of a face that moves; what is held may be sampled seldom."""
+        stepped, interval_s = self._moves() & ~self.begins, self._interval_s()
+        return float(np.nanmedian(interval_s[stepped] if stepped.any() else interval_s))
+
+    def share2(self, left_n: np.ndarray) -> float:
+        """Mean square of what goes on from sample to sample of a residual, over that of the force.
+        Each decade of a load's age counts alike, however many samples it has."""
+        moves, time_s = self._moves(), self.time_s
+        last = np.maximum.accumulate(np.where(moves | self.begins, np.arange(time_s.size), 0))
+        share = np.nan_to_num(self._interval_s() / np.maximum(time_s - time_s[last], 1e-12))
+        weights = share[1:] * ~moves[1:]
+        common = np.average(left_n[1:] * left_n[:-1], weights=weights)
+        return max(float(common / np.mean(self.elastic**2)), 0.0)
+
+
+def _checked(
+    time_s: np.ndarray, elastic_n: np.ndarray, force_n: np.ndarray, sigma_n: float,
+    run: np.ndarray | None,
+) -> _Data:  # fmt: skip
+    """As of `fit_creep`, which says what is refused."""
     check_samples(SAMPLES_LEAST, time_s=time_s, elastic_n=elastic_n, force_n=force_n)
     time, elastic, force = (np.asarray(a, float) for a in (time_s, elastic_n, force_n))
     runs = np.zeros(time.size, int) if run is None else np.asarray(run)
@@ -139,68 +227,14 @@ def fit_creep(
     if not 1.0 / GAIN_MOST < gain < GAIN_MOST:
         raise ScanError(f"force_n: must be 0.5 to 2 times elastic_n; got {gain:.3g} times (another "
                         "unit, axis, sign or scale)")  # fmt: skip
-    starts = np.flatnonzero(begins)
-    sigma = max(sigma_n, noise_of(force), noise_of(elastic))
-    # what is held may be sampled seldom
-    interval_s = np.diff(time, prepend=np.nan)
-    interval_s[begins] = np.nan
-    moves = np.abs(np.diff(elastic, prepend=0.0)) > MOVED * sigma
-    stepped = moves & ~begins
-    between_s = float(np.nanmedian(interval_s[stepped] if stepped.any() else interval_s))
-    resolved = MIDDLES_S >= SAMPLES_A_TERM * between_s
-    prior = {"gain": (1.0, GAIN_SIGMA)} | dict.fromkeys(NAMES[:CREEP_TERMS], (WEIGHT, WEIGHT))
-    prior |= {
-        name: (mean, 0.5 * DECADE) for name, mean in zip(NAMES[CREEP_TERMS:], LOGS, strict=True)
-    }
+    return _Data(time, elastic, force, begins, max(sigma_n, noise_of(force), noise_of(elastic)))
 
-    def tied(at: dict[str, Any]) -> dict[str, Any]:
-        """Materials relax alike from decade to decade: terms that the samples do not resolve weigh
-        as much as the others on average."""
-        mean = sum(at[NAMES[k]] for k in np.flatnonzero(resolved)) / max(resolved.sum(), 1)
-        return at | {NAMES[k]: mean for k in np.flatnonzero(~resolved)}
 
-    def residual(at: dict[str, Any]) -> np.ndarray:
-        if len(at) == 1:
-            return (force - at["gain"] * elastic) / sigma
-        weights, log_s = np.array([tied(at)[name] for name in NAMES]).reshape(2, -1)
-        relaxes = weights @ _memory(time, elastic, np.exp(log_s), starts)
-        return (force - at["gain"] * (elastic + relaxes)) / sigma
-
-    def fitted(has_terms: bool, chosen: np.ndarray) -> Fit:
-        known = prior if has_terms else {"gain": prior["gain"]}
-        return fit_law(lambda at: [residual(at)[chosen]], known)
-
-    folds = np.cumsum(begins) - 1
-    if folds[-1] < FOLDS - 1:
-        folds = folds_of(time.size)
-
-    def error(has_terms: bool, training: np.ndarray) -> np.ndarray:
-        fit = fitted(has_terms, training)
-        at = dict(zip(fit.names, fit.values.tolist(), strict=True))
-        return np.minimum(residual(at)[~training] ** 2, 9.0)
-
-    has_terms, scores = cross_validated((False, True), folds, error)
-    every = np.ones(time.size, bool)
-    whole = fitted(True, every)
-    values = tied(dict(zip(whole.names, whole.values.tolist(), strict=True)))
-    taken = whole = replace(whole, values=np.array(list(values.values())))
-    # from a step on, what is unknown of its relaxation, and how large that is
-    unknown2, relaxes = whole.unknown(_relaxing) ** 2, _relaxing(values) - values["gain"]
-    if not has_terms or rms(relaxes) ** 2 < unknown2:
-        taken = fitted(False, every)
-        unknown2 += rms(_relaxing(values) - taken["gain"]) ** 2
-    left_n = sigma * residual(dict(zip(taken.names, taken.values.tolist(), strict=True)))
-    # each decade of a load's age counts alike, however many samples it has
-    last = np.maximum.accumulate(np.where(moves | begins, np.arange(time.size), 0))
-    share = np.nan_to_num(interval_s / np.maximum(time - time[last], 1e-12))[1:] * ~moves[1:]
-    common = np.average(left_n[1:] * left_n[:-1], weights=share) / np.mean(elastic**2)
-    unknown2 += max(float(common), 0.0)
-    determined = whole.of(NAMES[:CREEP_TERMS]).left <= KEPT
-    return CreepFit(
-        _parameters(taken, law, float(np.sqrt(unknown2)), time.size), taken["gain"],
-        float(taken.sigma[taken.names.index("gain")]), tuple(determined.tolist()),
-        tuple((sigma * np.sqrt(scores.mean(axis=1))).tolist()), rms(left_n),
-    )  # fmt: skip
+def _tied(at: dict[str, Any], resolved: np.ndarray) -> dict[str, Any]:
+    """Materials relax alike from decade to decade: terms that the samples do not resolve weigh as
+    much as the others on average."""
+    mean = sum(at[NAMES[k]] for k in np.flatnonzero(resolved)) / max(resolved.sum(), 1)
+    return at | {NAMES[k]: mean for k in np.flatnonzero(~resolved)}
 
 
 def unrelaxed(fit: CreepFit, time_s: np.ndarray, elastic_n: np.ndarray) -> np.ndarray:

@@ -107,7 +107,8 @@ def fit_film(
     powers = angle_powers(np.arctan2(np.sum(along * field[:2], axis=0), field[2]), depth_mm)
     found, scan = np.zeros(len(FREE)), (field, depth_mm, along)
     found[TABLE:] = np.linalg.lstsq(powers, displacement_mm, rcond=None)[0]
-    spread_mm = 0.0
+    spread_mm, noise = 0.0, np.ones_like(wanted)
+    weight, residual = noise, wanted
     for _ in range(ROUNDS):
         noise = sigma_ut * _noise_mm(found, *scan)
         weight = 1.0 / np.hypot(noise, spread_mm)
@@ -209,11 +210,17 @@ def map_field(field_ut: np.ndarray, film: Fit) -> np.ndarray:
 
 
 def _variance(
-    residual2: np.ndarray, noise: np.ndarray, depth: np.ndarray, reach: np.ndarray, sigma2: float
+    residual2: np.ndarray,
+    noise: np.ndarray,
+    depth: np.ndarray,
+    displacement: np.ndarray,
+    sigma2: float,
 ) -> np.ndarray:
     """Variance across the displacement without its noise, ``sum c[2 i + j] R^(3 i) H^(2 j)``, mm²,
     shape (6,), of squared residuals along and across, shape (2, t)."""
-    terms = np.stack([reach ** (3 * i) * depth ** (2 * j) for i in range(3) for j in range(2)])
+    terms = np.stack(
+        [displacement ** (3 * i) * depth ** (2 * j) for i in range(3) for j in range(2)]
+    )
     # the film's errors are such of its field: along, they count as much less as its noise does
     ratio2 = np.stack([(noise[0] / noise[1]) ** 2, np.ones_like(noise[1])])
     weight = 1.0 / (noise**2 + sigma2)
@@ -290,9 +297,11 @@ def fit_crest(
     return fitted(displacement_mm <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"])
 
 
-def _off_crest(p: dict[str, Any], lateral: np.ndarray, above: np.ndarray, reach: np.ndarray) -> Any:
+def _off_crest(
+    p: dict[str, Any], lateral: np.ndarray, above: np.ndarray, displacement: np.ndarray
+) -> Any:
     grown = (p["field_growth_per_mm"] + p["field_growth_per_mm2"] * above) * above
-    sine = np.sin(p["field_wavenumber_rad_per_mm"] * reach)
+    sine = np.sin(p["field_wavenumber_rad_per_mm"] * displacement)
     return lateral - p["field_amplitude_ut"] * np.exp(np.clip(grown, -50.0, 50.0)) * sine
 
 

@@ -274,7 +274,7 @@ def law_spread(error: np.ndarray, force: np.ndarray) -> Spread:
         common: the mean of the products of neighbours is the variance of the first without noise.
     """
     product, force2 = error[1:] * error[:-1], (0.5 * (force[1:] + force[:-1])) ** 2
-    # small forces tell the absolute part, large ones the share
+    # small forces determine the absolute part, large ones the share
     weight = 1.0 / (force2 + force2.mean() + 1e-12)
     found: Any = optimize.nnls(
         np.stack([force2, np.ones_like(force2)], axis=1) * weight[:, np.newaxis], product * weight

@@ -321,8 +321,10 @@ def fit_drift(
             posed = np.array([at[f"pose {k} {letter}"] for k in range(numbers.size)])
             law = still(at, letter, chip) + gain * (posed[pose] if numbers.size else 0.0)
             out.append((field[axis] - law) * np.sqrt(blocks.size) / noise_ut)
-        for axis, letter in enumerate(AXES if bare is not None else ""):
-            above = _above(p, bare)
+        if bare is None:
+            return out
+        above = _above(p, bare)
+        for axis, letter in enumerate(AXES):
             law = still(at, letter, above)
             law = law + (1.0 + at["hall_gain_per_k"] * above) * at[f"ambient {letter}"]
             out.append((bare.values[BX + axis] - law) * np.sqrt(bare.size) / noise_ut)

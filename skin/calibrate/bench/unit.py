@@ -223,9 +223,9 @@ def _fit_laws(
             "recording: must determine a law at least; got none:\n"
             + "\n".join(f"  {law}: {why}" for law, why in work.kept.items())
         )
-    clocks = series.alignment
-    work.goodness |= {"lag_s": clocks.lag_s, "lag_sigma_s": clocks.lag_sigma_s,
-                      "drift_ppm": clocks.drift_ppm}  # fmt: skip
+    aligned = series.alignment
+    work.goodness |= {"lag_s": aligned.lag_s, "lag_sigma_s": aligned.lag_sigma_s,
+                      "drift_ppm": aligned.drift_ppm}  # fmt: skip
     pressed = placed.of("normal")
     work.plots["coverage"] = tuple(placed.displacement)
     fall = float(work.p["frequency_rest_hz"]) - pressed.values[FREQUENCY]
@@ -305,11 +305,11 @@ def _film(work: UnitResult, blocks: Blocks, film_c: np.ndarray, one: Topology) -
     seen, field_ut = blocks.where(good), field_ut[good]
     depth, place = seen.displacement[2], seen.displacement[:2]
     centre = np.array([[film.fit["film_x_mm"]], [film.fit["film_y_mm"]]])
-    way, reach = place + centre, np.hypot(*(place + centre))
-    lateral = np.sum(map_field(field_ut, film.fit) * way, axis=0) / np.maximum(reach, 1e-9)
+    way, far_mm = place + centre, np.hypot(*(place + centre))
+    lateral = np.sum(map_field(field_ut, film.fit) * way, axis=0) / np.maximum(far_mm, 1e-9)
     block_ut = float(work.p["field_noise_ut"]) / float(np.sqrt(np.mean(blocks.size)))
     reference_mm = float(work.p["field_reference_mm"])
-    crest = fit_crest(lateral, depth, reach, reference_mm, block_ut)
+    crest = fit_crest(lateral, depth, far_mm, reference_mm, block_ut)
     rest_ut = work.p["field_vertical_ratio"] * crest["field_amplitude_ut"] * np.exp(
         -crest["field_growth_per_mm"] * reference_mm)  # fmt: skip
     known = {name: np.asarray(work.p[name], float)[..., np.newaxis] for name in one.parameters}
@@ -341,12 +341,12 @@ def _end_of_table(one: Topology, film: Fit, longest_mm: float) -> float:
     while most < before:
         p = one.parameters | {"field_angle_mm": table[:, np.newaxis],
                               "field_angle_max_mm": np.array([most])}  # fmt: skip
-        angle, reach = (float(end[0]) for end in field_angle_ends(replace(one, parameters=p)))
+        angle, end_mm = (float(end[0]) for end in field_angle_ends(replace(one, parameters=p)))
         before = most
-        if reach < most:
+        if end_mm < most:
             angles = np.full(DEPTHS, max(angle - BEFORE_FOLD_RAD, 0.0))
             # the decoder looks deeper than the reference
-            most = min(float((angle_powers(angles, depth) @ table).min()), reach)
+            most = min(float((angle_powers(angles, depth) @ table).min()), end_mm)
     if most < SHORTEST * longest_mm:
         raise ScanError(
             "field_ut: must have an angle that grows with displacement over the scan; got one that "
@@ -366,15 +366,15 @@ def _shear(work: UnitResult, blocks: Blocks, mount_radius_mm: float | None) -> N
     sideways = blocks.force[:2] - np.stack([fit["turn_y"] * normal_n, -fit["turn_x"] * normal_n])
     seen = np.isfinite(sideways).all(axis=0)
     place, law = blocks.displacement[:, seen], laws.sheared(p, blocks.displacement[:, seen])
-    reach = np.hypot(*place[:2])
-    push = np.sum(sideways[:, seen] * place[:2], axis=0) / np.maximum(reach, 1e-9)
+    radius = np.hypot(*place[:2])
+    push = np.sum(sideways[:, seen] * place[:2], axis=0) / np.maximum(radius, 1e-9)
     work.goodness["shear_rms_n"] = rms(push - law)
     spread = law_spread(push - law, law)
     unknown = work.fits[-1].unknown(lambda at: laws.sheared(p | at, place)) / max(rms(law), 1e-9)
     bent = 0.0 if mount_radius_mm is None else CURVED_MM / mount_radius_mm
     work.say(shear_sigma_relative=float(np.sqrt(spread.relative**2 + unknown**2 + bent**2)),
              shear_sigma_n=spread.absolute)  # fmt: skip
-    work.draw("shear", reach, push, law)
+    work.draw("shear", radius, push, law)
 
 
 # -- relaxation -----------------------------------------------------------------------------------

@@ -96,9 +96,10 @@ def test_the_file_tells_serial_hash_range_goodness_and_covariance(bench, fitted)
         p = len(law["parameters"])
         assert len(law["sigma"]) == p
         assert len(law["correlation"]) == p * (p - 1) // 2
-    # the gel's law is bent by nothing, the best shear law would soften, and nothing relaxes
+    # the gel's law is bent by nothing, the best laws of two lines would soften, nothing relaxes
     assert set(told["kept"]) == {
-        "gel_bend_c", "gel_twist_c", "shear_cubic_n_per_mm3", "normal_creep", "shear_creep",
+        "gel_bend_c", "gel_twist_c", "normal_cubic_n_per_hz3", "shear_cubic_n_per_mm3",
+        "normal_creep", "shear_creep",
     }  # fmt: skip
 
 
