@@ -23,7 +23,7 @@ export CHECK_PYTHON
 help:
 	@echo "make demo       a simulated skin, no hardware needed; into .venv, the core and plots alone (PYTHON=python3)"
 	@echo "make install    a virtual environment in .venv, with everything the tests need"
-	@echo "make docs       the site into build/docs, with the output of all examples; a warning is an error"
+	@echo "make docs       the site into build/docs, with the output of all examples, kept until code changes; a warning is an error"
 	@echo "make reference  the tables of docs/reference, which the program knows"
 	@echo "make links      the links of the site to other sites: are they there? (needs the net)"
 	@echo "make check      ruff, types, doctests, imports, rules for code; the figures of the house"
@@ -60,7 +60,7 @@ demo: .venv/demo
 	$(BIN)/skin demo
 
 docs: install
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -d build/doctrees docs build/docs
 	@echo "build/docs/index.html"
 
 reference: install

@@ -4,16 +4,21 @@ build."""
 from __future__ import annotations
 
 import ast
+import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
+KEPT = ROOT / "build" / "gallery"
+OUTPUT = "output.txt"
 LIMIT_S = 600.0
 FIRST = ("slip_margin_loop", "own_hand", "record_replay_plot")
 """Of the examples; the others follow by name."""
@@ -63,12 +68,30 @@ def _section(script: Path, app: Any) -> str:
 
 
 def _output(script: Path, app: Any) -> list[str]:
-    """What a script prints, and the pictures that it leaves in its folder."""
-    with tempfile.TemporaryDirectory() as folder:
+    """What a script prints, and the pictures that it leaves in its folder. Both are kept under
+    build/gallery, and made again where a file of the packages or the examples has changed."""
+    kept = KEPT / f"{script.stem}-{_digest()}"
+    if not (kept / OUTPUT).exists():
+        for old in KEPT.glob(f"{script.stem}-*"):
+            shutil.rmtree(old)
+        if (missing := _run(script, kept)) is not None:
+            return [f"Not run in this build: {missing}."]
+    parts = [f"Output:\n\n```text\n{(kept / OUTPUT).read_text('utf-8').strip()}\n```"]
+    for picture in sorted(kept.glob("*.png")):
+        place = os.path.relpath(picture, app.srcdir)
+        parts.append(f"![{picture.stem} of {script.name}]({place})")
+    return parts
+
+
+def _run(script: Path, kept: Path) -> str | None:
+    """Run a script and keep what it made; the library that is missing, if one is."""
+    KEPT.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=KEPT) as name:
+        folder = Path(name)
         path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         file = script
         if script.suffix != ".py":
-            file = Path(folder, f"{script.stem}.py")
+            file = folder / f"{script.stem}.py"
             file.write_text(program(script), "utf-8")
         done = subprocess.run(
             [sys.executable, str(file)], cwd=folder, capture_output=True, text=True, check=False,
@@ -77,13 +100,21 @@ def _output(script: Path, app: Any) -> list[str]:
         if done.returncode:
             last = done.stderr.strip().splitlines()[-1:] or ["no output"]
             if "ModuleNotFoundError" in last[0]:
-                return [f"Not run in this build: {last[0].partition(': ')[2]}."]
+                return last[0].partition(": ")[2]
             raise RuntimeError(f"{script.name}: ended with {done.returncode}: {last[0]}")
-        shown = Path(app.srcdir, "_gallery")
-        shown.mkdir(exist_ok=True)
-        parts = [f"Output:\n\n```text\n{done.stdout.strip()}\n```"]
-        for picture in sorted(Path(folder).glob("*.png")):
-            place = shown / f"{script.stem}-{picture.name}"
-            place.write_bytes(picture.read_bytes())
-            parts.append(f"![{picture.stem} of {script.name}](_gallery/{place.name})")
-        return parts
+        kept.mkdir()
+        for picture in folder.glob("*.png"):
+            shutil.copy(picture, kept)
+        (kept / OUTPUT).write_text(done.stdout, "utf-8")  # last: a folder with it is complete
+    return None
+
+
+@cache
+def _digest() -> str:
+    """Of all files that an example may read."""
+    digest = hashlib.sha256()
+    for folder in ("topology", "bus", "skin", "examples"):
+        for file in sorted((ROOT / folder).rglob("*")):
+            if file.is_file() and "__pycache__" not in file.parts:
+                digest.update(str(file.relative_to(ROOT)).encode() + file.read_bytes())
+    return digest.hexdigest()[:16]

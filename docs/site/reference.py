@@ -124,7 +124,9 @@ def _row(key: str, one: dict[str, Any], is_needed: bool, tables: dict[str, Any])
     absent = not one.get("default", "") and one.get("default") not in (False, 0)
     absent |= isinstance(one.get("default"), dict)
     default = "absent" if absent else _code(_toml(one["default"]))
-    name = (one.get("items") or one).get("$ref", "").rsplit("/", 1)[-1]
+    choices = [choice for choice in one.get("anyOf", ()) if choice != {"type": "null"}]
+    inner = choices[0] if len(choices) == 1 else one.get("items") or one
+    name = inner.get("$ref", "").rsplit("/", 1)[-1]
     of_table = tables.get(name, {}).get("description", "").partition("\n")[0]
     return [_code(key), _type(one), _unit(key), "required" if is_needed else default,
             one.get("description", "") or of_table]  # fmt: skip
