@@ -21,7 +21,7 @@ import numpy as np
 from skin.calibrate.fit import Fit, as_fit
 from skin.errors import CalibrationError, OptionError, SkinError
 from topology import Topology, UnitModel
-from topology.calibration_schema import CalibrationFile
+from topology.calibration import CalibrationFile
 from topology.files import Kind, check_over, whole_file
 from topology.load import is_builtin
 from topology.model import TABLES
@@ -57,7 +57,7 @@ class OfUnits(NamedTuple):
     simulated: Collection[str] = ()
     """Those of them that were simulated."""
     measured: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Unit to its table of `topology.calibration_schema.Measured`."""
+    """Unit to its table of `topology.calibration.Measured`."""
 
 
 # -- which file ----------------------------------------------------------------------------------

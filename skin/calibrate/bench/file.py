@@ -14,10 +14,9 @@ from msgspec import Meta
 
 from skin.physics.force_law import inverse, normal_law_mm
 from topology import Topology
-from topology.errors import nearest
+from topology.errors import Report, nearest
 from topology.files import check_path, missing
 from topology.read import open_source, read
-from topology.report import Report
 from topology.source import Source
 
 __all__ = [
@@ -118,62 +117,56 @@ def read_bench(file: str | os.PathLike[str]) -> tuple[BenchFile, Source]:
     check_path("bench", file, TypeError)
     report, shown = Report(), os.fspath(file)
     if missing(file):
-        report.about_file("no-file", shown, path=shown)
+        report.about_file(shown, "an existing file", f"none at {shown}")
     source = None if missing(file) else open_source(Path(file), shown, report)
     report.raise_if_any()
     assert source is not None
-    bench = read(BenchFile, source, report)
+    bench = read(BenchFile, source)
     report.raise_if_any()
-    _check_columns(bench.columns, ("columns",), source, report)
-    _check_segments(bench.segments, ("segments",), source, report)
+    assert bench is not None
+    _check_columns(bench.columns, ("columns",), source)
+    _check_segments(bench.segments, ("segments",), source)
     recordings = []
     for index, each in enumerate(bench.recordings):
         key = ("recordings", index)
         if not each.units:
-            report.add("value", source, (*key, "units"), expected="a table with one unit at least",
-                       got="none")  # fmt: skip
+            source.fault((*key, "units"), "a table with one unit at least", "none")
         for name in ("counts", "reference") if each.reference else ("counts",):
             path = source.path.parent / getattr(each, name)
             if missing(path):
-                report.add("no-file", source, (*key, name), path=str(path))
-        _check_columns(each.columns or {}, (*key, "columns"), source, report)
-        _check_segments(each.segments, (*key, "segments"), source, report)
+                source.fault((*key, name), "an existing file", f"none at {path}")
+        _check_columns(each.columns or {}, (*key, "columns"), source)
+        _check_segments(each.segments, (*key, "segments"), source)
         columns = bench.columns if each.columns is None else each.columns
         segments = each.segments or bench.segments
         place = key if each.columns is not None or not bench.columns else ()
         if not each.reference and any(s.kind not in ALONE for s in segments):
-            report.add("missing-key", source, key, part="reference", name="reference",
-                       expected="the table of the reference sensors")  # fmt: skip
+            source.lacks(key, "reference", "the table of the reference sensors")
         if each.reference and "time" not in columns:
-            report.add("missing-key", source, (*place, "columns"), part="time", name="time",
-                       expected="a table with the column of the time")  # fmt: skip
+            source.lacks((*place, "columns"), "time", "a table with the column of the time")
         if not segments:
-            report.add("missing-key", source, key, part="segments", name="segments",
-                       expected="tables with kind, start_s and end_s")  # fmt: skip
+            source.lacks(key, "segments", "tables with kind, start_s and end_s")
         recordings.append(msgspec.structs.replace(each, columns=columns, segments=segments))
     report.raise_if_any()
     return msgspec.structs.replace(bench, recordings=tuple(recordings)), source
 
 
-def _check_columns(
-    columns: dict[str, Column], key: tuple[str | int, ...], source: Source, report: Report
-) -> None:
+def _check_columns(columns: dict[str, Column], key: tuple[str | int, ...], source: Source) -> None:
     for name, column in columns.items():
         if name not in QUANTITIES:
-            hint = nearest(name, QUANTITIES)
-            report.add("unknown-key", source, (*key, name), hint, name=repr(name))
+            source.fault((*key, name), "a known key", repr(name), nearest(name, QUANTITIES))
         elif column.unit and column.unit not in QUANTITIES[name]:
-            report.add("value", source, (*key, name, "unit"), got=repr(column.unit),
-                       expected=" or ".join(map(repr, QUANTITIES[name])))  # fmt: skip
+            expected = " or ".join(map(repr, QUANTITIES[name]))
+            source.fault((*key, name, "unit"), expected, repr(column.unit))
 
 
 def _check_segments(
-    segments: tuple[Segment, ...], key: tuple[str | int, ...], source: Source, report: Report
+    segments: tuple[Segment, ...], key: tuple[str | int, ...], source: Source
 ) -> None:
     for index, each in enumerate(segments):
         if each.end_s <= each.start_s:
-            report.add("value", source, (*key, index, "end_s"), got=f"{each.end_s:g}",
-                       expected=f"above start_s, {each.start_s:g}")  # fmt: skip
+            expected = f"above start_s, {each.start_s:g}"
+            source.fault((*key, index, "end_s"), expected, f"{each.end_s:g}")
 
 
 # -- the protocol ---------------------------------------------------------------------------------

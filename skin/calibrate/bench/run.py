@@ -132,7 +132,7 @@ class Outcome:
         return next(iter(beside.values())).parent / f"{self.topology.name}_stencil.npz"
 
     def _measured(self, result: UnitResult) -> dict[str, Any]:
-        """The table of `topology.calibration_schema.Measured` of a unit."""
+        """The table of `topology.calibration.Measured` of a unit."""
         told = self.scores.get(result.unit)
         goodness = {name: value for name, value in result.goodness.items() if np.isfinite(value)}
         if told is not None and np.isfinite(told.force_rmse_n):

@@ -230,7 +230,7 @@ def test_a_log_of_the_bus_gives_the_counts_of_a_table(bench, tmp_path):
         for k, cycle in enumerate(counts.counts):
             batch.clear()
             stamp_ns = round(1e9 * counts.time_s[k]) + 10**9
-            batch.append(skin.buses[0].sync_id, bytes([k % 256]), stamp_ns=stamp_ns)
+            batch.append(skin.sync_id, bytes([k % 256]), stamp_ns=stamp_ns)
             packer(cycle, batch, sequence=k, stamp_ns=stamp_ns)
             log.write(batch)
     found = read_counts(skin, tmp_path / "run.log")
