@@ -30,10 +30,11 @@ BAG, QUICK_BAG = 16, 4
 
 HEAD = """format = 1
 name = "{name}"
+cycle_rate_hz = 250
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
-cycle_rate_hz = 250
 [[patches]]
 name = "{name}"
 bus = "main"

@@ -123,8 +123,8 @@ class Skin(Attachable):
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._lull = Lull(self._period_ns)
-        self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
-        self._keeps_stamps = all(bus.sync_id is not None for bus in topology.buses) and all(
+        self._sends_sync = sync == "host" and topology.sync_id is not None
+        self._keeps_stamps = topology.sync_id is not None and all(
             end.keeps_stamps for end in transports
         )
         self._sync_frames, self._wire_ns = sync_frames(topology)
@@ -559,7 +559,7 @@ def sync_frames(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """A SYNC for each bus without stamp and counter, shape (b,), FRAME_DTYPE, and its duration on
     the wire, nanoseconds, shape (b,), int64."""
     frames = np.zeros(len(topology.buses), FRAME_DTYPE)
-    frames["id"] = [bus.sync_id or 0 for bus in topology.buses]
+    frames["id"] = topology.sync_id or 0
     frames["length"], frames["bus"] = 1, np.arange(frames.size)
     bits_per_s = np.array([bus.bitrate for bus in topology.buses], float)
     return frames, np.round(SYNC_BITS * 1e9 / bits_per_s).astype(np.int64)

@@ -223,7 +223,9 @@ class LogWatch:
         self._nodes = [beating_nodes(topology, index) for index in range(count)]
         self._beats: dict[tuple[int, int], tuple[float, int]] = {}
         self._back = self._jump_ahead = ""
-        self._pulse = [bus.sync_id for bus in self._buses]
+        self._rate_hz, self._sync_id = topology.cycle_rate_hz, topology.sync_id
+        self._pulse = [topology.sync_id] * count
+        """Identifier of each bus that comes once a cycle; None until one is seen."""
         self._periods_ns: list[list[float]] = [[] for _ in self._buses]
 
     def take(self, frames: np.ndarray) -> None:
@@ -233,7 +235,7 @@ class LogWatch:
             here = np.flatnonzero(plain & (frames["bus"] == index))
             if not here.size:
                 continue
-            syncs = np.count_nonzero(frames["id"][here] == bus.sync_id)
+            syncs = np.count_nonzero(frames["id"][here] == self._sync_id)
             self._syncs[index] += syncs
             self._data[index] += here.size - syncs
             stamps = frames["stamp_ns"][here]
@@ -284,9 +286,9 @@ class LogWatch:
     def faults(self) -> Iterator[str]:
         """Faults, as messages."""
         for bus, data, syncs in zip(self._buses, self._data, self._syncs, strict=True):
-            if bus.sync_id is not None and data and not syncs:
+            if self._sync_id is not None and data and not syncs:
                 yield (
-                    f"bus {bus.name!r}: must carry SYNC (0x{bus.sync_id:03x}), which starts the "
+                    f"bus {bus.name!r}: must carry SYNC (0x{self._sync_id:03x}), which starts the "
                     f"cycles; got none in {data} frames"
                 )
         yield from self.jumps
@@ -302,7 +304,7 @@ class LogWatch:
             period_ns = float(np.median(periods)) if periods else float(self._period_ns)
             if abs(period_ns / self._period_ns - 1.0) > RATE_SHARE:
                 yield (
-                    f"bus {bus.name!r}: should have {bus.cycle_rate_hz:g} cycles a second, as the "
+                    f"bus {bus.name!r}: should have {self._rate_hz:g} cycles a second, as the "
                     f"topology says; got {1e9 / max(period_ns, 1.0):.4g}"
                 )
 

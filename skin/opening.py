@@ -117,7 +117,7 @@ def _nodes(topology: Topology, scene: Any, seed: int | None, sync: Sync) -> Simu
             return None
     except ValueError:  # an array
         raise OptionError(f"simulate: must be a scene; got {shown(scene)}") from None
-    if sync != "host" and topology.buses[0].sync_id is not None:
+    if sync != "host" and topology.sync_id is not None:
         raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
     from skin.sim.node import simulated_units
 

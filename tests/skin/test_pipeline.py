@@ -28,7 +28,7 @@ def frames_of(cycles, seed=4):
     nodes, batches = SimulatedUnits(STRIP, seed=seed), []
     for cycle in range(cycles):
         batch, answers = FrameBatch(64), FrameBatch(64)
-        batch.append(STRIP.buses[0].sync_id, bytes([cycle]))
+        batch.append(STRIP.sync_id, bytes([cycle]))
         nodes.respond(batch.frames, answers)
         batches.append(np.concatenate([batch.frames, answers.frames]))
     return batches
