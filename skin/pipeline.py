@@ -303,8 +303,8 @@ class Pipeline:
         return now.owned(self._of_units, self._of_array, kept)
 
     def step(self, cycle: RawCycle) -> State:
-        """The cycle: time; counts to forces (`Decoder.step`: films of neighbours, laws of the units,
-        relaxation, ambient field); contacts and their slip (`ContactStream.step`); zeros; sinks.
+        """The cycle: time; counts to forces (`Decoder.step`: films of neighbours, laws of units,
+        relaxation, ambient field); contacts and slip (`ContactStream.step`); zeros; sinks.
 
         As `state`, but returns `now`, which the next cycle overwrites.
         """

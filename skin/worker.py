@@ -192,7 +192,7 @@ class Worker:
         """
         with self._lock:
             try:
-                if not self._takes(timeout_s):
+                if not self._is_writable(timeout_s):
                     raise TimeoutError("timed out")
                 self._pipe.send_bytes(_packed({"command": command} | values))
                 if not self._pipe.poll(timeout_s):
@@ -219,7 +219,7 @@ class Worker:
         line = _packed({"command": command} | values)
         with self._lock:
             try:
-                if len(line) > SHORT or not self._takes(0.0):
+                if len(line) > SHORT or not self._is_writable(0.0):
                     return False
                 self._pipe.send_bytes(line)
             except OSError:
@@ -236,7 +236,7 @@ class Worker:
             self._process.kill()
             self._process.wait()
 
-    def _takes(self, timeout_s: float) -> bool:
+    def _is_writable(self, timeout_s: float) -> bool:
         """Whether the worker can be sent something within this time."""
         return bool(select.select([], [self._pipe], [], timeout_s)[1])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import threading
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import topology
 from bus.logs import write
 from bus.memory import MemoryTransport
 from skin.errors import OptionError
+from skin.offline import prefetch
 from tests.fixtures.live import frames_of, over
 
 
@@ -104,3 +106,18 @@ def test_the_first_states_of_a_log_come_before_it_is_read_to_its_end(strip_frame
     write(log, strip_frames)
     decoded = skin.decode_log("strip", log)
     assert [state.cycle for state in itertools.islice(decoded, 3)] == [0, 1, 2]
+
+
+def test_what_a_thread_prefetches_is_in_order_with_its_error_and_the_thread_ends():
+    def damaged():
+        yield from range(6)
+        raise ValueError("damaged")
+
+    coming = prefetch(damaged())
+    assert [next(coming) for _ in range(6)] == [*range(6)]
+    with pytest.raises(ValueError, match="damaged"):
+        next(coming)
+    left = prefetch(itertools.count())
+    assert next(left) == 0
+    left.close()
+    assert not [one for one in threading.enumerate() if one.name.startswith("skin-prefetch")]
