@@ -16,12 +16,10 @@ from skin.contact.cluster import join, take_readings
 from skin.contact.record import (
     ABSORBED,
     BORN,
-    BRIDGE,
     FREE,
     LOST,
     MERGED,
     NEW,
-    OPEN,
     PRESENT,
     RESUMED,
     SPLIT,
@@ -108,37 +106,24 @@ def _share(parts, begin, nearby, model, data):
 
 
 @jitable
-def _comes_first(one, other):
-    """Whether a pair is worth more than another; of equal ones the first slot, then the first
-    cluster comes first."""
-    if one["worth"] != other["worth"]:
-        return one["worth"] > other["worth"]
-    if one["slot"] != other["slot"]:
-        return one["slot"] < other["slot"]
-    return one["part"] < other["part"]
-
-
-@jitable
 def _assign(pairs, track, other, other_worth, contacts, slots):
-    """Assign slots in two states to clusters, one to one, greedily by the largest common load; that
-    on units of a slot in the second state is weighted by `other_worth`."""
-    for pair in pairs:
-        now = contacts[pair["slot"]]["track"]
-        pair["worth"] = pair["load"] if now == track else 0.0
-        if now == other:
-            pair["worth"] = other_worth * pair["load"]
-    best = 0
-    while best >= 0:
-        best = -1
-        for at in range(pairs.size):
-            pair = pairs[at]
-            taken = slots[pair["part"]]["slot_of"] >= 0 or slots[pair["slot"]]["part_of"] >= 0
-            if not taken and pair["worth"] > 0.0:
-                if best < 0 or _comes_first(pair, pairs[best]):
-                    best = at
-        if best >= 0:
-            slots[pairs[best]["part"]]["slot_of"] = pairs[best]["slot"]
-            slots[pairs[best]["slot"]]["part_of"] = pairs[best]["part"]
+    """Assign slots in two states to clusters, one to one, greedily by the largest common load, of
+    equal ones the first slot; that on units of a slot in the second state is weighted by
+    `other_worth`.
+    """
+    most = 1.0
+    while most > 0.0:
+        most, part, slot = 0.0, -1, -1
+        for pair in pairs:
+            if slots[pair["part"]]["slot_of"] >= 0 or slots[pair["slot"]]["part_of"] >= 0:
+                continue
+            now = contacts[pair["slot"]]["track"]
+            weight = 1.0 if now == track else (other_worth if now == other else 0.0)
+            worth = weight * pair["load"]
+            if worth > most or (worth == most > 0.0 and pair["slot"] < slot):
+                most, part, slot = worth, pair["part"], pair["slot"]
+        if most > 0.0:
+            slots[part]["slot_of"], slots[slot]["part_of"] = slot, part
 
 
 @jitable
@@ -171,7 +156,7 @@ def _end(parts, count, settle_ns, data):
         in_use -= 1
     for part in range(parts):
         in_use = max(in_use, slots[part]["slot_of"] + 1)
-    cycle["in_use"], freed = in_use, False
+    cycle["in_use"] = in_use
     for slot in range(in_use):
         ends = slots[slot]["part_of"] < 0 and contacts[slot]["track"] in (PRESENT, ABSORBED)
         slots[slot]["most"] = 0.0 if ends else np.inf
@@ -198,11 +183,8 @@ def _end(parts, count, settle_ns, data):
             record["track"] = ABSORBED
             if record["seen_ns"] - record["born_ns"] < settle_ns:
                 record["track"] = FREE
-                freed = True
         if record["track"] == ABSORBED:
             record["seen_ns"] = cycle["now_ns"]
-    if freed:
-        _disown(contacts, data.units)
 
 
 @jitable
@@ -211,23 +193,21 @@ def _absorbed_into(contacts, other, slot):
 
 
 @jitable
-def _own(slot, represents, model, data):
-    """Set the owner of a contact's units: those of absorbed slots keep it, new ones take a
-    neighbour's. `represents` is whether there are absorbed ones."""
+def _own(slot, model, data):
+    """Set the owner of a contact's units: those of absorbed slots keep it, new ones take that of
+    their heaviest neighbour."""
     units, label, contacts = data.units, data.label, data.contacts
     for i in data.members[contacts[slot]["begin"] : contacts[slot]["end"]]:
         mine = units[i]["owner"]
-        kept = represents and mine >= 0 and _absorbed_into(contacts, mine, slot)
-        if kept or mine == slot:
+        if mine >= 0 and (mine == slot or _absorbed_into(contacts, mine, slot)):
             continue
         best, heaviest = slot, 0.0
-        if represents:
-            for j in model.neighbour[model.start[i] : model.start[i + 1]]:
-                there, load = units[j]["owner"], units[j]["force"][2]
-                if label[j] != label[i] or there < 0 or not load > heaviest:
-                    continue
-                if there == slot or _absorbed_into(contacts, there, slot):
-                    best, heaviest = there, load
+        for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+            there, load = units[j]["owner"], units[j]["force"][2]
+            if label[j] != label[i] or there < 0 or not load > heaviest:
+                continue
+            if there == slot or _absorbed_into(contacts, there, slot):
+                best, heaviest = there, load
         units[i]["owner"] = best
 
 
@@ -268,7 +248,6 @@ def _claim(parts, count, model, data):
         record["track"], record["event"], record["id"] = PRESENT, BORN, cycle["last_id"]
         record["parent"] = contacts[parent]["id"] if parent >= 0 else 0
         record["born_ns"] = cycle["now_ns"]
-    _disown(contacts, data.units)
 
 
 @jitable
@@ -278,16 +257,12 @@ def _keep(parts, count, model, data):
     slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
     for part in range(parts):
         slots[part]["slot_of"] = -1
-    freed = False
     for slot in range(cycle["in_use"]):
         record = contacts[slot]
         slots[slot]["part_of"], record["event"] = -1, 0
         lost_ns = cycle["now_ns"] - record["seen_ns"]
         if record["track"] == LOST and lost_ns > model.settings[0]["memory_ns"]:
             record["track"] = FREE
-            freed = True
-    if freed:
-        _disown(contacts, data.units)
     _assign(data.pairs[:count], PRESENT, ABSORBED, QUIET, contacts, slots)
 
 
@@ -303,14 +278,8 @@ def _go_on(parts, model, data):
         record["seen_ns"] = cycle["now_ns"]
         record["cycles"] += 1
         record["begin"], record["end"] = data.lists[part]["begin"], data.lists[part + 1]["begin"]
-    for slot in range(cycle["in_use"]):
-        slots[slot]["mark"] = 0
-    for slot in range(cycle["in_use"]):
-        if contacts[slot]["track"] == ABSORBED:
-            slots[contacts[slot]["into"]]["mark"] = 1  # represents absorbed ones
     for part in range(parts):
-        slot = slots[part]["slot_of"]
-        _own(slot, slots[slot]["mark"] > 0, model, data)
+        _own(slots[part]["slot_of"], model, data)
 
 
 @jitable
@@ -353,21 +322,6 @@ def _tick(cycle):
     return True
 
 
-@jitable
-def _settle(data):
-    """Note which units touch, for the next cycle, and forget the slip of those that do not where
-    there is no contact."""
-    for i in range(data.units.size):
-        u = data.units[i]
-        bridge = u["kind"] == BRIDGE
-        u["touching"] = u["kind"] == OPEN or (bridge and data.label[i] >= 0)
-        if bridge:
-            data.label[i] = -1
-        # Silent units may be in contact still.
-        if data.cycle[0]["present"] == 0 and u["kind"] <= OPEN:
-            data.slip[i] = 0
-
-
 def find_contacts_python(readings, model, data):
     """Find the contacts of the next cycle, at ``data.cycle["now_ns"]``.
 
@@ -399,10 +353,10 @@ def find_contacts_python(readings, model, data):
         _keep(parts, count, model, data)
         _claim(parts, count, model, data)
         _end(parts, count, model.settings[0]["settle_ns"], data)
+        _disown(data.contacts, data.units)
         _go_on(parts, model, data)
         _order(parts, before, data)
     cycle["present"] = parts
-    _settle(data)
     remember(model, data)
     same = parts == before
     for k in range(parts):

@@ -67,6 +67,7 @@ POSE = _record(
     ("area", _F),  # m²
     ("feels", _F),  # 0 for a unit that is never heard
     ("most", _F),  # N that it can bear
+    ("doubt", _F),  # N², of a load that it stands for; see `skin.contact.unseen`
     # how its tangential force follows its field; see `skin.contact.unseen`
     ("body", _I),  # whose ambient field it is
     ("axes", _F, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
@@ -121,7 +122,7 @@ SLOT = _record(
     ("slot_of", _I),  # slot of each cluster, -1
     ("parent", _I),  # slot that each cluster has split from, -1
     ("part_of", _I),  # cluster of each slot, -1
-    ("mark", _I),  # last pair of each slot; whether it represents absorbed ones; scratch
+    ("mark", _I),  # last pair of each slot; scratch
     ("ended", _L),  # identities that ended in this cycle
     ("most", _F),  # largest load in common of a cluster or slot; scratch
     # shocks, see `skin.contact.shock`
@@ -158,7 +159,6 @@ CYCLE = _record(
 
 PAIR = _record(
     ("load", _F),  # N, on common units
-    ("worth", _F),  # that, weighted by the state of the slot
     ("part", _I),
     ("slot", _I),
 )
@@ -377,8 +377,12 @@ def contact_capacity(n: int) -> int:
 
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     """Arrays for the readings of n units, all valid."""
-    of_units, (temperature, residue) = np.zeros((6, 3, n), dtype), np.zeros((2, n), dtype)
-    return Readings(*of_units[:4], temperature, np.ones(n, bool), *of_units[4:], residue)
+    force, force_sigma, moved, moved_sigma, field, field_moved = np.zeros((6, 3, n), dtype)
+    temperature, residue = np.zeros((2, n), dtype)
+    valid = np.ones(n, bool)
+    return Readings(
+        force, force_sigma, moved, moved_sigma, temperature, valid, field, field_moved, residue
+    )
 
 
 def contact_data(

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.record import OPEN, OUT
+from skin.contact.record import BRIDGE, OPEN, OUT
 from skin.contact.shape import add, add_first, cross, swept
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import scaled, secant, shear_law, stacked
@@ -151,20 +151,26 @@ def spread_shared(gain, rest_ut2, data, covariance):
 
 @jitable
 def remember(model, data):
-    """Store the upper bounds of heard loads and the largest load in contact around them; of units
-    that are not heard, what they may bear. Resets `counted`."""
+    """Store which units touch, for the next cycle; the upper bounds of heard loads and the largest
+    load in contact around them; of units that are not heard, what they may bear. Resets `counted`,
+    and, where there is no contact, the slip of the units that are heard."""
     units, keep_sigma, silent = data.units, model.settings[0]["keep_sigma"], 0
+    untouched = data.cycle[0]["present"] == 0
     for i in range(units.size):
-        u = units[i]
+        u, pressed = units[i], data.label[i] >= 0
         u["counted"] = UNCOUNTED
+        u["touching"] = u["kind"] == OPEN or (u["kind"] == BRIDGE and pressed)
         if u["kind"] > OPEN:
+            data.label[i] = -1
             silent += 1
             continue
         u["borne"] = max(u["force"][2], keep_sigma * u["force_sigma"][2])
         u["around"] = 0.0
-        u["pressed"] = data.label[i] >= 0
-        if u["kind"] != OUT or data.label[i] >= 0:
+        u["pressed"] = pressed
+        if u["kind"] != OUT or pressed:
             u["counted"] = IN_CONTACT
+        if untouched:
+            data.slip[i] = 0
     for j in data.members[: data.cycle[0]["touching_units"]]:
         load = units[j]["force"][2]
         for i in model.neighbour[model.start[j] : model.start[j + 1]]:
@@ -300,6 +306,8 @@ def add_apart(touched, model, data):
     keep_sigma, total, variance, most, lone = model.settings[0]["keep_sigma"], 0.0, 0.0, 0.0, -1
     for i in range(units.size):
         u, pose = units[i], poses[i]
+        if pose["doubt"] > 0.0:
+            add(s["unseen"], pose["doubt"], pose["position"])
         if u["kind"] > OPEN:
             _add_silent(u, pose, s)
         elif u["counted"] >= 0:

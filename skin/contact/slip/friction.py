@@ -118,6 +118,7 @@ def friction_margin(record, settings):
         record["friction"] = settings["friction"]
         record["friction_sigma"] = np.nan
         record["friction_spread"] = np.nan
+    record["margin"] = record["grip_force"] = record["grip_force_sigma"] = np.nan
     demand = record["shear"]
     if record["arm"] > 0.0:  # else a point, which bears no measurable torsion
         demand = np.sqrt(demand**2 + (record["torsion"] / record["arm"]) ** 2)
@@ -136,9 +137,6 @@ def friction_margin(record, settings):
         record["grip_force_sigma"] = np.sqrt((grip * relative) ** 2 + noise**2 * square)
     else:
         record["flags"] |= NO_FRICTION
-        record["margin"] = np.nan
-        record["grip_force"] = np.nan
-        record["grip_force_sigma"] = np.nan
     return demand / record["load"]
 
 
