@@ -31,7 +31,7 @@ import numpy as np
 from scipy import special, stats
 
 from benchmarks import quiet
-from benchmarks.report_figures import (
+from benchmarks.figures import (
     FIGURES,
     HEAD,
     PINNED,

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
-from benchmarks.slip_intervals import rate
+from benchmarks.intervals import rate
 from benchmarks.trust_bodies import Body, dragged, pressed, ramp
-from benchmarks.trust_film import FILMS
-from benchmarks.trust_plant import EARTH_UT, Touch, direction, turning
-from benchmarks.trust_skin import BAG, QUICK_BAG, SHAPES, Player, Skin, skin_of
+from tests.fixtures.film import FILMS
+from tests.fixtures.plant import EARTH_UT, Touch, direction, turning
+from tests.fixtures.plant_skin import BAG, QUICK_BAG, SHAPES, Player, Skin, skin_of
 
 __all__ = ["Sample", "centre_coverage", "samples", "wrench_coverage"]
 

@@ -11,10 +11,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.bench import dealt
-from benchmarks.trust_film import FILMS
-from benchmarks.trust_plant import BX, BZ, FREQUENCY, Plant, Touch, Units
-from benchmarks.trust_skin import REST_S, Player, Skin, shape_of, square
 from bus.status import Status
 from skin.calibrate.amplitude import fit_crest
 from skin.calibrate.bench.spread import misfit_sigma, rms
@@ -23,7 +19,11 @@ from skin.calibrate.read import as_fit
 from skin.calibrate.tare import tare
 from skin.calibrate.write import with_fits
 from skin.decode.decoder import Decoder
+from tests.fixtures.bench import dealt
 from tests.fixtures.decode import strokes, with_parameters
+from tests.fixtures.film import FILMS
+from tests.fixtures.plant import BX, BZ, FREQUENCY, Plant, Touch, Units
+from tests.fixtures.plant_skin import REST_S, Player, Skin, shape_of, square
 from topology import Topology
 
 ANOMALY = int(Status.MAGNETIC_ANOMALY)
