@@ -130,29 +130,6 @@ def outcome(trial: Trial, alarm: np.ndarray, friction: np.ndarray | None = None)
     )  # fmt: skip
 
 
-def rates(outcomes: Sequence[Outcome]) -> dict[str, Rate | None]:
-    """Shares of trials with their intervals; `benchmarks.slip` says what they are."""
-    slips = [one for one in outcomes if one.kind == "slip"]
-    gross = [one for one in slips if np.isfinite(one.gross_s)]
-    held = [one for one in outcomes if one.kind != "slip"]
-
-    def share(hits: list[bool]) -> Rate | None:
-        return rate(sum(hits), len(hits))
-
-    def false(kind: str) -> Rate | None:
-        return share([one.false or one.early for one in outcomes if one.kind == kind])
-
-    return {
-        "caught_before_gross": share([_caught(one) for one in gross]),
-        "premature": false("slip"),
-        "false_alarm_hold": false("hold"),
-        "false_alarm_modulation": false("modulation"),
-        "false_alarms_per_minute": per_minute(
-            sum(one.alarms for one in held), sum(one.held_s for one in held)
-        ),
-    }
-
-
 def _caught(one: Outcome) -> bool:
     return bool(not one.false and one.alarm_s < one.gross_s)
 
@@ -160,49 +137,49 @@ def _caught(one: Outcome) -> bool:
 def score(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Figures of many trials of all kinds; `benchmarks.slip` says what they are.
 
-    None where there is nothing to tell, or where the answer is never.
+    None where there is nothing to tell, or where the answer is never; ``rates`` have intervals.
     """
     slips = [one for one in outcomes if one.kind == "slip"]
     gross = [one for one in slips if np.isfinite(one.gross_s)]
     warned = [one for one in gross if one.gross_s - one.onset_s >= WARNING_S]
+    held = [one for one in outcomes if one.kind != "slip"]
     first_s, late_s = (
-        [np.nan_to_num(one.alarm_s - since, nan=np.inf) for one, since in zip(
-            slips, times, strict=True)]
-        for times in ([one.first_s for one in slips], [one.onset_s for one in slips])
-    )  # fmt: skip
+        [float(np.nan_to_num(one.alarm_s - getattr(one, since), nan=np.inf)) for one in slips]
+        for since in ("first_s", "onset_s")
+    )
     alarmed = [one.friction_error for one in slips if np.isfinite(one.alarm_s)]
     errors = [abs(error) for error in alarmed if np.isfinite(error)]
-    found = rates(outcomes)
+
+    def false(kind: str) -> Rate | None:
+        hits = [one.false or one.early for one in outcomes if one.kind == kind]
+        return rate(sum(hits), len(hits))
 
     def quantile(values: list[float], q: float) -> float | None:
         value = float(np.quantile(values, q, method="higher")) if values else np.inf
         # of whole cycles: without the rounding of their sums
         return round(1e3 * value, 6) if np.isfinite(value) else None
 
-    def share(hits: list[bool]) -> float | None:
-        return float(np.mean(hits)) if hits else None
-
-    def plain(name: str) -> float | None:
-        one = found[name]
-        return None if one is None else one["rate"]
-
+    rates = {
+        "caught_before_gross": rate(sum(map(_caught, gross)), len(gross)),
+        "premature": false("slip"),
+        "false_alarm_hold": false("hold"),
+        "false_alarm_modulation": false("modulation"),
+        "false_alarms_per_minute": per_minute(
+            sum(one.alarms for one in held), sum(one.held_s for one in held)
+        ),
+    }
     return {
-        "caught_before_gross": plain("caught_before_gross"),
-        "caught_with_warning": share([_caught(one) for one in warned]),
+        **{name: one and one["rate"] for name, one in rates.items()},
+        "caught_with_warning": float(np.mean([*map(_caught, warned)])) if warned else None,
         "latency_ms_first_median": quantile(first_s, 0.5),
         "latency_ms_first_p90": quantile(first_s, 0.9),
         "latency_ms_median": quantile(late_s, 0.5),
         "latency_ms_p90": quantile(late_s, 0.9),
         "lead_ms_median": 1e3 * float(np.median([one.lead_s for one in gross])) if gross else None,
-        "premature": plain("premature"),
-        "false_alarm_hold": plain("false_alarm_hold"),
-        "false_alarm_modulation": plain("false_alarm_modulation"),
         "friction_error_median": float(np.median(errors)) if errors else None,
-        "friction_known": share([bool(np.isfinite(error)) for error in alarmed]),
+        "friction_known": len(errors) / len(alarmed) if alarmed else None,
         "slips": len(slips),
         "gross": len(gross),
-        "warned": len(warned),
         "holds": sum(one.kind == "hold" for one in outcomes),
-        "modulations": sum(one.kind == "modulation" for one in outcomes),
-        "rates": found,
+        "rates": rates,
     }

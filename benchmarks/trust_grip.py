@@ -63,12 +63,9 @@ def light_grip(quick: bool, seed: int) -> dict[str, Any]:
         for load in loads:
             found = [_grip(gripper, load, (seed, run, round(10 * load)), field)
                      for run in range(runs)]  # fmt: skip
-            out["grips"][f"{load:g} N, {name}"] = {
-                "units": middle([each[0] for each in found]),
-                "wrench": middle([each[1] for each in found]),
-            }
+            out["grips"][f"{load:g} N, {name}"] = {"units": middle([each[0] for each in found])}
             if load == loads[0]:
-                out["grown"][name] = middle([each[2] for each in found])
+                out["grown"][name] = middle([each[1] for each in found])
     every = [row["units"]["median"] for row in out["grips"].values()]
     ends = [row["units"][end] for row in out["grips"].values() for end in ("least", "largest")]
     out["worst_median"] = {"lower": min(every), "upper": max(every)}
@@ -76,17 +73,14 @@ def light_grip(quick: bool, seed: int) -> dict[str, Any]:
     return out
 
 
-def _grip(
-    skin: Skin, load_n: float, seed: tuple[int, ...], field: bool
-) -> tuple[float, float, float]:
-    """Felt over true shear at the end of the hold, by units and by wrench, and by units after the
-    grip has grown to the largest load."""
+def _grip(skin: Skin, load_n: float, seed: tuple[int, ...], field: bool) -> tuple[float, float]:
+    """Felt over true shear of the units at the end of the hold, and after the grip has grown to the
+    largest load."""
     rng = np.random.default_rng((1, *seed))
-    plant, rate, n = skin.plant, skin.rate_hz, skin.n
+    plant, rate = skin.plant, skin.rate_hz
     way = direction(rng)
     in_plane = np.einsum("abn,a->bn", plant.topology.rotation[:, :2], way)
     in_plane /= np.linalg.norm(in_plane, axis=0)
-    way = np.einsum("abn,bn->a", plant.topology.rotation[:, :2], in_plane) / n  # pads are parallel
     grip_s, lift_s = (float(np.exp(rng.uniform(*np.log(span)))) for span in (GRIP_S, LIFT_S))
     each = load_n / 16.0 * _uneven(rng, plant.topology.patch)
     most = LOADS_N[-1] / load_n
@@ -111,7 +105,6 @@ def _grip(
         "end": (cycles - last, cycles),
     }
     felt = dict.fromkeys(spans, 0.0)
-    wrench = 0.0
     states = Player(skin.known, want={"wrench", "contacts"}).play(
         plant.counts(touch, rng, world_ut=world)
     )
@@ -119,11 +112,8 @@ def _grip(
         for name, (start, stop) in spans.items():
             if start <= i < stop:
                 felt[name] += _along(state.units.force, in_plane) / last
-                if name == "hold":
-                    wrench += float(state.wrench[:3] @ way) / last
     expected = {name: _along(true[stop - 1], in_plane) for name, (_, stop) in spans.items()}
-    along = float(plant.wrench(true[spans["hold"][1] - 1][np.newaxis])[0, :3] @ way)
-    return felt["hold"] / expected["hold"], wrench / along, felt["end"] / expected["end"]
+    return felt["hold"] / expected["hold"], felt["end"] / expected["end"]
 
 
 def _uneven(rng: np.random.Generator, patch: np.ndarray) -> np.ndarray:

@@ -246,7 +246,7 @@ class Springs(Protocol):
 class Material(Protocol):
     """How faces relax."""
 
-    def pressed(self, stage_n: np.ndarray, dt_s: float, /) -> tuple[np.ndarray, np.ndarray]:
+    def pressed(self, force: np.ndarray, dt_s: float, /) -> tuple[np.ndarray, np.ndarray]:
         """Force that is borne, and elastic force of the face, of that of the stage's way."""
         ...
 
@@ -296,17 +296,17 @@ class Bench:
         n, springs = self.nominal.n, self._springs
         depth = np.repeat(path.depth_mm[:, np.newaxis], n, axis=1)
         place = np.repeat(path.place_mm.T[:, :, np.newaxis], n, axis=2)
-        reach = np.hypot(*path.place_mm)[:, np.newaxis]
-        along = place / np.maximum(reach, 1e-9)[:, np.newaxis]
-        held = springs.tangential(np.repeat(reach, n, 1), depth)
+        radius = np.hypot(*path.place_mm)[:, np.newaxis]
+        along = place / np.maximum(radius, 1e-9)[:, np.newaxis]
+        held = springs.tangential(np.repeat(radius, n, 1), depth)
         force = np.concatenate([held[:, np.newaxis] * along,
                                 springs.normal(depth)[:, np.newaxis]], axis=1)  # fmt: skip
         if self._material is None:
             return Poses(depth, place, force)
         force, borne = self._material.pressed(force, 1.0 / RATE_HZ)
         depth, shear = springs.depth(borne[:, 2]), np.hypot(borne[:, 0], borne[:, 1])
-        reach = springs.displacement(shear, depth) / np.maximum(shear, 1e-12)
-        return Poses(depth, reach[:, np.newaxis] * borne[:, :2], force)
+        radius = springs.displacement(shear, depth) / np.maximum(shear, 1e-12)
+        return Poses(depth, radius[:, np.newaxis] * borne[:, :2], force)
 
     def force(self, path: Path3) -> np.ndarray:
         """True force on each unit, shape (t, 3, n), newton, unit frame."""
