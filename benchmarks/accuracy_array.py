@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.made import Made
 from skin import Decoder
-from skin.calibrate.bench.spread import rms
+from skin.calibrate.fit import rms
 from skin.decode.crosstalk import CrossTalk
 
 PLACEMENTS = {

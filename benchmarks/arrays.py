@@ -9,7 +9,7 @@ import numpy as np
 import topology
 from benchmarks.made import apart
 from bus.compiled.aligned import zeros
-from skin.calibrate.bench.alone import OF_UNITS
+from skin.calibrate.bench.series import OF_UNITS
 from topology import Topology
 
 SPREAD = {

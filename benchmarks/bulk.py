@@ -83,7 +83,7 @@ def _scene_frames() -> np.ndarray:
     batch, parts = FrameBatch(4096), []
     for cycle in range(ROUND):
         sync = np.zeros(1, FRAME_DTYPE)
-        sync["id"], sync["length"], sync["data"][0, 0] = loaded.buses[0].sync_id, 1, cycle & 0xFF
+        sync["id"], sync["length"], sync["data"][0, 0] = loaded.sync_id, 1, cycle & 0xFF
         near.send(sync)
         batch.clear()
         near.receive(batch)

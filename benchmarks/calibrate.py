@@ -20,9 +20,8 @@ import numpy as np
 
 from benchmarks.made import apart
 from skin import Decoder
-from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.bench.result import UnitResult
-from skin.calibrate.write import with_fits
+from skin.calibrate.bench.unit import UnitResult, fit_unit
+from skin.calibrate.files import with_fits
 from skin.sim.bench import ORDER, RATE_HZ, Bench, Lab, protocol
 from tests.fixtures.bench import ForeignLab, counts_of, fits, lag_s, series, unseen
 from topology import Topology

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
-from skin.calibrate.learn import StrayEstimate
+from skin.calibrate.crosstalk import StrayEstimate, TouchTest
 from skin.calibrate.tare import tare
-from skin.calibrate.touch import TouchTest
 from skin.physics.stencil import Stencil
 from skin.state import INVALID
 from tests.fixtures.film import FILMS

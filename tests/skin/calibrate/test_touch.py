@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from bus.status import Status
-from skin.calibrate.learn import StrayEstimate
+from skin.calibrate.crosstalk import StrayEstimate, TouchTest
 from skin.calibrate.tare import tare
-from skin.calibrate.touch import TouchTest
 from skin.errors import ScanError
 from skin.physics.halbach import HalbachField
 from skin.sim.unit import UnitSimulator

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from skin.calibrate.bench.file import Recording, Segment
-from skin.calibrate.bench.fit import fit_unit
 from skin.calibrate.bench.series import Counts, series_of
-from skin.calibrate.learn import AMBIENT_UT
+from skin.calibrate.bench.unit import fit_unit
+from skin.calibrate.laws import AMBIENT_UT
 from skin.sim.bench import RATE_HZ, Lab, protocol
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.bench import counts_of, series

@@ -11,8 +11,8 @@ from scipy.stats import chi2
 
 from skin import Decoder
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.write import with_fits
+from skin.calibrate.bench.unit import fit_unit
+from skin.calibrate.files import with_fits
 from skin.sim.bench import HELD_MM, protocol
 from tests.fixtures.bench import ForeignLab, counts_of, unseen
 from tests.fixtures.bench import series as series_of

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from skin.calibrate.write import with_fits
+from skin.calibrate.files import with_fits
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
