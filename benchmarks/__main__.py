@@ -63,7 +63,6 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="end with one JSON object")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions, smaller sizes")
     parser.add_argument("--only", metavar="NAMES", help="report: renew the figures of these alone")
-    parser.add_argument("--data", metavar="FOLDER", type=Path, help="recorded: files of the set")
     options = parser.parse_args()
     known = names()
     if options.name is None:
@@ -81,11 +80,8 @@ def main() -> int:
     module = import_module(f"benchmarks.{options.name}")
     if options.only is not None and options.name != "report":
         parser.error("--only: must be used with report")
-    if options.data is not None and options.name != "recorded":
-        parser.error("--data: must be used with recorded")
     only = {} if options.only is None else {"only": options.only.split(",")}
-    data = {} if options.data is None else {"data": options.data}
-    figures = module.run(options.quick, **only, **data)
+    figures = module.run(options.quick, **only)
     print(module.table(figures))
     if options.json:
         print(json.dumps({"benchmark": options.name, **figures, "machine": machine()}))

@@ -1,4 +1,4 @@
-"""What an array adds: neighbours' films that move, and the Earth's field as the skin turns."""
+"""What an array adds: neighbours' films that move, and units that are off their places."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy_skin import Made, with_rate
+from benchmarks.made import Made
 from skin import Decoder
 from skin.calibrate.fit import rms
 from skin.decode.crosstalk import CrossTalk
-from skin.physics.surroundings import Surroundings
-from topology.pose import from_rpy
 
 PLACEMENTS = {
     "as drawn": (0.0, 0.0),
@@ -26,7 +24,6 @@ ROOM_C = 25.0
 PRESSED = 0.6
 """Share of units that are pressed in a random scene."""
 REACH_MM, DEPTH_MM = 2.5, 2.0
-CALM_S, TURN_S, TURN_RAD_PER_S = 6.0, 7.0, 1.0
 
 
 def scenes(count: int, n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -130,60 +127,3 @@ def _scattered(
         off[i] = reading.displacement_mm[:2] - displacement[i]
         sigma[i] = reading.displacement_sigma_mm[:2]
     return off, sigma
-
-
-def turning(
-    skin: Made, estimator: str, *, ambient: bool, rate_hz: float = 50.0, seed: int = 1
-) -> dict[str, float]:
-    """What the Earth's field adds as the skin turns in it, a quarter of its units held pressed.
-
-    The skin rests untouched for half of `CALM_S`, is then pressed, and turns about all axes. The
-    same is played without the Earth's field, with the same noise: what differs, since the skin
-    began to turn, is the field's.
-
-    Returns
-    -------
-    dict
-        ``um_rms`` in the tangential displacement of pressed units, ``free_mn_rms`` in the shear of
-        the others, mN.
-    """
-    skin = with_rate(skin, rate_hz)
-    pressed = np.random.default_rng(seed).random(skin.true.n) < 0.25
-    with_it, without = (
-        _turn(skin, estimator, ambient, rate_hz, pressed, world, seed)
-        for world in (Surroundings(), Surroundings(np.zeros(3)))
-    )
-    added = with_it - without
-    added = added[1:] - added[0]
-    return {
-        "um_rms": 1e3 * rms(np.hypot(added[:, 0], added[:, 1])[:, pressed]),
-        "free_mn_rms": 1e3 * rms(np.hypot(added[:, 2], added[:, 3])[:, ~pressed]),
-    }
-
-
-def _turn(
-    skin: Made, estimator: str, ambient: bool, rate_hz: float, pressed: np.ndarray,
-    world: Surroundings, seed: int,
-) -> np.ndarray:  # fmt: skip
-    """Displacement and force along x and y while the skin turns, shape (t, 4, n)."""
-    n = skin.true.n
-    calm, turn = round(CALM_S * rate_hz), round(TURN_S * rate_hz)
-    rng = np.random.default_rng(seed)
-    units = skin.simulator(
-        skin.field(reach_m=EVERYWHERE_M, surroundings=world), noise=True, seed=seed
-    )
-    decoder = Decoder(skin.known, {"force", "displacement"}, estimator, sweeps=1, ambient=ambient)
-    room = np.full(n, ROOM_C)
-    way = rng.uniform(-1.0, 1.0, (2, n)) * pressed
-    depth = rng.uniform(0.5, 2.0, n) * pressed
-    out = np.empty((turn + 1, 4, n))
-    for i in range(calm + turn):
-        held = i >= calm // 2
-        angle = TURN_RAD_PER_S * max(i + 1 - calm, 0) / rate_hz
-        world.attitude = from_rpy(angle, 0.7 * angle, 0.4 * angle)
-        values = units.quantities(depth * held, way * held, room)
-        reading = decoder(units.quantise(units.disturb(values)))
-        if i >= calm - 1:
-            out[i + 1 - calm, :2] = reading.displacement_mm[:2]
-            out[i + 1 - calm, 2:] = reading.force[:2]
-    return out

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from benchmarks.accuracy_noise import COMPONENTS, TIMES, Cells, Found
-from benchmarks.bench import FARTHEST_MM
+from benchmarks.accuracy_noise import TIMES, Cells, Found
+from skin.sim.bench import FARTHEST_MM
 
 RIGHT = 0.6827
 """Share of normal errors within one sigma."""
@@ -25,22 +25,18 @@ def coverage(found: Found, cells: Cells, estimator: str, units: int, rounds: int
     Returns
     -------
     dict
-        ``coverage_min``, ``coverage_max`` over cells and components; ``coverage_each`` the same of
-        each of `COMPONENTS`; ``coverage_interval`` half of the 95 % interval of a cell's share;
-        ``coverage`` the shares, by depth, displacement and component.
+        ``coverage_min``, ``coverage_max`` over cells and components; ``coverage_interval`` half of
+        the 95 % interval of a cell's share; ``coverage`` the shares, by depth, displacement and
+        component.
     """
-    assert found.held is not None, "decoded with its sigma"
     held = found.held[:, cells.reach_mm <= STATED_MM[estimator]]
-    low, high = held.min(axis=(0, 1)), held.max(axis=(0, 1))
     share, readings = float(held.mean()), TIMES * units * rounds
     return {
-        "coverage_min": float(low.min()),
-        "coverage_max": float(high.max()),
-        "coverage_each": {name: [float(a), float(b)]
-                          for name, a, b in zip(COMPONENTS, low, high, strict=True)},
+        "coverage_min": float(held.min()),
+        "coverage_max": float(held.max()),
         "coverage_interval": 1.96 * float(np.sqrt(share * (1.0 - share) / readings)),
         "coverage": held.round(4).tolist(),
-    }  # fmt: skip
+    }
 
 
 def by_chance(films: Sequence[dict[str, Any]]) -> dict[str, float]:
@@ -61,16 +57,3 @@ def by_chance(films: Sequence[dict[str, Any]]) -> dict[str, float]:
         "coverage_min_by_chance": RIGHT - furthest,
         "coverage_max_by_chance": RIGHT + furthest,
     }
-
-
-def lines(rows: dict[str, Any], cells: Cells, name: str) -> list[str]:
-    """The shares of one decoder: least and largest of the components, in percent, H by R."""
-    held = 100.0 * np.array(rows["coverage"])
-    reach = cells.reach_mm[: held.shape[1]]
-    interval = 100.0 * rows["coverage_interval"]
-    head = f"{name}, % within one sigma, least and largest component (a cell: ± {interval:.1f})"
-    out = [head, f"{'H, R mm':<9}" + "".join(f"{r:>10.2f}" for r in reach)]
-    for depth, row in zip(cells.depth_mm, held, strict=True):
-        shares = (f"{cell.min():.1f}-{cell.max():.1f}" for cell in row)
-        out.append(f"{depth:<9.2f}" + "".join(f"{share:>10}" for share in shares))
-    return [*out, ""]

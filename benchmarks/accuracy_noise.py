@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.accuracy_skin import Made
+from benchmarks.made import Made
 from skin import Decoder
 from skin.sim.unit import UnitSimulator
-from skin.state import if_wanted
 from topology import CHANNELS
 
 FREQUENCY, BZ = CHANNELS.index("frequency"), CHANNELS.index("bz")
@@ -61,10 +60,6 @@ class Cells:
         """Mean over times and units, shape (h, r, ...), of values of shape (h r times, ..., n)."""
         return self._apart(values).mean(axis=2)
 
-    def most(self, values: np.ndarray) -> np.ndarray:
-        """Largest over times and units, as `mean`."""
-        return self._apart(values).max(axis=2)
-
     def _apart(self, values: np.ndarray) -> np.ndarray:
         return np.moveaxis(values, -1, 1).reshape(*self.shape, -1, *values.shape[1:-1])
 
@@ -77,18 +72,15 @@ class Found:
     ----------
     square : ndarray, shape (h, r, 6)
         Mean squared error of `COMPONENTS`, mm² and N².
-    worst : ndarray, shape (h, r, 2)
-        Largest length of the error of the tangential displacement, mm, and of the force, N.
     least : ndarray, shape (h, r, 3)
         The bound of the variance of dx, dy and H, mm².
-    held : ndarray, shape (h, r, 6), or None
+    held : ndarray, shape (h, r, 6)
         Share of errors within one sigma.
     """
 
     square: np.ndarray
-    worst: np.ndarray
     least: np.ndarray
-    held: np.ndarray | None
+    held: np.ndarray
 
     @property
     def ratio(self) -> np.ndarray:
@@ -96,41 +88,18 @@ class Found:
         return np.sqrt(self.square[..., :2].sum(axis=-1) / self.least[..., :2].sum(axis=-1))
 
     @property
-    def depth_ratio(self) -> np.ndarray:
-        """Error of the depth over its bound, shape (h, r)."""
-        return np.sqrt(self.square[..., 2] / self.least[..., 2])
-
-    @property
     def shift_mm(self) -> np.ndarray:
         """Root mean square of the error of the tangential displacement, shape (h, r)."""
         return np.sqrt(self.square[..., :2].sum(axis=-1))
 
-    @property
-    def force_n(self) -> np.ndarray:
-        """Root mean square of the error of the force, shape (h, r)."""
-        return np.sqrt(self.square[..., 3:].sum(axis=-1))
 
-
-def explore(
-    skin: Made, cells: Cells, decoder: Decoder, rounds: int, *, noise: bool = True,
-    film_c: float = ROOM_C,
-) -> Found:  # fmt: skip
-    """Decode poses of every cell with noise, each unit alone.
-
-    Parameters
-    ----------
-    rounds : int
-        Each round has `TIMES` poses a unit and cell.
-    film_c : float
-        Temperature of the film, of which the decoder, whose gel has room temperature, knows
-        nothing.
-    """
-    units = skin.simulator(noise=noise, seed=1)
-    square, held, worst = [], [], []
+def explore(skin: Made, cells: Cells, decoder: Decoder, rounds: int) -> Found:
+    """Decode poses of every cell with noise, each unit alone; `TIMES` a unit and cell and round."""
+    units = skin.simulator(noise=True, seed=1)
+    square, held = [], []
     for seed in range(rounds):
         displacement, depth = cells.draw(TIMES, skin.true.n, seed)
-        room = np.full(depth.shape, ROOM_C)
-        exact = units.quantities(depth, displacement, room, np.full(depth.shape, film_c), room)
+        exact = units.quantities(depth, displacement, *3 * [np.full(depth.shape, ROOM_C)])
         if not seed:
             least = cells.mean(bound(units, displacement, depth))
         decoder.reset()
@@ -139,16 +108,9 @@ def explore(
         true = np.concatenate([displacement, depth[:, np.newaxis], force], axis=1)
         error = np.concatenate([reading.displacement_mm, reading.force], axis=1) - true
         square.append(cells.mean(error**2))
-        lengths = np.stack([np.hypot(error[:, 0], error[:, 1]),
-                            np.sqrt((error[:, 3:] ** 2).sum(axis=1))], axis=1)  # fmt: skip
-        worst.append(cells.most(lengths))
-        if if_wanted(reading, "force_sigma") is not None:
-            sigma = np.concatenate([reading.displacement_sigma_mm, reading.force_sigma], axis=1)
-            held.append(cells.mean((np.abs(error) <= sigma).astype(float)))
-    return Found(
-        np.mean(square, axis=0), np.max(worst, axis=0), least,
-        np.mean(held, axis=0) if held else None,
-    )  # fmt: skip
+        sigma = np.concatenate([reading.displacement_sigma_mm, reading.force_sigma], axis=1)
+        held.append(cells.mean((np.abs(error) <= sigma).astype(float)))
+    return Found(np.mean(square, axis=0), least, np.mean(held, axis=0))
 
 
 def bound(units: UnitSimulator, displacement_mm: np.ndarray, depth_mm: np.ndarray) -> np.ndarray:

@@ -2,24 +2,23 @@
 
 `directions`: pulls of 8 directions and 3 strengths (`STRENGTHS_N`), each person on an object of its
 own; right is a pull within 22.5 degrees of the true direction. `held`, `touch`: what is told (down)
-of what is done (across), where nothing is told `none`. `calibration`: share of right kinds by the
-confidence that was told. `told_s`: from the begin of a gesture to the first time that its kind is
-told. Seeds from `REPORTED` on were not looked at while densities were chosen; those below 50 were.
+of what is done (across), where nothing is told `none`. `told_s`: from the begin of a gesture to the
+first time that its kind is told. Seeds from `REPORTED` on were not looked at while densities were
+chosen; those below 50 were.
 """
 
 from __future__ import annotations
 
 import math
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from benchmarks.slip_intervals import per_minute, rate
+from benchmarks.intervals import per_minute, rate
 from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 from benchmarks.workers import in_parallel
-from fig4b_gestures import Asked, Seen, Trial
+from fig4b_gestures import Asked, Trial
 from fig4b_gestures import run as run_trial
 from shared.people import brush, bump, pull
 
@@ -27,7 +26,6 @@ REPORTED = 8000
 KINDS = ("tap", "brush", "press", "pull", "twist")
 STRENGTHS_N = (0.5, 1.0, 2.0)
 """Of pulls, as in the paper's Fig. 4c."""
-BINS = (0.0, 0.7, 0.9, 0.98, 0.995, 1.0)
 SECTOR_RAD = math.pi / 8.0
 
 
@@ -46,15 +44,12 @@ def score(people: int, mixed: int, each: int) -> dict[str, Any]:
     trials = in_parallel(_play, jobs)
     by = {kind: [t for t, job in zip(trials, jobs, strict=True) if job[0] == kind]
           for kind in ("pulls", "held", "touch")}  # fmt: skip
-    strengths = [STRENGTHS_N[job[2]] for job in jobs if job[0] == "pulls"]
-    told = [seen for trial in by["held"] + by["touch"] for seen in trial.seen]
     rested_s = sum(_rested_s(trial) for trial in by["pulls"] + by["held"])
     return {
         "seeds": len({job[:2] for job in jobs}),
-        **_directions(by["pulls"], strengths),
+        **_directions(by["pulls"]),
         "held": _confusion(by["held"], KINDS),
         "touch": _confusion(by["touch"], TOUCH_KINDS),
-        "calibration": _calibration(told),
         "told_s_median": float(np.nanmedian(
             [seen.first_s for trial in trials for seen in trial.seen])),
         "false_per_minute": per_minute(
@@ -69,11 +64,6 @@ def table(figures: dict[str, Any]) -> str:
         f"pulls: {_shown(figures['right_share'])} right, direction "
         f"{figures['direction_rms_deg']:.2f} degrees rms"
     ]
-    lines += [
-        f"  {row['strength_n']:.1f} N: {_shown(row['right_share'])} right, "
-        f"{row['direction_rms_deg']:.2f} degrees rms"
-        for row in figures["by_strength"]
-    ]
     for where in ("held", "touch"):
         confusion = figures[where]["confusion"]
         names = [*confusion, "none"]
@@ -83,11 +73,6 @@ def table(figures: dict[str, Any]) -> str:
             for name, row in confusion.items()
         ]
         lines.append(f"  right {_shown(figures[where]['right_share'])}")
-    lines += [
-        f"confidence {row['from']:.3f} to {row['to']:.3f}: mean {row['confidence']:.3f}, right "
-        f"{_shown(row['right'])}"
-        for row in figures["calibration"]
-    ]
     lines.append(
         f"told {figures['told_s_median']:.3f} s after the begin, "
         f"{figures['us_per_cycle']:.0f} us a cycle"
@@ -155,23 +140,13 @@ def _play(job: tuple[str, int, int]) -> Trial:
     return run_touches(seed, count)
 
 
-def _directions(trials: list[Trial], strengths: list[float]) -> dict[str, Any]:
-    def row(of: list[Trial]) -> dict[str, Any]:
-        every = [seen for trial in of for seen in trial.seen]
-        off = np.degrees([seen.off_rad for seen in every])
-        right = sum(seen.is_right and abs(seen.off_rad) < SECTOR_RAD for seen in every)
-        return {
-            "right_share": rate(right, len(every)),
-            "direction_rms_deg": float(np.sqrt(np.nanmean(off**2))),
-            "unseen": sum(seen.reported is None for seen in every),
-        }
-
-    return row(trials) | {
-        "by_strength": [
-            {"strength_n": strength}
-            | row([t for t, own in zip(trials, strengths, strict=True) if own == strength])
-            for strength in STRENGTHS_N
-        ]
+def _directions(trials: list[Trial]) -> dict[str, Any]:
+    every = [seen for trial in trials for seen in trial.seen]
+    off = np.degrees([seen.off_rad for seen in every])
+    right = sum(seen.is_right and abs(seen.off_rad) < SECTOR_RAD for seen in every)
+    return {
+        "right_share": rate(right, len(every)),
+        "direction_rms_deg": float(np.sqrt(np.nanmean(off**2))),
     }
 
 
@@ -186,21 +161,6 @@ def _confusion(trials: list[Trial], kinds: tuple[str, ...]) -> dict[str, Any]:
         "confusion": rows,
         "right_share": rate(sum(seen.is_right for seen in every), len(every)),
     }
-
-
-def _calibration(every: list[Seen]) -> list[dict[str, Any]]:
-    told = [
-        (seen.reported.confidence, seen.is_right) for seen in every if seen.reported is not None
-    ]
-    rows = []
-    for low, high in pairwise(BINS):
-        mine = [(c, right) for c, right in told if low <= c and (c < high or high == 1.0)]
-        if mine:
-            rows.append({
-                "from": low, "to": high, "confidence": float(np.mean([c for c, _ in mine])),
-                "right": rate(sum(right for _, right in mine), len(mine)),
-            })  # fmt: skip
-    return rows
 
 
 def _rested_s(trial: Trial) -> float:

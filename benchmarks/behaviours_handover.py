@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.handover_trial import Carry, Take, run_carry, run_take
-from benchmarks.slip_intervals import per_minute, rate
+from benchmarks.intervals import per_minute, rate
 from benchmarks.workers import in_parallel
 
 REPORTED = 8000

@@ -2,9 +2,9 @@
 
 Films come from magnet theory, with errors of fabrication, and heat goes through a chain of layers:
 neither is what the fits believe. Every unit has its own reference with lag, drift, rate, turned
-axes, noise, and a zero that is not the touch (`benchmarks.lab`). ``foreign`` decodes units whose
-gel, capacitor and forces follow other laws than the fits' as well; ``relaxing`` units of which the
-material creeps by stretched exponentials (`benchmarks.creep`), and ``without_hold`` the same
+axes, noise, and a zero that is not the touch (`skin.sim.bench`). ``foreign`` decodes units whose
+gel and forces follow other laws than the fits' as well; ``relaxing`` units of which the
+material creeps by stretched exponentials (`tests.fixtures.creep`), and ``without_hold`` the same
 ones by fits of recordings without their hold.
 
 Errors beyond the noise are those of readings without noise; intervals of 95 % are of a bootstrap
@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy_skin import apart
-from benchmarks.bench import ORDER, RATE_HZ, protocol
-from benchmarks.lab import Lab, unseen
+from benchmarks.made import apart
 from skin import Decoder
 from skin.calibrate.bench.unit import UnitResult, fit_unit
 from skin.calibrate.files import with_fits
+from skin.sim.bench import ORDER, RATE_HZ, Bench, Lab, protocol
+from tests.fixtures.bench import ForeignLab, counts_of, fits, lag_s, series, unseen
 from topology import Topology
 
 UNITS, FEW = (10, 5), 5
@@ -38,7 +38,6 @@ TOLD = (
 )  # fmt: skip
 """Parameters that a simulated unit really has."""
 LOW_N, SHEARED_N, PRESSED_N = 1.0, 0.1, 0.05
-FOREIGN = frozenset({"gel", "capacitor", "force"})
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -48,8 +47,8 @@ def run(quick: bool) -> dict[str, Any]:
     results, seconds = _fitted(lab, share)
     known = with_fits(lab.nominal, {r.unit: r.fits for r in results})
     inside = _inside(lab.true, results)
-    foreign = Lab(FEW, seed=2, laws=FOREIGN)
-    other = foreign.fits(protocol(share=share))
+    foreign = ForeignLab(FEW, {"gel", "force"}, seed=2)
+    other = fits(foreign, protocol(share=share))
     known_foreign = with_fits(foreign.nominal, {r.unit: r.fits for r in other})
     return {
         "units": lab.nominal.n,
@@ -58,7 +57,6 @@ def run(quick: bool) -> dict[str, Any]:
         "interval_share": float(np.mean([v for values in inside.values() for v in values])),
         "interval_share_by_parameter": {n: float(np.mean(v)) for n, v in inside.items()},
         "seconds_per_unit": seconds / lab.nominal.n,
-        "seconds_against_minutes": _timed((0.125, 0.25, 0.5) if quick else (0.25, 0.5, 1.0)),
         "lag_error_over_sigma": _lags(lab, results),
         "foreign": _scored(foreign, known_foreign, 30.0),
         **_relaxing(share),
@@ -88,45 +86,34 @@ def table(figures: dict[str, Any]) -> str:
         f"parameters within their 95 % interval: {figures['interval_share']:.3f}",
         *(f"  {n:<28}{v:.2f}" for n, v in figures["interval_share_by_parameter"].items()),
         f"lag of the reference: errors of {figures['lag_error_over_sigma']:.2f} sigma rms",
-        "seconds a unit against minutes: "
-        + ", ".join(f"{m} min {s:.2f} s" for m, s in figures["seconds_against_minutes"].items()),
     ]
     return "\n".join(rows)
 
 
 def _fitted(lab: Lab, share: float) -> tuple[list[UnitResult], float]:
-    """As `Bench.fits`, and the seconds of aligning and fitting."""
+    """As `fits`, and the seconds of aligning and fitting."""
     path = protocol(share=share)
-    counts, seconds, results = lab.counts(path), 0.0, []
+    counts, seconds, results = counts_of(lab, path), 0.0, []
     for unit in range(lab.nominal.n):
         reference = lab.reference(path, unit)
         start = time.perf_counter()
-        results.append(fit_unit(lab.nominal, lab.series(path, counts, unit, reference), unit))
+        results.append(fit_unit(lab.nominal, series(lab, path, counts, unit, reference), unit))
         seconds += time.perf_counter() - start
     return results, seconds
 
 
 def _relaxing(share: float) -> dict[str, Any]:
     """Scores of units that relax, with their holds and without."""
-    lab, told = Lab(FEW, seed=4, laws=frozenset({"creep"})), {}
+    lab, told = ForeignLab(FEW, {"creep"}, seed=4), {}
     for name, order in (("relaxing", ORDER), ("without_hold", ORDER[:1] + ORDER[2:])):
-        results = lab.fits(protocol(order, share))
+        results = fits(lab, protocol(order, share))
         known = with_fits(lab.nominal, {r.unit: r.fits for r in results})
         told[name] = _scored(lab, known, 30.0)
     return told
 
 
-def _timed(shares: tuple[float, ...]) -> dict[str, float]:
-    """Seconds a unit against minutes of its recording."""
-    lab, told = Lab(2, seed=3), {}
-    for share in shares:
-        minutes = protocol(share=share).time_s.size / RATE_HZ / 60.0
-        told[f"{minutes:.1f}"] = _fitted(lab, share)[1] / lab.nominal.n
-    return told
-
-
 def _lags(lab: Lab, results: list[UnitResult]) -> float:
-    errors = [(result.goodness["lag_s"] - lab.lag_s(unit)) / result.goodness["lag_sigma_s"]
+    errors = [(result.goodness["lag_s"] - lag_s(lab, unit)) / result.goodness["lag_sigma_s"]
               for unit, result in enumerate(results)]  # fmt: skip
     return float(np.sqrt(np.mean(np.square(errors))))
 
@@ -145,13 +132,13 @@ def _inside(true: Topology, results: list[UnitResult]) -> dict[str, list[bool]]:
     return {name: values for name, values in found.items() if values}
 
 
-def _scored(lab: Lab, known: Topology, seconds: float) -> dict[str, Any]:
+def _scored(lab: Bench, known: Topology, seconds: float) -> dict[str, Any]:
     """Errors of force, direction and temperature on a way that was not recorded."""
     path = unseen(seconds, seed=17)
     force = lab.force(path)
     clean, noisy = (
         Decoder(apart(known), None, dtype="float64", sweeps=0, ambient=False)(
-            lab.counts(path, noise=noise).counts
+            lab.counts(path, noise=noise)
         )
         for noise in (False, True)
     )

@@ -47,7 +47,7 @@ class Take:
         How far the block is off where it was, after the release.
     why : str
         The decision.
-    time_s, support, true_support, hand_odds, update_us : list of float
+    time_s, true_support, update_us : list of float
         Cycle by cycle; the last is what `Handover.update` took, microseconds.
     """
 
@@ -60,9 +60,7 @@ class Take:
     moved_m: float = math.nan
     why: str = ""
     time_s: list[float] = field(default_factory=list)
-    support: list[float] = field(default_factory=list)
     true_support: list[float] = field(default_factory=list)
-    hand_odds: list[float] = field(default_factory=list)
     update_us: list[float] = field(default_factory=list)
 
     @property
@@ -107,7 +105,7 @@ def run_take(seed: int) -> Take:
             now_s = world.time_s - start_s
             while acts and now_s >= acts[0][0]:
                 hand.begin(acts.pop(0)[1])
-            _note(trial, now_s, handover, hand)
+            _note(trial, now_s, hand)
             begun_ns = time.perf_counter_ns()
             phase = handover.update(state)
             trial.update_us.append(1e-3 * (time.perf_counter_ns() - begun_ns))
@@ -133,11 +131,9 @@ def _before(random: np.random.Generator) -> list[tuple[float, Act]]:
     return acts
 
 
-def _note(trial: Take, now_s: float, handover: Handover, hand: Hand) -> None:
+def _note(trial: Take, now_s: float, hand: Hand) -> None:
     trial.time_s.append(now_s)
-    trial.support.append(handover.support)
     trial.true_support.append(float(hand.force_n[2]) / trial.weight_n)
-    trial.hand_odds.append(handover.probabilities.get("hand", 0.0))
 
 
 def _secure(trial: Take) -> float:
@@ -160,8 +156,6 @@ class Carry:
     bumps, brushes, tugs : int
     released : list of str
         Decisions to release, each of them false.
-    most : float
-        The highest probability of a hand.
     """
 
     seconds: float = 0.0
@@ -169,7 +163,6 @@ class Carry:
     brushes: int = 0
     tugs: int = 0
     released: list[str] = field(default_factory=list)
-    most: float = 0.0
 
 
 def run_carry(seed: int, seconds: float) -> Carry:
@@ -192,7 +185,6 @@ def run_carry(seed: int, seconds: float) -> Carry:
             if handover.update(state) == Phase.TAKEN:
                 carry.released.append(str(handover.decisions[-1]))
                 handover.give()
-            carry.most = max(carry.most, handover.probabilities.get("hand", 0.0))
             hand.update()
             if now_s >= seconds:
                 break

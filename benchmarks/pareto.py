@@ -11,28 +11,24 @@ from __future__ import annotations
 import dataclasses
 import time
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.accuracy_array import EVERYWHERE_M, ROOM_C
-from benchmarks.accuracy_skin import BAG_SIDE, QUICK_BAG_SIDE, Made, made
+from benchmarks.made import BAG_SIDE, QUICK_BAG_SIDE, Made, made
 from skin import Decoder
 from skin.physics.stencil import Stencil
 
-PICTURE = Path(__file__).parent / "pictures" / "pareto.png"
 SIDE, TILES = 6, 5
 PATCHES, RADIUS_UNITS = 4, 3.0
 CHOICES = tuple(product(("field-angle", "sine"), ("float32", "float64"), (0, 1, 2), (False, True)))
 ALIKE = 1.01
 """Errors within this factor are no better than each other."""
-HUES = {"field-angle": "#0072b2", "sine": "#d55e00"}
-MARKS = {0: "o", 1: "s", 2: "^"}
 
 
 def run(quick: bool) -> dict[str, Any]:
-    """Measure, draw the picture; see `table` for what the figures are."""
+    """Measure; see `table` for what the figures are."""
     bag_side = QUICK_BAG_SIDE if quick else BAG_SIDE
     skin = made(SIDE, fabricated=False, bag_side=bag_side).tiled(TILES, 0.012)
     cycles, rounds = (4, 5) if quick else (12, 25)
@@ -61,14 +57,11 @@ def run(quick: bool) -> dict[str, Any]:
          "us_per_cycle": float(us), "um_rms": error, "front": _leads(us, error, micros, errors)}
         for (estimator, dtype, sweeps, skip), us, error in zip(CHOICES, micros, errors, strict=True)
     ]  # fmt: skip
-    figures = {
+    return {
         "units": skin.true.n,
         "pressed_share": float((depth > 0.0).mean()),
         "points": points,
-        "picture": str(PICTURE),
     }
-    _draw(figures)
-    return figures
 
 
 def table(figures: dict[str, Any]) -> str:
@@ -82,8 +75,7 @@ def table(figures: dict[str, Any]) -> str:
             f"{'yes' if point['skip'] else 'no':>6}{point['us_per_cycle']:>10.1f}{each:>9.1f}"
             f"{point['um_rms']:>9.1f}{'  front' if point['front'] else ''}"
         )
-    lines.append(f"{figures['units']} units, {figures['pressed_share']:.0%} pressed; picture: "
-                 f"{figures['picture']}")  # fmt: skip
+    lines.append(f"{figures['units']} units, {figures['pressed_share']:.0%} pressed")
     return "\n".join(lines)
 
 
@@ -138,39 +130,3 @@ def _leads(us: float, error: float, micros: np.ndarray, errors: list[float]) -> 
         other_us < us and other < ALIKE * error
         for other_us, other in zip(micros, errors, strict=True)
     )
-
-
-def _draw(figures: dict[str, Any]) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.4, 4.8), layout="constrained")
-    FigureCanvasAgg(figure)
-    axis = figure.subplots()
-    for point in figures["points"]:
-        hue = HUES[point["estimator"]]
-        axis.plot(point["us_per_cycle"], point["um_rms"], MARKS[point["sweeps"]], color=hue,
-                  fillstyle="full" if point["dtype"] == "float32" else "none",
-                  alpha=1.0 if not point["skip"] else 0.5, markersize=6.0)  # fmt: skip
-    front = sorted((point["us_per_cycle"], point["um_rms"], i)
-                   for i, point in enumerate(figures["points"]) if point["front"])  # fmt: skip
-    axis.step([us for us, _, _ in front], [um for _, um, _ in front], where="post", color="black",
-              linewidth=0.8, label="front")  # fmt: skip
-    for us, um, i in front:
-        point = figures["points"][i]
-        text = f"{point['estimator']}, {point['dtype']}, {point['sweeps']} sweeps"
-        axis.annotate(text + (", skip" if point["skip"] else ""), (us, um), fontsize=6,
-                      xytext=(4.0, 4.0), textcoords="offset points")  # fmt: skip
-    for estimator, hue in HUES.items():
-        axis.plot([], [], "o", color=hue, label=estimator)
-    for sweeps, mark in MARKS.items():
-        axis.plot([], [], mark, color="grey", label=f"{sweeps} sweeps")
-    axis.plot([], [], "o", color="grey", fillstyle="none", label="float64")
-    axis.plot([], [], "o", color="grey", alpha=0.5, label="skipping")
-    axis.set(xscale="log", yscale="log", xlabel=f"µs a cycle of {figures['units']} units",
-             ylabel="error of pressed units without noise, rms / µm",
-             ylim=(1.0, 1000.0))  # fmt: skip
-    axis.legend(frameon=False, fontsize=7)
-    axis.spines[["top", "right"]].set_visible(False)
-    PICTURE.parent.mkdir(exist_ok=True)
-    figure.savefig(PICTURE, dpi=110)

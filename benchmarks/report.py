@@ -31,7 +31,7 @@ import numpy as np
 from scipy import special, stats
 
 from benchmarks import quiet
-from benchmarks.report_figures import (
+from benchmarks.figures import (
     FIGURES,
     HEAD,
     PINNED,
@@ -97,15 +97,14 @@ def table(figures: dict[str, Any]) -> str:
     """The figures for a person."""
     lines = [
         f"{name}: busy, others used {others:.1f} cores: not stored"
-        for name, others in figures.get("busy", {}).items()
+        for name, others in figures["busy"].items()
     ]
     for figure in FIGURES:
         row = figures["figures"].get(_key(figure))
         if row is not None:
-            quick = "  (quick)" if row["quick"] else ""
-            lines += [f"{figure.compared}:",
-                      f"  {_key(figure):<60}{value_of(row):>26} {figure.unit:<10}"
-                      f"{figure.target:>10}  {verdict(figure, row)}{quick}"]  # fmt: skip
+            lines.append(f"{_key(figure):<60}{number(row['value']):>12} {figure.unit:<12}"
+                         f"{spread(row):<24}{bound(figure):>10}  {verdict(figure, row)}"
+                         )  # fmt: skip
     return "\n".join(lines)
 
 
@@ -275,12 +274,6 @@ def spread(row: dict[str, Any]) -> str:
 def bound(figure: Figure) -> str:
     """The target, as it is printed."""
     return figure.target.replace("<=", "≤").replace(">=", "≥")
-
-
-def value_of(row: dict[str, Any]) -> str:
-    """A value with its spread."""
-    ends = spread(row)
-    return number(row["value"]) + (f" ({ends})" if ends else "")
 
 
 def _key(figure: Figure) -> str:

@@ -97,16 +97,6 @@ def on_fewest_buses(rows: int, columns: int, rate_hz: float) -> Topology:
     raise ValueError(f"rate_hz: must let a bus carry a row of units; got {rate_hz:g}")
 
 
-def most_rows(columns: int, buses: int, rate_hz: float) -> Topology:
-    """A strip with as many rows as its buses carry, the same on each."""
-    found = strip(buses, columns, buses, rate_hz)
-    try:
-        while True:
-            found = strip(found.n // columns + buses, columns, buses, rate_hz)
-    except TopologyError:
-        return found
-
-
 def simulate(skin: Topology, seed: int = 1) -> Units:
     """What the units answer to `LAP` SYNCs; after the last the first follows without a jump."""
     simulator = UnitSimulator(skin, seed=seed, field=HalbachField(skin, reach_m=FELT_M))

@@ -1,11 +1,10 @@
-"""What is not done: cycle time by how much of the skin is touched, and by what is wanted.
+"""What is not done: cycle time by how much of the skin is touched.
 
 One round contact presses 0, 5, 25 and 100 % of the units. `default` is all that `skin.open`
 computes if not told otherwise, from counts to contacts with slip; `skip` is the same with
 ``skip=True``: it leaves out blocks of units that nothing presses, and estimates the ambient field
 where it looks at all units. Times are means over many cycles, those that look
-among them; ratios are of whole passes, and of decoding alone beside them. The second table gives
-the time of each single want over all of them, without skipping.
+among them; ratios are of whole passes, and of decoding alone beside them.
 
 Skipping changes no value: in the same run every unit that is not IDLE is compared to the bit with
 a decoder that leaves out no block, with cross-talk and without; and
@@ -30,7 +29,7 @@ from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
-from skin.state import UNIT_WANTS, Reading, Status
+from skin.state import Reading, Status
 from topology import Topology
 
 SIZES = (64, 1024)
@@ -41,7 +40,6 @@ WARM = 40
 DEPTH_MM, SHEAR_MM = 1.0, 0.4
 VALUES = ("force", "tangential", "theta", "displacement_mm", "force_sigma", "tangential_sigma",
           "theta_sigma", "displacement_sigma_mm")  # fmt: skip
-SINGLE = tuple(name for name in UNIT_WANTS if name != "sigma")
 
 
 def run(quick: bool) -> dict:
@@ -69,24 +67,12 @@ def table(figures: dict) -> str:
                 f"{row['skip_us']:>9.1f}{row['ratio']:>7.2f}{spread:>14}"
                 f"{row['ratio_decoding']:>10.2f}{row['off_n']:>13.1e}"
             )
-    for n, rows in figures["sizes"].items():
-        wants = ", ".join(f"{name} {ratio:.2f}" for name, ratio in rows["wants"].items())
-        lines.append(f"{n:>6} units, one want over all: {wants}")
     return "\n".join(lines)
 
 
 def _size(skin: Topology, quick: bool) -> dict:
     target_s = 0.1 if quick else 0.5
-    shares = {f"{100 * share:g}": _share(skin, share, target_s) for share in SHARES}
-    counts = counts_of(skin, 0.25)
-    runs = {
-        name: cycles_of(Decoder(skin, {name}, sweeps=0, ambient=False), counts) for name in SINGLE
-    }
-    seconds = times(
-        {**runs, "all": cycles_of(Decoder(skin, sweeps=0, ambient=False), counts)}, target_s
-    )
-    wants = {name: seconds[name][0] / seconds["all"][0] for name in SINGLE}
-    return {"shares": shares, "wants": wants}
+    return {"shares": {f"{100 * share:g}": _share(skin, share, target_s) for share in SHARES}}
 
 
 def counts_of(skin: Topology, share: float) -> np.ndarray:

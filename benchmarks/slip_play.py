@@ -25,24 +25,6 @@ from skin.sim.mechanics.springs import Springs
 from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
 
-__all__ = [
-    "FIRST",
-    "GROSS",
-    "ONSET",
-    "PITCH_M",
-    "RATE_HZ",
-    "SETTLE_S",
-    "SKINS",
-    "Plan",
-    "Trial",
-    "lasting",
-    "play",
-    "pressed",
-    "reached_mm",
-    "skin_of",
-    "turned",
-]  # fmt: skip
-
 SKINS = {
     "flat": 'kind = "grid"\nrows = 8\ncolumns = 8',
     "cylinder": 'kind = "cylinder"\nrows = 8\ncolumns = 8\nradius_m = 0.06',
@@ -92,7 +74,7 @@ class Plan:
         Share of the load by which the grip comes and goes, and how often.
     seed : int
         Of what units see.
-    rate_hz, pitch_m : float
+    rate_hz : float
         Of the skin.
     longest_s : float
         How long it lasts at most.
@@ -121,7 +103,6 @@ class Plan:
     modulation_hz: float = 1.0
     seed: int = 0
     rate_hz: float = RATE_HZ
-    pitch_m: float = PITCH_M
     longest_s: float = 6.0
     roll_per_m: float = 0.0
     shake_mm: float = 0.0
@@ -169,9 +150,7 @@ class Trial:
         """What the neighbours' films add to the lateral field since the beginning, (t, 2, n)."""
         films = self.displacement_mm[:, :2], self.displacement_mm[:, 2]
         warm = np.full(films[1].shape[1], 25.0)
-        all_films, own_film = (
-            field(*films, warm)[:, :2] for field in _fields(self.plan.skin, self.plan.pitch_m)
-        )
+        all_films, own_film = (field(*films, warm)[:, :2] for field in _fields(self.plan.skin))
         stray = all_films - own_film
         return stray - stray[0]
 
@@ -197,7 +176,7 @@ def lasting(trial: Trial, seconds: float) -> Trial:
 
 
 @cache
-def skin_of(name: str, pitch_m: float = PITCH_M) -> Topology:
+def skin_of(name: str) -> Topology:
     """A skin of `SKINS`, its apex in the origin.
 
     What is played does not know of its bus; the rate of a trial is that of its plan.
@@ -215,7 +194,7 @@ data_bitrate = 5_000_000
 [[patches]]
 name = "skin"
 {SKINS[name]}
-pitch_m = {pitch_m}
+pitch_m = {PITCH_M}
 bus = "main"
 layout = "f3t-fd64"
 first_id = 0x100
@@ -227,15 +206,15 @@ first_id = 0x100
 
 
 @cache
-def _fields(name: str, pitch_m: float) -> tuple[HalbachField, HalbachField]:
+def _fields(name: str) -> tuple[HalbachField, HalbachField]:
     """The field of all films in reach, and of the own one."""
-    skin = skin_of(name, pitch_m)
-    return HalbachField(skin, reach_m=1.6 * pitch_m), HalbachField(skin, reach_m=0.0)
+    skin = skin_of(name)
+    return HalbachField(skin, reach_m=1.6 * PITCH_M), HalbachField(skin, reach_m=0.0)
 
 
 @lru_cache(4)
-def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Springs:
-    topology = skin_of(skin, pitch_m)
+def _foundation(skin: str, modulus_pa: float) -> HalfSpace | Springs:
+    topology = skin_of(skin)
     if np.isinf(modulus_pa):
         return Springs.of(topology)
     return HalfSpace.of(topology, modulus_pa)
@@ -243,16 +222,16 @@ def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> HalfSpace | Spr
 
 def reached_mm(plan: Plan) -> np.ndarray:
     """How deep the body reaches into each unit where its way down begins."""
-    skin = skin_of(plan.skin, plan.pitch_m)
+    skin = skin_of(plan.skin)
     return penetration(plan.body, _pose(plan, 0.0, 0.0), skin.position, skin.rotation)
 
 
 def pressed(plan: Plan, depth_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Load and own depth of each unit under a body that has come down straight."""
-    skin = skin_of(plan.skin, plan.pitch_m)
+    skin = skin_of(plan.skin)
     depth = penetration(plan.body, _pose(plan, depth_mm, 0.0), skin.position, skin.rotation)
     load_n, own_mm = np.zeros(skin.n), np.zeros(skin.n)
-    _foundation(plan.skin, plan.pitch_m, plan.modulus_pa).press(
+    _foundation(plan.skin, plan.modulus_pa).press(
         depth, load_n, own_mm, body_mm_per_n=plan.body.compliance_mm_per_n
     )
     return load_n, own_mm
@@ -286,7 +265,7 @@ def _pose(plan: Plan, depth_mm: float, travel_mm: float, since_s: float = 0.0) -
 
 def _travel_speed(plan: Plan) -> float:
     """mm/s of travel at which the fastest face in contact moves at the plan's speed."""
-    position = skin_of(plan.skin, plan.pitch_m).position
+    position = skin_of(plan.skin).position
     touched = pressed(plan, plan.depth_mm)[0] > 0.0
     away = 1e3 * (position[:2, touched] - np.array(plan.pivot_m)[:, np.newaxis])
     heading = plan.slide * np.array([np.cos(plan.heading_rad), np.sin(plan.heading_rad)])
@@ -309,9 +288,9 @@ def play(
         Not 0: nothing slips once the body moves, whatever the friction, and so many cycles follow.
     """
     dt_s = 1.0 / plan.rate_hz if dt_s is None else dt_s
-    skin = skin_of(plan.skin, plan.pitch_m)
+    skin = skin_of(plan.skin)
     mechanics = Mechanics(
-        skin, plan.body, foundation=_foundation(plan.skin, plan.pitch_m, plan.modulus_pa),
+        skin, plan.body, foundation=_foundation(plan.skin, plan.modulus_pa),
         static=plan.friction, kinetic=plan.kinetic,
     )  # fmt: skip
     prony = Prony((3, skin.n))

@@ -6,16 +6,13 @@ of that: see `benchmarks.slip_play`. What units see of it is for `benchmarks.sli
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.slip_families import FAMILIES, Family
 from benchmarks.slip_play import (
     FIRST,
-    GROSS,
     ONSET,
-    PITCH_M,
     RATE_HZ,
     SKINS,
     Plan,
@@ -30,34 +27,80 @@ from skin.physics.elastic import Elastic
 from skin.sim.mechanics.body import Body
 from skin.sim.mechanics.rays import CYLINDER
 
-__all__ = [
-    "FAMILIES", "FEW", "FIRST", "GROSS", "KINDS", "ONSET", "PITCH_M", "RATE_HZ", "SKINS", "Plan",
-    "Trial", "play", "skin_of", "stage",
-]  # fmt: skip
+__all__ = ["FAMILIES", "KINDS", "stage"]
 
 KINDS = ("slip", "hold", "modulation")
-FEW, BEARS_N = (3, 5), 0.05
-"""Units that bear load where they are few, and what counts as load."""
-MIXED = 0.5
-"""Share of the variance of friction that is smooth over the face, where it is spread."""
-SMOOTH_PITCHES = 2.0
-"""Length over which that part changes, pitches of the skin."""
+FEWEST, BEARS_N = 6, 0.05
+"""Units that bear load, and what counts as load."""
 
 
-def stage(seed: int, kind: str, number: int, *, family: str = "base", few: bool = False) -> Trial:
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """Ranges from which trials are drawn; ends of even draws, in logarithm for speeds and rates.
+
+    Trials of the same number of two families are of the same draws, so that they differ by what
+    the families do, unless one draw does not suit a family and the next one is taken.
+
+    Attributes
+    ----------
+    far_mm : tuple of float
+        How far full slip drags the farthest face.
+    from_touch : bool
+        A body that is tilted comes down from where it first touches; else from where it would if
+        it were not tilted, which presses more.
+    speed_mm_s : tuple of float
+        Of the fastest face in contact.
+    longest_s : float
+        After which a trial ends.
+    coarse_s : float
+        Step of the first look for where slip begins.
+    compliance_mm_per_n : float
+        How far the object's surface yields under the force of one unit.
+    rate_hz : float
+    roll : tuple of float
+        Share of its way that a round body rolls; no other body where that is not 0.
+    shake_mm, shake_hz : tuple of float
+        Amplitude and frequency at which the body shakes along the skin.
+    """
+
+    far_mm: tuple[float, float] = (0.4, 2.2)
+    from_touch: bool = False
+    speed_mm_s: tuple[float, float] = (0.5, 10.0)
+    longest_s: float = 6.0
+    coarse_s: float = 4.0 / RATE_HZ
+    compliance_mm_per_n: float = 0.0
+    rate_hz: float = RATE_HZ
+    roll: tuple[float, float] = (0.0, 0.0)
+    shake_mm: tuple[float, float] = (0.0, 0.0)
+    shake_hz: tuple[float, float] = (5.0, 50.0)
+
+
+FAMILIES = {
+    "base": Family(),
+    "light": Family(far_mm=(0.1, 0.4), from_touch=True),
+    "soft": Family(compliance_mm_per_n=1.0),
+    "fast": Family(speed_mm_s=(10.0, 50.0), coarse_s=0.002),
+    "100 Hz": Family(rate_hz=100.0),
+    "rolling": Family(roll=(0.3, 0.8)),
+    "shaking": Family(shake_mm=(0.01, 0.05), coarse_s=0.002),
+}
+"""By name; the ranges are [assumed]. Light is a grip that does not want to hurt."""
+
+
+def stage(seed: int, kind: str, number: int, *, family: str = "base") -> Trial:
     """Draw and play trial `number` of its kind and family; each is the same every time.
 
-    At least six units bear load; where `few` is wanted, three to five.
+    At least `FEWEST` units bear load.
 
     Plans are drawn until the truth is of the kind: a slip reaches a tenth of the load; of what is
     held, less than `FIRST` has slipped at any time.
     """
-    rng = np.random.default_rng([seed, KINDS.index(kind), number, few])
+    rng = np.random.default_rng([seed, KINDS.index(kind), number, 0])
     ranges = FAMILIES[family]
     while True:
         plan = _drawn(rng, kind, ranges)
         units = int((pressed(plan, plan.depth_mm)[0] > BEARS_N).sum())
-        if not (FEW[0] <= units <= FEW[1] if few else units > FEW[1]):
+        if units < FEWEST:
             continue
         if kind == "slip":
             trial = play(plan)
@@ -75,7 +118,7 @@ def stage(seed: int, kind: str, number: int, *, family: str = "base", few: bool 
 
 def _drawn(rng: np.random.Generator, kind: str, family: Family) -> Plan:
     skin_name = str(rng.choice(list(SKINS), p=[0.5, 0.25, 0.25]))
-    skin = skin_of(skin_name, family.pitch_m)
+    skin = skin_of(skin_name)
     rolls = family.roll[1] > 0.0
     shape = rng.choice(["sphere", "cylinder"] if rolls else ["sphere", "cylinder", "plate"])
     soft = {"compliance_mm_per_n": family.compliance_mm_per_n}
@@ -124,14 +167,7 @@ def _drawn(rng: np.random.Generator, kind: str, family: Family) -> Plan:
 
 def _of_family(rng: np.random.Generator, plan: Plan, family: Family, yaw: float) -> Plan:
     """The plan with what only its family has; nothing more is drawn where it has nothing."""
-    changes: dict[str, object] = {
-        "rate_hz": family.rate_hz, "pitch_m": family.pitch_m, "longest_s": family.longest_s,
-    }  # fmt: skip
-    if family.spread:
-        kinetic = plan.kinetic / plan.friction
-        spread = _spread(rng, skin_of(plan.skin, plan.pitch_m).position, family)
-        changes["friction"] = plan.friction.mean() * spread
-        changes["kinetic"] = kinetic * changes["friction"]
+    changes: dict[str, object] = {"rate_hz": family.rate_hz, "longest_s": family.longest_s}
     if family.from_touch:
         rotation, place = plan.lean
         lift_mm = max(reached_mm(plan).max(), 0.0)
@@ -148,14 +184,3 @@ def _of_family(rng: np.random.Generator, plan: Plan, family: Family, yaw: float)
         changes["shake_hz"] = np.exp(rng.uniform(*np.log(family.shake_hz)))
         changes["shake_rad"] = rng.uniform(-np.pi, np.pi)
     return replace(plan, **changes)
-
-
-def _spread(rng: np.random.Generator, position: np.ndarray, family: Family) -> np.ndarray:
-    """Friction of each face over its mean, shape (n,): lognormal, never negative."""
-    gap = np.linalg.norm(position[:, :, np.newaxis] - position[:, np.newaxis], axis=0)
-    near = np.exp(-0.5 * (gap / (SMOOTH_PITCHES * family.pitch_m)) ** 2)
-    values, vectors = np.linalg.eigh(near)
-    smooth = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.size))
-    own = rng.standard_normal(values.size)
-    together = np.sqrt(MIXED) * smooth + np.sqrt(1.0 - MIXED) * own
-    return np.exp(family.spread * together - 0.5 * family.spread**2)

@@ -1,4 +1,4 @@
-"""How good a slip detector is: what it must see, when, and what it must not see.
+"""The slip detector on a trial, and how good it is: what it must see, when, and what not.
 
 A trial is a time series of the true share of the load that has slipped, and of the detector's
 alarm; an alarm is the moment when it goes on. `benchmarks.slip` says what each figure means.
@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.slip_intervals import Rate, per_minute, rate
-from benchmarks.slip_play import FIRST, GROSS, ONSET, Trial
+from benchmarks.intervals import Rate, per_minute, rate
+from benchmarks.slip_play import FIRST, GROSS, ONSET, Trial, skin_of
+from benchmarks.slip_seen import Seen
+from skin.contact.record import SlipState
+from skin.contact.stream import ContactStream
 
-__all__ = ["Outcome", "outcome", "rates", "score"]
+__all__ = ["Outcome", "outcome", "score", "watch"]
 
 WARNING_S = 0.04
 """Time from onset to gross slip below which hardly anything could be done."""
@@ -30,8 +33,6 @@ class Outcome:
     Attributes
     ----------
     kind : str
-    units : int
-        In contact when the motion begins.
     first_s, onset_s, gross_s : float
         When `FIRST`, `ONSET` and `GROSS` of the load have slipped.
     alarm_s : float
@@ -40,8 +41,6 @@ class Outcome:
         That alarm came while nothing had slipped.
     early : bool
         There was an alarm before the motion, while nothing had slipped.
-    speed_mm_s : float
-        Of the fastest face.
     friction_error : float
         Relative, of the estimate after the alarm, of the friction of motion.
     held_s : float
@@ -51,14 +50,12 @@ class Outcome:
     """
 
     kind: str
-    units: int
     first_s: float
     onset_s: float
     gross_s: float
     alarm_s: float
     false: bool
     early: bool
-    speed_mm_s: float
     friction_error: float = np.nan
     held_s: float = 0.0
     alarms: int = 0
@@ -71,6 +68,31 @@ class Outcome:
             return np.nan
         told = np.isfinite(self.alarm_s) and not self.false
         return max(self.gross_s - self.alarm_s, 0.0) if told else 0.0
+
+
+def watch(trial: Trial, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
+    """Where the slip detector says that a contact slips, incipient or gross, bool; and its friction
+    of the heaviest contact, NaN before it is known. Shape (t,) each."""
+    skin = skin_of(trial.plan.skin)
+    stream = ContactStream(
+        skin.position, skin.rotation, skin.area, skin.neighbour_start, skin.neighbour_index,
+        want={"slip"}, rate_hz=trial.plan.rate_hz,
+    )  # fmt: skip
+    stamps_ns = np.rint(1e9 * trial.time_s).astype(np.int64).tolist()
+    alarm, friction = np.zeros(len(stamps_ns), bool), np.full(len(stamps_ns), np.nan)
+    arrays = (seen.force, seen.force_sigma, seen.displacement_mm, seen.displacement_sigma_mm)
+    # as a decoder's: always these
+    now = [np.zeros(array.shape[1:], np.float32) for array in arrays]
+    for t, stamp_ns in enumerate(stamps_ns):
+        for mine, array in zip(now, arrays, strict=True):
+            mine[:] = array[t]
+        contacts = stream.update(*now, stamp_ns=stamp_ns)
+        if contacts:
+            alarm[t] = max(contact.slip for contact in contacts) >= SlipState.INCIPIENT
+            heaviest = max(contacts, key=lambda contact: contact.load)
+            if heaviest.friction_known:  # bounds are no estimates
+                friction[t] = heaviest.friction
+    return alarm, friction
 
 
 def outcome(trial: Trial, alarm: np.ndarray, friction: np.ndarray | None = None) -> Outcome:
@@ -98,38 +120,14 @@ def outcome(trial: Trial, alarm: np.ndarray, friction: np.ndarray | None = None)
         error = float(friction[at] / trial.plan.kinetic.mean() - 1.0)
     held = trial.plan.kind != "slip"
     return Outcome(
-        trial.plan.kind, trial.units, first_s, when(moving & (share >= ONSET)),
+        trial.plan.kind, first_s, when(moving & (share >= ONSET)),
         when(moving & (share >= GROSS)), alarm_s,
         false=bool(np.isfinite(alarm_s) and not alarm_s >= first_s),
         early=bool(np.any(rises & ~moving & (np.maximum.accumulate(share) < FIRST))),
-        speed_mm_s=trial.plan.speed_mm_s,
         friction_error=error,
         held_s=float(trial.time_s[-1]) if held else 0.0,
         alarms=int(rises.sum()) if held else 0,
     )  # fmt: skip
-
-
-def rates(outcomes: Sequence[Outcome]) -> dict[str, Rate | None]:
-    """Shares of trials with their intervals; `benchmarks.slip` says what they are."""
-    slips = [one for one in outcomes if one.kind == "slip"]
-    gross = [one for one in slips if np.isfinite(one.gross_s)]
-    held = [one for one in outcomes if one.kind != "slip"]
-
-    def share(hits: list[bool]) -> Rate | None:
-        return rate(sum(hits), len(hits))
-
-    def false(kind: str) -> Rate | None:
-        return share([one.false or one.early for one in outcomes if one.kind == kind])
-
-    return {
-        "caught_before_gross": share([_caught(one) for one in gross]),
-        "premature": false("slip"),
-        "false_alarm_hold": false("hold"),
-        "false_alarm_modulation": false("modulation"),
-        "false_alarms_per_minute": per_minute(
-            sum(one.alarms for one in held), sum(one.held_s for one in held)
-        ),
-    }
 
 
 def _caught(one: Outcome) -> bool:
@@ -139,52 +137,49 @@ def _caught(one: Outcome) -> bool:
 def score(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Figures of many trials of all kinds; `benchmarks.slip` says what they are.
 
-    None where there is nothing to tell, or where the answer is never.
+    None where there is nothing to tell, or where the answer is never; ``rates`` have intervals.
     """
     slips = [one for one in outcomes if one.kind == "slip"]
     gross = [one for one in slips if np.isfinite(one.gross_s)]
     warned = [one for one in gross if one.gross_s - one.onset_s >= WARNING_S]
+    held = [one for one in outcomes if one.kind != "slip"]
     first_s, late_s = (
-        [np.nan_to_num(one.alarm_s - since, nan=np.inf) for one, since in zip(
-            slips, times, strict=True)]
-        for times in ([one.first_s for one in slips], [one.onset_s for one in slips])
-    )  # fmt: skip
-    way_mm = [late * one.speed_mm_s for late, one in zip(late_s, slips, strict=True)]
+        [float(np.nan_to_num(one.alarm_s - getattr(one, since), nan=np.inf)) for one in slips]
+        for since in ("first_s", "onset_s")
+    )
     alarmed = [one.friction_error for one in slips if np.isfinite(one.alarm_s)]
     errors = [abs(error) for error in alarmed if np.isfinite(error)]
-    found = rates(outcomes)
+
+    def false(kind: str) -> Rate | None:
+        hits = [one.false or one.early for one in outcomes if one.kind == kind]
+        return rate(sum(hits), len(hits))
 
     def quantile(values: list[float], q: float) -> float | None:
         value = float(np.quantile(values, q, method="higher")) if values else np.inf
         # of whole cycles: without the rounding of their sums
         return round(1e3 * value, 6) if np.isfinite(value) else None
 
-    def share(hits: list[bool]) -> float | None:
-        return float(np.mean(hits)) if hits else None
-
-    def plain(name: str) -> float | None:
-        one = found[name]
-        return None if one is None else one["rate"]
-
+    rates = {
+        "caught_before_gross": rate(sum(map(_caught, gross)), len(gross)),
+        "premature": false("slip"),
+        "false_alarm_hold": false("hold"),
+        "false_alarm_modulation": false("modulation"),
+        "false_alarms_per_minute": per_minute(
+            sum(one.alarms for one in held), sum(one.held_s for one in held)
+        ),
+    }
     return {
-        "caught_before_gross": plain("caught_before_gross"),
-        "caught_with_warning": share([_caught(one) for one in warned]),
+        **{name: one and one["rate"] for name, one in rates.items()},
+        "caught_with_warning": float(np.mean([*map(_caught, warned)])) if warned else None,
         "latency_ms_first_median": quantile(first_s, 0.5),
         "latency_ms_first_p90": quantile(first_s, 0.9),
         "latency_ms_median": quantile(late_s, 0.5),
         "latency_ms_p90": quantile(late_s, 0.9),
         "lead_ms_median": 1e3 * float(np.median([one.lead_s for one in gross])) if gross else None,
-        "way_um_median": quantile(way_mm, 0.5),
-        "way_um_p90": quantile(way_mm, 0.9),
-        "premature": plain("premature"),
-        "false_alarm_hold": plain("false_alarm_hold"),
-        "false_alarm_modulation": plain("false_alarm_modulation"),
         "friction_error_median": float(np.median(errors)) if errors else None,
-        "friction_known": share([bool(np.isfinite(error)) for error in alarmed]),
+        "friction_known": len(errors) / len(alarmed) if alarmed else None,
         "slips": len(slips),
         "gross": len(gross),
-        "warned": len(warned),
         "holds": sum(one.kind == "hold" for one in outcomes),
-        "modulations": sum(one.kind == "modulation" for one in outcomes),
-        "rates": found,
+        "rates": rates,
     }

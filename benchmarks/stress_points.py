@@ -8,7 +8,7 @@ from typing import get_type_hints
 
 import numpy as np
 
-from benchmarks.peers_decode import array_of, counts_of
+from benchmarks.arrays import array_of, counts_of
 from skin.decode.decoder import Decoder
 from skin.decode.model import field_angle_ends
 from skin.errors import CalibrationError

@@ -1,15 +1,15 @@
 """Wrong numbers that nobody is warned of: flags, shear, sigma, liars and films of another path.
 
 Forces, fields, noise and counts come from a plant that shares no code with simulator and decoder
-(`trust_plant`, `trust_film`, `trust_bodies`): an elastic foundation under spheres, punches,
+(`tests.fixtures.plant`, `trust_bodies`): an elastic foundation under spheres, punches,
 cylinders and edges; films as sums of dipoles, as drawn and of two other kinds, every moving one at
 every chip; the Earth's field in a hand that turns. Units differ; each was on a bench of the plant
 and calibrated; skins tare themselves in their first second, and have the defaults of `skin.open`.
 
 - `fast_press`: units pressed, tapped and dragged alone within 5 to 500 ms: how many healthy ones
   are called MAGNETIC_ANOMALY, and how many contacts are lost;
-- `light_grip`: felt over true shear of light grips, and of a palm under very light loads;
-- `turn`: shear of an untouched palm, and the wrench of a full one, when the hand turns in 50 µT;
+- `light_grip`: felt over true shear of light grips;
+- `turn`: shear of an untouched palm when the hand turns in 50 µT;
 - `wrench_coverage`, `centre_coverage`: share within one sigma, and mean square of error over
   sigma, one sample a run, over shapes, bodies, loads and turns;
 - `liars_still`: units that lie under a still hold: found within 5 s, and what passes until then;
@@ -55,7 +55,6 @@ def table(figures: dict[str, Any]) -> str:
             *_turns(figures["turn"]),
             *_cover("wrench", figures["wrench_coverage"]),
             *_cover("centre of pressure", figures["centre_coverage"]),
-            *_cover("centre, loads in their middles", figures["centre_coverage"]["middles"]),
             *_liars(figures["liars_still"]),
             *_films(figures["films"]),
             f"intervals of 95 %; seed {figures['seed']}",
@@ -82,24 +81,13 @@ def _fast(figures: dict[str, Any]) -> list[str]:
 
 
 def _grips(figures: dict[str, Any]) -> list[str]:
-    lines = [f"{'felt over true shear':<34}{'by units':>20}{'least-largest':>22}{'by wrench':>26}"]
-    for name, row in figures["grips"].items():
-        units, wrench = row["units"], row["wrench"]
-        lines.append(
-            f"{name + ' a pad':<34}{units['median']:>8.2f} {_span(units):<13}"
-            f"{_span(units, 'least', 'largest'):>20}{wrench['median']:>12.2f} {_span(wrench)}"
-        )
-    named = {f"from {_lightest(figures)} to 3 N, {name}": row
-             for name, row in figures["grown"].items()}  # fmt: skip
-    for name, row in {**named, **{f"{n} each": r for n, r in figures["light"].items()}}.items():
-        lines.append(f"{name:<34}{row['median']:>8.2f} {_span(row):<13}"
-                     f"{_span(row, 'least', 'largest'):>20}")  # fmt: skip
-    return lines
-
-
-def _lightest(figures: dict[str, Any]) -> str:
-    """The lightest grip."""
-    return next(iter(figures["grips"])).split(" ")[0]
+    lines = [f"{'felt over true shear':<34}{'median':>8}{'':<14}{'least-largest':>20}"]
+    rows = {f"{name} a pad": row["units"] for name, row in figures["grips"].items()}
+    rows |= {f"grown to 3 N, {name}": row for name, row in figures["grown"].items()}
+    return lines + [
+        f"{name:<34}{row['median']:>8.2f} {_span(row):<13}{_span(row, 'least', 'largest'):>20}"
+        for name, row in rows.items()
+    ]
 
 
 def _turns(figures: dict[str, Any]) -> list[str]:
@@ -109,14 +97,6 @@ def _turns(figures: dict[str, Any]) -> list[str]:
         (("shear of a unit", "unit_rms_mn"), ("95 %", "unit_p95_mn"),
          ("of all", "sum_rms_mn"), ("95 %", "sum_p95_mn"))
     )]  # fmt: skip
-    for name in ("held_palm", "held_pad"):
-        row = figures[name]
-        lines.append(
-            f"{name.replace('_', ' ')}, after 180°: off by {row['error_n']['mean']:.2f} ± "
-            f"{row['error_n']['interval']:.2f} N, sigma {row['sigma_n']['mean']:.2f} N; chi-square "
-            f"{row['chi_square']['mean']:.2f} ± {row['chi_square']['interval']:.2f}, at worst "
-            f"{row['worst_sigmas']:.1f} sigma"
-        )
     return lines
 
 
@@ -135,16 +115,13 @@ def _cover(name: str, figures: dict[str, Any]) -> list[str]:
         lines.append(
             f"{group:<34}{row['share']:>11.3f} ± {row['interval']:.3f}{chi:<30}{row['runs']:>6}"
         )
-    for key in ("silent", "sure", "without"):
+    for key in ("silent", "without"):
         if key in figures:
             lines.append(f"{SAID[key]:<34}{figures[key]['rate']:>11.3f} {_span(figures[key])}")
-    if "rms_mm" in figures:
-        lines.append(f"{'root mean square':<34}{figures['rms_mm']:>11.3f} mm")
     return lines
 
 
-SAID = {"silent": "says 0 ± 0 while something presses", "sure": "sigma of the centre is 0",
-        "without": "has no centre"}  # fmt: skip
+SAID = {"silent": "says 0 ± 0 while something presses", "without": "has no centre"}
 
 
 def _liars(figures: dict[str, Any]) -> list[str]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.trust_plant import Plant, Touch
+from tests.fixtures.plant import Plant, Touch
 
 __all__ = ["Body", "Pressed", "pressed", "ramp"]
 

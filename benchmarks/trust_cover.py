@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
-from benchmarks.slip_intervals import rate
+from benchmarks.intervals import rate
 from benchmarks.trust_bodies import Body, dragged, pressed, ramp
-from benchmarks.trust_film import FILMS
-from benchmarks.trust_plant import EARTH_UT, Touch, direction, turning
-from benchmarks.trust_skin import BAG, QUICK_BAG, SHAPES, Player, Skin, skin_of
+from tests.fixtures.film import FILMS
+from tests.fixtures.plant import EARTH_UT, Touch, direction, turning
+from tests.fixtures.plant_skin import BAG, QUICK_BAG, SHAPES, Player, Skin, skin_of
 
 __all__ = ["Sample", "centre_coverage", "samples", "wrench_coverage"]
 
@@ -60,7 +60,6 @@ class Sample:
     centre: np.ndarray
     centre_sigma: np.ndarray
     true_centre: np.ndarray
-    true_units_centre: np.ndarray
 
 
 def samples(quick: bool, seed: int) -> list[Sample]:
@@ -99,7 +98,7 @@ def _session(what: tuple[int, str, str, str], skin: Skin, rng: np.random.Generat
                 found.append(Sample(
                     session, name, film, kind, way, float(here[0, 2].sum()), state.wrench.copy(),
                     state.wrench_sigma.copy(), skin.plant.wrench(here)[0], state.centroid.copy(),
-                    spread, centre, skin.plant.centre(here)[0],
+                    spread, centre,
                 ))  # fmt: skip
     return found
 
@@ -135,27 +134,15 @@ def wrench_coverage(found: list[Sample]) -> dict[str, Any]:
 
 
 def centre_coverage(found: list[Sample]) -> dict[str, Any]:
-    """Of the pressure where it is, as the sigma of `State.centroid` is meant, and, as ``middles``,
-    of the true loads in the middles of the units: along axes in which the units' places differ,
-    where there is a centre."""
-    out = _centre(found, "true_centre")
-    out["middles"] = _centre(found, "true_units_centre")
-    return out
-
-
-def _centre(found: list[Sample], truth: str) -> dict[str, Any]:
+    """Of the pressure where it is, as the sigma of `State.centroid` is meant: along axes in which
+    the units' places differ, where there is a centre."""
     rows = []
     for each in found:
         axes = range(1) if each.shape in LINES else range(2) if each.shape in FLAT else range(3)
-        error = (each.centre - getattr(each, truth))[list(axes)]
+        error = (each.centre - each.true_centre)[list(axes)]
         if np.isfinite(error).all():
             rows.append((each, error, each.centre_sigma[list(axes)]))
-    out = _by_kinds(rows)
-    error = np.concatenate([1e3 * row[1] for row in rows])
-    out["rms_mm"] = float(np.sqrt(np.mean(error**2)))
-    out["sure"] = rate(sum(not row[2].any() for row in rows), len(rows))
-    out["without"] = rate(len(found) - len(rows), len(found))
-    return out
+    return _by_kinds(rows) | {"without": rate(len(found) - len(rows), len(found))}
 
 
 def _by_kinds(rows: list[tuple[Sample, np.ndarray, np.ndarray]]) -> dict[str, Any]:

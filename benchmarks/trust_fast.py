@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.slip_intervals import per_minute, rate
-from benchmarks.trust_film import FILMS
-from benchmarks.trust_plant import EARTH_UT, Touch, direction
-from benchmarks.trust_skin import BAG, QUICK_BAG, REST_S, SHAPES, Player, Skin, skin_of
+from benchmarks.intervals import per_minute, rate
 from skin.state import Status
+from tests.fixtures.film import FILMS
+from tests.fixtures.plant import EARTH_UT, Touch, direction
+from tests.fixtures.plant_skin import BAG, QUICK_BAG, REST_S, SHAPES, Player, Skin, skin_of
 
 __all__ = ["fast_press"]
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
-from benchmarks.trust_film import FILMS
-from benchmarks.trust_plant import Touch
-from benchmarks.trust_skin import QUICK_BAG, Player, Skin, skin_of
 from skin.calibrate.crosstalk import StrayEstimate, TouchTest
 from skin.calibrate.tare import tare
 from skin.physics.stencil import Stencil
 from skin.state import INVALID
+from tests.fixtures.film import FILMS
+from tests.fixtures.plant import Touch
+from tests.fixtures.plant_skin import QUICK_BAG, Player, Skin, skin_of
 from topology import Topology
 
 __all__ = ["WAYS", "films"]

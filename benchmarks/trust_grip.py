@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.trust_bodies import ramp
-from benchmarks.trust_plant import EARTH_UT, Touch, direction, turning
-from benchmarks.trust_skin import BAG, QUICK_BAG, REST_S, Player, Skin, skin_of
+from tests.fixtures.plant import EARTH_UT, Touch, direction, turning
+from tests.fixtures.plant_skin import BAG, QUICK_BAG, REST_S, Player, Skin, skin_of
 
 __all__ = ["START_S", "light_grip", "turn", "turned_field"]
 
@@ -24,9 +24,7 @@ REGRIP_S, HOLD_S, GROWN_S, LAST_S = 0.4, 1.5, 2.0, 0.4
 """Gripped harder within; held before and after that; means are over the last."""
 TILT = 0.3
 """By which the load of a unit differs from the mean, evenly."""
-LIGHT_MN = (10.0, 30.0, 60.0)
-SIDEWAYS_MN = (5.0, 20.0, 50.0, 100.0)
-TURN_RAD_S, TURN_S, HELD_MM = 1.0, 12.0, 0.5
+TURN_RAD_S, TURN_S = 1.0, 12.0
 
 
 def turned_field(
@@ -56,26 +54,18 @@ def middle(values: list[float]) -> dict[str, Any]:
 
 
 def light_grip(quick: bool, seed: int) -> dict[str, Any]:
-    """Felt over true shear, of a gripper's two pads and of a palm under very light loads."""
+    """Felt over true shear of a gripper's two pads."""
     runs, loads = (3, LOADS_N[::3]) if quick else (12, LOADS_N)
-    bag = QUICK_BAG if quick else BAG
-    gripper, palm = skin_of("gripper", bag=bag), skin_of("palm", bag=bag)
-    out: dict[str, Any] = {"grips": {}, "grown": {}, "light": {}}
+    gripper = skin_of("gripper", bag=QUICK_BAG if quick else BAG)
+    out: dict[str, Any] = {"grips": {}, "grown": {}}
     for field in (True, False):
         name = "field" if field else "no field"
         for load in loads:
             found = [_grip(gripper, load, (seed, run, round(10 * load)), field)
                      for run in range(runs)]  # fmt: skip
-            out["grips"][f"{load:g} N, {name}"] = {
-                "units": middle([each[0] for each in found]),
-                "wrench": middle([each[1] for each in found]),
-            }
+            out["grips"][f"{load:g} N, {name}"] = {"units": middle([each[0] for each in found])}
             if load == loads[0]:
-                out["grown"][name] = middle([each[2] for each in found])
-    for load in LIGHT_MN[::2] if quick else LIGHT_MN:
-        for shear in SIDEWAYS_MN[::2] if quick else SIDEWAYS_MN:
-            found = [_light(palm, load, shear, (seed, run)) for run in range(max(runs // 3, 1))]
-            out["light"][f"{load:g} mN, {shear:g} mN"] = middle(found)
+                out["grown"][name] = middle([each[1] for each in found])
     every = [row["units"]["median"] for row in out["grips"].values()]
     ends = [row["units"][end] for row in out["grips"].values() for end in ("least", "largest")]
     out["worst_median"] = {"lower": min(every), "upper": max(every)}
@@ -83,17 +73,14 @@ def light_grip(quick: bool, seed: int) -> dict[str, Any]:
     return out
 
 
-def _grip(
-    skin: Skin, load_n: float, seed: tuple[int, ...], field: bool
-) -> tuple[float, float, float]:
-    """Felt over true shear at the end of the hold, by units and by wrench, and by units after the
-    grip has grown to the largest load."""
+def _grip(skin: Skin, load_n: float, seed: tuple[int, ...], field: bool) -> tuple[float, float]:
+    """Felt over true shear of the units at the end of the hold, and after the grip has grown to the
+    largest load."""
     rng = np.random.default_rng((1, *seed))
-    plant, rate, n = skin.plant, skin.rate_hz, skin.n
+    plant, rate = skin.plant, skin.rate_hz
     way = direction(rng)
     in_plane = np.einsum("abn,a->bn", plant.topology.rotation[:, :2], way)
     in_plane /= np.linalg.norm(in_plane, axis=0)
-    way = np.einsum("abn,bn->a", plant.topology.rotation[:, :2], in_plane) / n  # pads are parallel
     grip_s, lift_s = (float(np.exp(rng.uniform(*np.log(span)))) for span in (GRIP_S, LIFT_S))
     each = load_n / 16.0 * _uneven(rng, plant.topology.patch)
     most = LOADS_N[-1] / load_n
@@ -118,7 +105,6 @@ def _grip(
         "end": (cycles - last, cycles),
     }
     felt = dict.fromkeys(spans, 0.0)
-    wrench = 0.0
     states = Player(skin.known, want={"wrench", "contacts"}).play(
         plant.counts(touch, rng, world_ut=world)
     )
@@ -126,11 +112,8 @@ def _grip(
         for name, (start, stop) in spans.items():
             if start <= i < stop:
                 felt[name] += _along(state.units.force, in_plane) / last
-                if name == "hold":
-                    wrench += float(state.wrench[:3] @ way) / last
     expected = {name: _along(true[stop - 1], in_plane) for name, (_, stop) in spans.items()}
-    along = float(plant.wrench(true[spans["hold"][1] - 1][np.newaxis])[0, :3] @ way)
-    return felt["hold"] / expected["hold"], wrench / along, felt["end"] / expected["end"]
+    return felt["hold"] / expected["hold"], felt["end"] / expected["end"]
 
 
 def _uneven(rng: np.random.Generator, patch: np.ndarray) -> np.ndarray:
@@ -146,40 +129,13 @@ def _along(force: np.ndarray, way: np.ndarray) -> float:
     return float(np.nansum(force[:2] * way))
 
 
-def _light(skin: Skin, load_mn: float, shear_mn: float, seed: tuple[int, ...]) -> float:
-    """The same of a palm, every unit under the same load and shear, however much that is."""
-    rng = np.random.default_rng((2, *seed, round(load_mn), round(shear_mn)))
-    plant, rate = skin.plant, skin.rate_hz
-    cycles = round((REST_S + 2.0 * REGRIP_S + HOLD_S) * rate)
-    angle = rng.uniform(-np.pi, np.pi)
-    way = np.array([np.cos(angle), np.sin(angle)])[:, np.newaxis] * np.ones(skin.n)
-    depth = plant.depth_at(1e-3 * load_mn * np.ones(skin.n))
-    length = plant.length_at(1e-3 * shear_mn * np.ones(skin.n))
-    share = ramp(cycles, rate, REST_S, REGRIP_S), ramp(cycles, rate, REST_S + REGRIP_S, REGRIP_S)
-    touch = Touch(share[0][:, np.newaxis] * depth,
-                  share[1][:, np.newaxis, np.newaxis] * (length * way))  # fmt: skip
-    last, felt = round(LAST_S * rate), 0.0
-    for i, state in enumerate(
-        Player(skin.known, want={"wrench", "contacts"}).play(plant.counts(touch, rng))
-    ):
-        if i >= cycles - last:
-            felt += _along(state.units.force, way) / last
-    return felt / _along(plant.forces(Touch(touch.depth_mm[-1:], touch.moved_mm[-1:]))[0], way)
-
-
 # -- turns -----------------------------------------------------------------------------------------
 
 
 def turn(quick: bool, seed: int) -> dict[str, Any]:
-    """Shear of an untouched palm while the hand turns; the wrench of a full one that turned."""
-    runs = 3 if quick else 16
+    """Shear of an untouched palm while the hand turns."""
     palm = skin_of("palm", bag=QUICK_BAG if quick else BAG)
-    pad = skin_of("pad", bag=QUICK_BAG if quick else BAG)
-    return {
-        "untouched": _untouched(palm, runs // 2 + 1, seed),
-        "held_palm": _turned(palm, runs, seed),
-        "held_pad": _turned(pad, runs, seed),
-    }
+    return {"untouched": _untouched(palm, 2 if quick else 9, seed)}
 
 
 def _untouched(skin: Skin, runs: int, seed: int) -> dict[str, Any]:
@@ -214,28 +170,3 @@ def _mean(values: list[float]) -> dict[str, float]:
     n = len(values)
     half = t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n) if n > 1 else np.nan
     return {"mean": float(np.mean(values)), "interval": float(half), "runs": n}
-
-
-def _turned(skin: Skin, runs: int, seed: int) -> dict[str, Any]:
-    """Errors of the force of a skin that is wholly touched while the hand turns by 180°, N."""
-    ratios, errors, sigmas = [], [], []
-    for run in range(runs):
-        rng = np.random.default_rng((4, seed, run))
-        rate = skin.rate_hz
-        turn_s = np.pi / TURN_RAD_S
-        cycles = round((REST_S + REGRIP_S + turn_s + LAST_S) * rate)
-        span = REST_S + REGRIP_S, REST_S + REGRIP_S + turn_s
-        world = turned_field(cycles, rate, TURN_RAD_S, span, rng)
-        depth = HELD_MM * ramp(cycles, rate, REST_S, REGRIP_S)[:, np.newaxis] * np.ones(skin.n)
-        touch = Touch(depth, np.zeros((cycles, 2, skin.n)))
-        counts = skin.plant.counts(touch, rng, world_ut=world)
-        for state in Player(skin.known, want={"wrench", "contacts"}).play(counts):
-            last = state
-        true = skin.plant.wrench(skin.plant.forces(Touch(depth[-1:], touch.moved_mm[-1:])))[0]
-        error = last.wrench[:2] - true[:2]
-        errors.append(float(np.hypot(*error)))
-        sigmas.append(float(np.hypot(*last.wrench_sigma[:2])))
-        ratios.append(float(np.mean((error / last.wrench_sigma[:2]) ** 2)))
-    chi = _mean(ratios)
-    return {"chi_square": chi, "error_n": _mean(errors), "sigma_n": _mean(sigmas),
-            "worst_sigmas": float(np.sqrt(2.0 * max(ratios)))}  # fmt: skip

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.slip_intervals import rate
+from benchmarks.intervals import rate
 from benchmarks.trust_bodies import ramp
-from benchmarks.trust_plant import BX, BZ, FREQUENCY, GEL, Plant, Touch
-from benchmarks.trust_skin import BAG, QUICK_BAG, REST_S, Player, Skin, skin_of
 from skin.state import INVALID, Status
+from tests.fixtures.plant import BX, BZ, FREQUENCY, GEL, Plant, Touch
+from tests.fixtures.plant_skin import BAG, QUICK_BAG, REST_S, Player, Skin, skin_of
 
 __all__ = ["KINDS", "liars_still"]
 

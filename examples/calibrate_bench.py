@@ -1,21 +1,17 @@
 """Calibration from a bench recording.
 
-`benchmarks/lab.py` simulates a bench: a stage presses, shears and heats one unit, with a force
+`skin.sim.bench` simulates a bench: a stage presses, shears and heats one unit, with a force
 sensor and a clock of its own. It writes the same files that you would record (counts, reference,
 BENCH file). `calibrate_bench` fits the unit, as `skin calibrate` does.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-sys.path.append(str(Path(__file__).parents[1]))  # for the simulated bench
-
-from benchmarks.bench import protocol
-from benchmarks.lab import Lab, write_bench
 from skin.calibrate.bench.run import calibrate_bench
+from skin.sim.bench import Lab, protocol, write_bench
 
 lab = Lab(1)
 bench = write_bench(lab, protocol(share=0.25), Path.cwd(), (0,))  # a quarter of the usual 17 min

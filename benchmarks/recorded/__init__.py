@@ -1,38 +1,28 @@
-"""Readings of others: `python -m benchmarks recorded`, `python -m benchmarks.recorded FILE...`.
-
-The first measures readings of eFlesh fingers that are stored here, and the second slip detectors on
-files of your own. `docs/explanation/recorded.md` says what is read, what is assumed, and what the
-figures are.
-"""
+"""Real readings of others, of eFlesh fingers (`benchmarks.recorded.eflesh`): their noise, and
+pulls at what they hold. Nothing is trained or tuned on them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 QUICK = 6
 """Every so many recordings are taken by a short run."""
-PICTURE = Path(__file__).parents[1] / "pictures" / "recorded.png"
 
 
-def run(quick: bool, data: Path | None = None) -> dict[str, Any]:
-    """Noise, pulls and forces of eFlesh fingers; `data` is a folder of the source's layout."""
-    from benchmarks.recorded import noise, probe
+def run(quick: bool) -> dict[str, Any]:
+    """Noise and pulls of eFlesh fingers."""
+    from benchmarks.recorded import noise
     from benchmarks.recorded.eflesh import load
     from benchmarks.recorded.held import pulls
 
-    found = load(data)
+    found = load()
     if quick:
         found = replace(found, held_ut=found.held_ut[::QUICK], pulled=found.pulled[::QUICK])
     held = found.held_ut[~found.pulled]
-    measured = noise.noise(held)
-    if not quick:
-        noise.draw(PICTURE, held, measured)
     return {
-        "noise": measured,
+        "noise": noise.noise(held),
         "pulls": pulls(found),
-        "force": {"normal": probe.force_of(found.normal), "shear": probe.force_of(found.shear)},
     }
 
 
@@ -46,9 +36,6 @@ def table(figures: dict[str, Any]) -> str:
     )]  # fmt: skip
     lines += [f"  white share of a change over {time:<11}{_quartiles(row)}"
               for time, row in noise["white_share"].items()]  # fmt: skip
-    for kind, row in noise["correlation"].items():
-        cells = ", ".join(f"{name} {value:.2f}" for name, value in row.items())
-        lines.append(f"  correlation, {kind} noise, rms: {cells}")
     lines.append("something recognised without training: pulled, held, right")
     for name, key in (("a disturbance", "disturbed"), ("a gesture that lasts", "lasting"),
                       ("slip", "slip")):  # fmt: skip
@@ -57,12 +44,6 @@ def table(figures: dict[str, Any]) -> str:
     lines.append(f"  the source's trained classifier: about {pulls['source_right']:.0%} right")
     false = _rate(pulls["false_alarms_per_minute"], 1.0, "")
     lines.append(f"  false slip alarms a minute and finger: {false}")
-    lines.append("force of a probe, fitted on the first half: rmse of the second, of full scale")
-    lines += [
-        f"  {name:<10}linear {row['linear']['rmse']:.2%}, order {row['chosen']['order']} "
-        f"{row['chosen']['rmse']:.2%}; half of the hysteresis {row['hysteresis_rms']:.2%}"
-        for name, row in figures["force"].items()
-    ]
     return "\n".join(lines)
 
 

@@ -1,8 +1,8 @@
 """Readings of eFlesh fingers: soft printed lattices with magnets over five magnetometers each.
 
 From github.com/notvenky/eFlesh (Pattabiraman et al., eFlesh, 2025; MIT: readings/LICENSE.eflesh).
-`readings/eflesh.npz` has what is scored here, without loss, in counts; ``--data FOLDER`` reads
-files of the layout from which it was packed.
+`readings/eflesh.npz` has what is scored here, without loss, in counts, as steps from sample to
+sample.
 
 - `slip_even.npz`: `field` (r, t, 30) of two fingers at 100 Hz, `pulled` (r,): 1 where a person
   pulls at the held object some time. When, is not recorded.
@@ -25,9 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.recorded.recording import RecordingError, check_finite
-
-__all__ = ["CHIPS", "RATE_HZ", "Eflesh", "Probe", "load", "pack", "turned"]
+__all__ = ["CHIPS", "RATE_HZ", "Eflesh", "Probe", "load", "turned"]
 
 STORED = Path(__file__).parent / "readings" / "eflesh.npz"
 RATE_HZ = 100.0
@@ -66,40 +64,21 @@ class Probe:
 @dataclass(frozen=True, eq=False)
 class Eflesh:
     """The set: `held_ut`, shape (r, t, 2, chips, 3), of r things between two fingers; `pulled`,
-    shape (r,), bool; two probes."""
+    shape (r,), bool; a probe that presses a finger."""
 
     held_ut: np.ndarray
     pulled: np.ndarray
     normal: Probe
-    shear: Probe
 
 
-def load(folder: str | Path | None = None) -> Eflesh:
-    """Read the set, from files of the source's layout or from the part that is stored here.
-
-    Raises
-    ------
-    RecordingError
-        A file cannot be read, or holds other arrays.
-    """
-    if folder is None:
-        arrays = _unpacked()
-    else:
-        arrays = {name: _read(Path(folder) / f"{name}.npz") for name in FILES}
+def load() -> Eflesh:
+    """The set that is stored here."""
+    arrays = _unpacked()
     held = arrays["slip_even"]
     fields = np.asarray(held["field"], float)
-    if fields.ndim != 3 or fields.shape[2] != 6 * CHIPS:
-        expected = f"(recordings, samples, {6 * CHIPS})"
-        raise RecordingError(f"slip_even: field: must have shape {expected}; got {fields.shape}")
-    check_finite("slip_even: field", fields)
-    pulled = np.asarray(held["pulled"]).astype(bool)
-    if pulled.shape != fields.shape[:1]:
-        raise RecordingError(
-            f"slip_even: pulled: must have shape {fields.shape[:1]}; got {pulled.shape}"
-        )
     return Eflesh(
-        fields.reshape(*fields.shape[:2], 2, CHIPS, 3), pulled,
-        *(_probe(name, arrays[name]) for name in FILES[1:]),
+        fields.reshape(*fields.shape[:2], 2, CHIPS, 3), np.asarray(held["pulled"]).astype(bool),
+        _probe(arrays["normal_force"]),
     )  # fmt: skip
 
 
@@ -110,48 +89,18 @@ def turned(field_ut: np.ndarray) -> np.ndarray:
     return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
 
 
-def _probe(name: str, arrays: dict[str, np.ndarray]) -> Probe:
+def _probe(arrays: dict[str, np.ndarray]) -> Probe:
     fields, states = np.asarray(arrays["field"], float), np.asarray(arrays["states"], float)
-    time_s = np.asarray(arrays["time_s"], float)
-    if fields.ndim != 2 or states.shape != (len(fields), 4) or time_s.shape != (len(fields),):
-        raise RecordingError(
-            f"{name}: time_s, field, states: must have shapes (t,), (t, c), (t, 4); got "
-            f"{time_s.shape}, {fields.shape}, {states.shape}"
-        )
-    check_finite(f"{name}: field", fields)
     known = states[:, 3] != UNKNOWN
+    time_s = np.asarray(arrays["time_s"], float)
     return Probe(time_s[known], fields[known], states[known, 2], states[known, 3])
-
-
-def _read(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return dict(file)
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: must be an .npz file to read; got {error}") from None
-
-
-def pack(folder: str | Path, path: Path = STORED) -> None:
-    """Write what is scored here in counts, as steps from sample to sample, channels first."""
-    import io
-    import zipfile
-
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as file:
-        for name in FILES:
-            arrays = _read(Path(folder) / f"{name}.npz")
-            fields = arrays.pop("field")
-            arrays.pop("sequence", None), arrays.pop("states_time_s", None)
-            counts = np.rint(fields / np.tile(COUNT_UT, fields.shape[-1] // COUNT_UT.size))
-            steps = np.diff(np.moveaxis(counts, -1, -2), axis=-1, prepend=0.0)
-            for key, values in {**arrays, "steps": steps.astype(np.int16)}.items():
-                buffer = io.BytesIO()
-                np.lib.format.write_array(buffer, values)
-                file.writestr(f"{name}/{key}.npy", buffer.getvalue())
 
 
 def _unpacked() -> dict[str, dict[str, np.ndarray]]:
     arrays: dict[str, dict[str, np.ndarray]] = {name: {} for name in FILES}
-    for key, values in _read(STORED).items():
+    with np.load(STORED, allow_pickle=False) as file:
+        stored = dict(file)
+    for key, values in stored.items():
         name, part = key.split("/")
         if part == "steps":
             counts = np.moveaxis(np.cumsum(values, axis=-1, dtype=np.int32), -1, -2)

@@ -21,23 +21,27 @@ from typing import Any
 import numpy as np
 
 import topology
-from benchmarks.recorded.detect import watch
-from benchmarks.recorded.eflesh import CHIPS, POSITION_M, RATE_HZ, Eflesh, turned
-from benchmarks.recorded.probe import per_mm
-from benchmarks.recorded.recording import Label, Recording
-from benchmarks.slip_intervals import per_minute, rate
+from benchmarks.intervals import per_minute, rate
+from benchmarks.recorded.eflesh import AWAY_M, CHIPS, POSITION_M, RATE_HZ, Eflesh, Probe, turned
 from bus.cycle import ClosedBy
 from skin.behaviours.gesture import Gesture, Gestures
+from skin.contact.model import neighbour_graph
+from skin.contact.record import SlipState
+from skin.contact.stream import ContactStream
 from skin.state import Reading, State
 from topology import Topology
 
 __all__ = ["pulls"]
 
+REACH = 1.5
+"""Neighbours lie within so many times the least distance of two chips: diagonals too."""
 LOAD_N = 1.0
 """[assumed] of each unit at the begin."""
 N_PER_MM = (1.0, 3.0)
 """[assumed] shear and normal stiffness of a unit, as of the other arrays."""
 BEGIN_S = 0.25
+TOUCHED = 0.02
+"""Of the largest force, from which the probe touches [assumed]."""
 LASTING = ("pull", "push", "slide", "press", "twist")
 """Kinds of gestures that last as a pull does: axes of a foreign magnet do not distinguish them."""
 SOURCE_RIGHT = 0.95
@@ -80,8 +84,6 @@ def pulls(found: Eflesh) -> dict[str, Any]:
             "held": rate(int(held.sum()), held.size),
             "right": rate(right, seen.size),
         }
-    kinds = [row["kind"] for row, pulled in zip(rows, found.pulled, strict=True) if pulled]
-    figures["kinds_of_pulled"] = {kind: kinds.count(kind) for kind in sorted(set(kinds))}
     still = [row for row, pulled in zip(rows, found.pulled, strict=True) if not pulled]
     alarms = sum(row["alarms"] for row in still)
     seconds = len(still) * 2 * (found.held_ut.shape[1] / RATE_HZ - BEGIN_S)
@@ -114,11 +116,10 @@ def _one(fingers: Topology, field_ut: np.ndarray, scale: float) -> dict[str, Any
     force[..., 2] += LOAD_N
     gestures = _gestures(fingers, force, force_sigma)
     lasting = [each for each in gestures["reported"] if each.kind in LASTING]
-    best = max(gestures["reported"], key=lambda each: each.peak_n, default=None)
     alarms = [_alarms(force[:, f], force_sigma[f], moved[:, f], sigma[f]) for f in range(2)]
     return {
         "disturbed": gestures["disturbed"], "lasting": bool(lasting), "slip": any(alarms),
-        "alarms": sum(alarms), "kind": "none" if best is None else best.kind,
+        "alarms": sum(alarms),
     }  # fmt: skip
 
 
@@ -148,14 +149,31 @@ def _gestures(fingers: Topology, force: np.ndarray, sigma: np.ndarray) -> dict[s
 def _alarms(
     force: np.ndarray, force_sigma: np.ndarray, moved: np.ndarray, sigma: np.ndarray
 ) -> int:
-    """Slips that the detector reports on one finger."""
-    cycles = len(force)
-    recording = Recording(
-        "eFlesh", "eFlesh", np.arange(cycles) / RATE_HZ,
-        force.transpose(0, 2, 1).astype(np.float32), force_sigma.T,
-        moved.transpose(0, 2, 1).astype(np.float32), sigma.T, 1e3 * POSITION_M,
-        np.full(cycles, Label.HOLD, np.int8),
+    """Slips that the detector reports on one finger; arrays of shape (t, chips, 3), and (chips, 3)
+    of sigma."""
+    position = np.zeros((3, CHIPS))
+    position[:2] = POSITION_M * [[1.0], [-1.0]]  # z points into the skin: y goes the other way
+    rotation = np.repeat(np.diag([1.0, -1.0, -1.0])[:, :, np.newaxis], CHIPS, axis=2)
+    stream = ContactStream(
+        position, rotation, AWAY_M**2, *neighbour_graph(position, REACH * AWAY_M), want={"slip"},
+        rate_hz=RATE_HZ,
     )  # fmt: skip
-    alarm = watch(recording)
+    alarm = np.zeros(len(force), bool)
+    for t, (newton, mm) in enumerate(zip(force, moved, strict=True)):
+        contacts = stream.update(
+            newton.T.astype(np.float32), force_sigma.T, mm.T.astype(np.float32), sigma.T,
+            stamp_ns=round(1e9 * t / RATE_HZ),
+        )  # fmt: skip
+        alarm[t] = any(contact.slip >= SlipState.INCIPIENT for contact in contacts)
     begin = round(BEGIN_S * RATE_HZ)
     return int(np.sum(alarm[begin:] & ~alarm[begin - 1 : -1]))
+
+
+def per_mm(probe: Probe) -> float:
+    """Change of the field of a chip a millimetre of the probe while it touches, µT: the median over
+    chips of the slope of the length of the change."""
+    touched = probe.force > TOUCHED * probe.force.max()
+    chips = probe.field_ut.reshape(len(probe.field_ut), -1, 3)
+    change = np.linalg.norm(chips - chips[~touched].mean(axis=0), axis=2)
+    slopes = [abs(np.polyfit(probe.place_mm[touched], one[touched], 1)[0]) for one in change.T]
+    return float(np.median(slopes))

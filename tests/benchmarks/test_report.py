@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import re
-import sys
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from benchmarks import __main__ as command
 from benchmarks import quiet, report
-from benchmarks.accuracy_coverage import by_chance
-from benchmarks.report_figures import FIGURES, SENTENCES, TIMED, TITLES, Figure, Sentence
+from benchmarks.figures import FIGURES, SENTENCES, TIMED, TITLES, Figure, Sentence
+from benchmarks.intervals import per_minute, rate
 
 
 def test_page_and_readme_show_what_was_stored():
@@ -32,22 +31,16 @@ def test_every_stored_figure_is_of_a_benchmark():
     stored = json.loads(report.STORE.read_text(encoding="utf-8"))
     keys = [report._key(figure) for figure in FIGURES]
     assert list(stored) == [key for key in keys if key in stored]
-    assert len(stored) > 200
+    assert len(stored) > 50
     assert {key for sentence in SENTENCES for key in sentence.keys} <= set(keys)
     assert set(TITLES) == {figure.benchmark for figure in FIGURES}
     assert {figure.kind for figure in FIGURES} == {"", "share", "count"}
 
 
-def test_every_row_stands_alone():
-    """None refers to the row above it."""
-    referring = re.compile(r"\b(the same (of|from|to)|there)\b|^the (largest|same)\b")
-    assert [row.compared for row in FIGURES if referring.search(row.compared)] == []
-
-
 def test_a_share_stays_one_in_its_interval():
     stored = json.loads(report.STORE.read_text(encoding="utf-8"))
     shares = [figure for figure in FIGURES if figure.kind == "share" or figure.trials]
-    assert len(shares) > 20
+    assert len(shares) > 15
     for figure in shares:
         if (row := stored.get(report._key(figure))) is None:
             continue
@@ -114,24 +107,6 @@ def test_a_run_while_others_use_the_machine_is_repeated(small, monkeypatch):
     assert row["runs"] == 3
 
 
-@pytest.mark.parametrize(
-    ("waited", "used", "runs", "least"), [([0.0] * 3, [0.7, 0.4, 0.5], 3, 0.4), ([0.3], [], 0, 0.3)]
-)
-def test_what_is_of_a_busy_machine_is_not_stored(small, monkeypatch, waited, used, runs, least):
-    asked, _ = small
-    before = report.run(quick=True)["figures"]["decode: ratio"]
-    asked.clear()
-    waited, used = iter(waited), iter(used)
-    monkeypatch.setattr(quiet, "wait", lambda: next(waited))
-    monkeypatch.setattr(quiet, "Others", lambda: Idle(next(used)))
-    figures = report.run(quick=False)
-    assert figures["figures"]["decode: ratio"] == before
-    assert figures["figures"]["slip: rows/0/caught"]["quick"] is False
-    assert [name for name, _ in asked].count("decode") == runs
-    assert figures["busy"] == {"decode": least}
-    assert f"decode: busy, others used {least} cores: not stored" in report.table(figures)
-
-
 def test_what_tells_of_the_machine_runs_several_times(small):
     asked, folder = small
     figures = report.run(quick=True)
@@ -179,55 +154,12 @@ def test_a_quick_run_does_not_overwrite_what_a_whole_one_found(small):
     assert "¹" not in (small[1] / "README").read_text()
 
 
-def test_the_readme_marks_quick_runs(small):
-    report.run(quick=True)
-    text = (small[1] / "README").read_text()
-    assert "- Ours takes 1.70 of it. ¹ Target" in text
-    assert "¹ `--quick`" in text
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "told"),
-    [(1.1, 1.4, "held"), (1.1, 1.6, "held, not decided"), (None, None, "held")],
-)
-def test_a_spread_that_holds_both_does_not_decide(low, high, told):
-    figure = Figure("decode", "x", "", "", "<= 1.5")
-    assert report.verdict(figure, {"held": True, "low": low, "high": high, "quick": True}) == told
-
-
-@pytest.mark.parametrize(("quick", "told"), [(True, "held, not decided"), (False, "held")])
-def test_a_short_run_does_not_find_the_worst_of_very_many(quick, told):
-    figure = Figure("stress", "x", "", "", "<= 1.5", extreme=True)
-    row = {"held": True, "low": None, "high": None, "quick": quick}
-    assert report.verdict(figure, row) == told
-
-
 def test_an_interval_that_the_benchmark_tells_is_that_of_the_rate():
     figure = Figure("accuracy", "share", "", "", ">= 0.66", interval="half")
     for share, expected in ((0.65, True), (0.62, False)):
         row = report.described(figure, [{"share": share, "half": 0.02}], quick=False)
         assert (row["low"], row["high"]) == pytest.approx((share - 0.02, share + 0.02))
         assert row["held"] is expected
-
-
-def test_cells_that_are_right_are_as_far_off_as_chance_takes_them():
-    rng = np.random.default_rng(5)
-    readings, cells = 5000, 400
-    shares = rng.binomial(readings, 0.6827, (300, cells)) / readings
-    half = 1.96 * np.sqrt(0.6827 * 0.3173 / readings)
-    found = by_chance([{"coverage_interval": half, "coverage": np.zeros((20, 10, 1))}] * 2)
-    least, largest = np.median(shares.min(axis=1)), np.median(shares.max(axis=1))
-    assert found["coverage_min_by_chance"] == pytest.approx(least, abs=5e-4)
-    assert found["coverage_max_by_chance"] == pytest.approx(largest, abs=5e-4)
-
-
-def test_another_run_lies_within_the_spread_in_95_of_100_cases():
-    rng = np.random.default_rng(3)
-    runs = np.exp(rng.normal(0.0, 0.2, (4000, 4)))
-    ends = np.array([report.prediction(list(row[:3])) for row in runs])
-    share = np.mean((ends[:, 0] <= runs[:, 3]) & (runs[:, 3] <= ends[:, 1]))
-    assert share == pytest.approx(0.95, abs=0.015)
-    assert report.prediction([0.0, 2.0, 0.0]) == (0.0, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -240,14 +172,23 @@ def test_a_target_is_held_by_the_value(target, value, expected):
     assert report.held(Figure("decode", "x", "", "", target), value, 0.1, 99.0) is expected
 
 
-def test_a_benchmark_that_fails_ends_the_report(monkeypatch):
-    monkeypatch.setattr(report.sys, "executable", "false")
-    with pytest.raises(SystemExit, match="report: decode: ended with status 1"):
-        report._once("decode", True)
+@pytest.mark.parametrize("share", [0.001, 0.03, 0.5])
+def test_intervals_of_rates_hold_the_truth_in_95_of_100_cases(share):
+    def holds(interval, truth):
+        return interval["lower"] <= truth <= interval["upper"]
+
+    trials = 60
+    held = [holds(rate(hits, trials), share) for hits in range(trials + 1)]
+    assert stats.binom(trials, share).pmf(np.flatnonzero(held)).sum() >= 0.95
+    held = [holds(per_minute(count, 60.0), 60.0 * share) for count in range(200)]
+    assert stats.poisson(60.0 * share).pmf(np.flatnonzero(held)).sum() >= 0.95
 
 
-def test_only_is_of_the_report_alone(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["benchmarks", "decode", "--only", "skip"])
-    with pytest.raises(SystemExit):
-        command.main()
-    assert "--only: must be used with report" in capsys.readouterr().err
+def test_intervals_are_those_of_the_tables():
+    # Clopper and Pearson 1934; Garwood 1936
+    assert [rate(5, 10)[end] for end in ("lower", "upper")] == pytest.approx([0.1871, 0.8129], 1e-3)
+    assert rate(10, 10)["upper"] == 1.0
+    found = per_minute(10, 120.0)
+    assert [2.0 * found[end] for end in ("lower", "upper")] == pytest.approx([4.795, 18.39], 1e-3)
+    assert rate(0, 0) is None
+    assert per_minute(0, 0.0) is None

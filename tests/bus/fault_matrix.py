@@ -8,10 +8,10 @@ from pathlib import Path
 import msgspec
 
 import topology
-from benchmarks import faults
 from bus.faults.script import ClockStep
 from bus.open import open_transport
 from bus.transport import Transport
+from tests.bus import fault_trials as faults
 
 STRIP = Path(topology.__file__).parent / "builtin" / "strip.toml"
 LAYOUTS = ("f3t-classic", "f3t-fd16", "f3t-fd64")
@@ -91,7 +91,7 @@ def matrix(interface, channel):
     Returns
     -------
     list of dict
-        The rows of `benchmarks.faults`, with their `layout`, and whether the fault is `visible`.
+        Rows of `tests.bus.fault_trials`, with their `layout`, and whether the fault is `visible`.
     """
     rows = []
     for layout in LAYOUTS:

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import bus.open
 import topology
-from benchmarks import faults as figures
 from bus import Assembler, FrameBatch, MemoryTransport, Status
 from bus.errors import FaultScriptError
 from bus.faults import FaultScript, FaultyTransport, Injector, load_script
@@ -18,6 +17,7 @@ from bus.faults import script as kinds
 from bus.frame import CAN_ERR, CAN_RTR, ECHO, FRAME_DTYPE
 from bus.state import BusState
 from skin.cli import main
+from tests.bus import fault_trials as figures
 from tests.bus.transport_contract import CHECKS
 from tests.fixtures.bus import counts_of, data_frames, frame, join, make_topology, sync
 from tests.fixtures.datagram import datagram_pair
@@ -80,7 +80,6 @@ def test_standing_counts_and_a_second_sender_are_flagged_when_told():
 def test_corruption_of_a_frame_without_crc_is_told_as_what_it_is():
     (row,) = [figures.measure(trial, 240) for trial in figures.beyond(240)]
     assert row["counted"] == 0 < row["wrong_unflagged"] <= row["injected"]
-    assert row["fault"] in figures.table({"cycles": 240, "kinds": [], "beyond_the_receiver": [row]})
 
 
 SEEN_AT_ONCE = st.one_of(

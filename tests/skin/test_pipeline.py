@@ -9,14 +9,16 @@ import pytest
 
 import skin
 import topology
-from benchmarks import contact
 from bus.assemble import Assembler
-from bus.cycle import ClosedBy
+from bus.cycle import ClosedBy, RawCycle
 from bus.frame import FrameBatch
 from skin.errors import OptionError
 from skin.options import Options
+from skin.physics.elastic import Elastic
 from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
 from skin.sinks import Ending
 
 STRIP = topology.load("strip").exact()
@@ -125,13 +127,23 @@ def test_how_often_noise_may_start_a_contact_reaches_the_gate():
 
 
 def test_contacts_beyond_the_capacity_are_counted():
-    plate = contact.plate(64)
-    counts = contact.counts_of(plate, 3)[:8]
+    palm = topology.load("palm").exact()
+    truth = Truth.at_rest(palm.n, 25.0)
+    truth.depth_mm[[0, 1, 6, 7, 59, 60]] = 1.0  # three pairs of neighbours
+    truth.contact[:] = truth.depth_mm > 0.0
+    truth.force[2] = Elastic(palm).normal(truth.depth_mm)
+    units = UnitSimulator(palm, seed=3)
+    none, valid = np.zeros(palm.n, int), np.ones(palm.n, bool)
     for capacity, untracked in ((1, 2), (None, 0)):
         options = Options(want={"contacts", "wrench"}, capacity=capacity, sweeps=0, ambient=False)
-        one = contact.Pass(plate, options)
-        for raw in counts:
-            state = one.pipeline.state(one.load(raw))
+        pipeline = Pipeline(palm, options)
+        pipeline.status[:] = 0
+        for number in range(8):
+            pipeline.counts[:] = units.counts(truth)
+            state = pipeline.state(RawCycle(
+                number, number * 4_000_000, ClosedBy.COMPLETE, pipeline.counts, valid,
+                pipeline.status, none, none, none,
+            ))  # fmt: skip
         assert (len(state.contacts), state.untracked) == (3 - untracked, untracked)
         assert ("2 more without identity" in repr(state)) == (untracked == 2)
         assert state.copy().untracked == untracked

@@ -9,11 +9,16 @@ from collections.abc import Iterator
 
 import pytest
 
-from benchmarks.scale_units import on_fewest_buses, simulate
+from bus.codec import Packer
+from bus.frame import FrameBatch
 from bus.memory import MemoryTransport
 from skin.live import Skin
+from skin.physics.elastic import Elastic
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
 from skin.state import State
 from tests.fixtures.live import over
+from topology import load
 
 resource = pytest.importorskip("resource")
 if not hasattr(resource, "RUSAGE_THREAD"):
@@ -25,12 +30,20 @@ are looked at some times."""
 
 
 def touched() -> Skin:
-    """Forty units under three contacts, on a bus within the process."""
-    topology = on_fewest_buses(8, 5, 250.0)
-    units = simulate(topology)
+    """A palm in two corners of which something presses, on a bus within the process."""
+    palm = load("palm")
+    units, truth = UnitSimulator(palm, seed=1), Truth.at_rest(palm.n, 25.0)
+    truth.depth_mm[[0, 1, 8, 9, 54, 55, 62, 63]] = 1.0
+    truth.contact[:] = truth.depth_mm > 0.0
+    truth.force[2] = Elastic(palm).normal(truth.depth_mm)
+    packer, laps = Packer(palm), []
+    for counter in range(256):
+        batch = FrameBatch(len(palm.frames))
+        packer(units.counts(truth), batch, sequence=counter)
+        laps.append(batch.frames.copy())
     near, far = MemoryTransport.pair()
-    far.listener = lambda frames: far.send(units.frames[0][int(frames["data"][0, 0])])
-    return over(topology, [near], pace=False)
+    far.listener = lambda frames: far.send(laps[int(frames["data"][0, 0])])
+    return over(palm, [near], pace=False)
 
 
 def test_a_settled_loop_leaves_nothing_to_the_collector_and_logs_nothing(caplog):
@@ -60,7 +73,7 @@ def _disturbed(states: Iterator[State]) -> tuple[int, int]:
         for _ in range(CYCLES):
             state = next(states)
             assert state.contacts
-            assert state.units.force.shape == (3, 40)
+            assert state.units.force.shape == (3, 64)
         return len(runs), resource.getrusage(resource.RUSAGE_THREAD).ru_minflt - before
     finally:
         gc.callbacks.remove(collects)

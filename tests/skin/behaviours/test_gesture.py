@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 from bus.status import Status
 from fig4b_gestures import run, story
 from skin.behaviours.gesture import Gestures
@@ -168,13 +167,3 @@ def test_people_are_understood_on_the_simulator():
     off = [seen.off_rad for seen in trial.seen if math.isfinite(seen.off_rad)]
     assert np.degrees(np.abs(off)).max() < 8.0
     assert trial.others == []
-
-
-def test_a_finger_on_a_bare_skin_is_understood():
-    trial = run_touches(5)
-    kinds = {seen.asked.kind: seen.reported for seen in trial.seen}
-    assert set(kinds) == set(TOUCH_KINDS)
-    right = sum(seen.is_right for seen in trial.seen)
-    assert right >= 5
-    slide = next(seen for seen in trial.seen if seen.asked.kind == "slide")
-    assert math.degrees(abs(slide.off_rad)) < 5.0

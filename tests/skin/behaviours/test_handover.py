@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.handover_trial import run_carry, run_take
 from bus.status import Status
 from skin.behaviours.handover import Handover, Phase
 from skin.errors import OptionError
@@ -178,17 +177,3 @@ def test_a_magnet_at_one_pad_is_no_hand_whether_it_is_seen_or_not():
 def test_a_wrong_parameter_is_named(wrong, message):
     with pytest.raises(OptionError, match=re.escape(message)):
         Handover(load("gripper"), **wrong)
-
-
-@pytest.mark.parametrize("seed", [1, 4])
-def test_a_person_takes_a_block_out_of_the_gripper(seed):
-    trial = run_take(seed)
-    assert trial.recognised, trial.why
-    assert trial.latency_s < 0.3
-    assert np.nanmax(trial.true_support) > 0.75
-
-
-def test_bumps_and_brushes_on_the_way_release_nothing():
-    carry = run_carry(12, 4.0)
-    assert carry.released == []
-    assert carry.bumps + carry.brushes + carry.tugs >= 1

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import topology
-from benchmarks.creep import Stretched
 from skin.calibrate.creep import fit_creep
 from skin.calibrate.files import write_calibration
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError, ScanError
 from skin.sim.mechanics.viscoelastic import Prony
+from tests.fixtures.creep import Stretched
 from tests.fixtures.decode import row_of, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 

@@ -7,14 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.accuracy_skin import square, with_parameters
-from benchmarks.films import press
-from benchmarks.films_truth import DipoleField, FilmShape
 from skin.calibrate.crosstalk import AXES, EACH, MOST_UNITS, StrayEstimate
 from skin.errors import SkinError
 from skin.physics.multipoles import ORDERS
+from tests.fixtures.decode import square, with_parameters
+from tests.fixtures.film import WEAK
+from tests.fixtures.finger import press
+from tests.fixtures.plant import Plant, Touch, Units
 
-SHAPE = FilmShape(5.5, 0.6, 10.0, 12, 0.1)
 SIDE = 3
 
 
@@ -22,7 +22,7 @@ SIDE = 3
 def skin():
     flat = square(SIDE, 0.012)
     sigma = {"placement_sigma_mm": 0.2, "placement_sigma_rad": 0.03}
-    return with_parameters(flat, **{name: np.full(flat.n, s) for name, s in sigma.items()})
+    return with_parameters(flat, **sigma)
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +31,12 @@ def field(skin):
     place = 2e-4 * np.random.default_rng(0).standard_normal((3, skin.n))
     real = dataclasses.replace(skin, position=skin.position + place)
 
+    units = Units({}, np.ones(skin.n), np.zeros((3, skin.n)))
+    both, own = (Plant(real, units, WEAK, alone=alone) for alone in (False, True))
+
     def stray(displacement, depth):
-        room = np.full(depth.shape, 25.0)
-        both, own = (DipoleField(real, SHAPE, alone=alone) for alone in (False, True))
-        return both(displacement, depth, room) - own(displacement, depth, room)
+        touch = Touch(depth, displacement)
+        return both.film_field(touch) - own.film_field(touch)
 
     return stray
 

@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.accuracy_skin import square, with_parameters
-from benchmarks.films import press
 from bus.status import Status
 from skin.calibrate.crosstalk import StrayEstimate, TouchTest
 from skin.calibrate.tare import tare
 from skin.errors import ScanError
 from skin.physics.halbach import HalbachField
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.decode import square, with_parameters
+from tests.fixtures.finger import press
 
 
 @pytest.fixture(scope="module")
 def skin():
     flat = square(2, 0.012)
     sigma = {"placement_sigma_mm": 0.1, "placement_sigma_rad": 0.01, "field_sigma_ut": 5.0}
-    return with_parameters(flat, **{name: np.full(flat.n, s) for name, s in sigma.items()})
+    return with_parameters(flat, **sigma)
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,12 @@ import pytest
 
 import skin
 import topology
-from benchmarks.accuracy_skin import differing
 from bus.status import Status
 from skin.options import Options
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.pipeline import Pipeline
+from skin.sim.bench import differing
 from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator

@@ -8,8 +8,6 @@ import inspect
 import numpy as np
 
 import topology
-from benchmarks.accuracy_skin import square
-from benchmarks.films_truth import PITCH_M, DipoleField, FilmShape
 from bus.status import Status
 from skin.calibrate.tare import tare
 from skin.decode import records
@@ -17,15 +15,20 @@ from skin.decode.decoder import Decoder
 from skin.options import Options
 from skin.physics.stencil import rest_sigma_ut
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.decode import square
+from tests.fixtures.plant import Plant, Touch, Units
 
-DRAWN = FilmShape(6.0, 0.5, 10.6, 16, 0.0)
 WANT = {"force", "displacement", "sigma"}
 SIDE, SCENES = 5, 40
 
 
 def counts_of(skin, displacement, depth, noise=True):
     """Of films as drawn, each a grid of dipoles, felt by all chips."""
-    field = DipoleField(skin, DRAWN, alone=False)
+    plant = Plant(skin, Units({}, np.ones(skin.n), np.zeros((3, skin.n))))
+
+    def field(moved, pressed, _warm):
+        return plant.film_field(Touch(pressed, moved))
+
     units = UnitSimulator(skin, seed=3, noise=noise, field=field)
     values = units.quantities(depth, displacement, np.full(depth.shape, 25.0))
     return units.quantise(units.disturb(values))
@@ -52,7 +55,7 @@ def test_both_doors_have_the_same_defaults():
 
 def test_what_sweeps_do_not_take_off_is_in_sigma():
     """And no pressed unit is an anomaly, nor invalid."""
-    skin = square(SIDE, PITCH_M).exact()
+    skin = square(SIDE)
     moved, depth = scenes(31)
     decoder = Decoder(skin, WANT, sweeps=0, ambient=False)
     reading = decoder(counts_of(skin, moved, depth))
@@ -68,7 +71,7 @@ def test_what_sweeps_do_not_take_off_is_in_sigma():
 
 def test_a_skin_that_was_tared_is_decoded_without_its_neighbours_twice():
     """Resting films on a square push the chips of its edges aside by half a millitesla."""
-    skin = square(SIDE, PITCH_M).exact()
+    skin = square(SIDE)
     n = skin.n
     still = np.zeros((200, 2, n)), np.zeros((200, n))
     tared = tare(skin, counts_of(skin, *still)).applied()

@@ -11,17 +11,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.bench import dealt
-from benchmarks.trust_film import FILMS
-from benchmarks.trust_plant import BX, BZ, FREQUENCY, Plant, Touch, Units
-from benchmarks.trust_skin import REST_S, Player, Skin, shape_of, square
 from bus.status import Status
 from skin.calibrate.files import with_fits
 from skin.calibrate.film import fit_crest, fit_film, map_field, misfit_sigma
 from skin.calibrate.fit import as_fit, rms
 from skin.calibrate.tare import tare
 from skin.decode.decoder import Decoder
+from tests.fixtures.bench import dealt
 from tests.fixtures.decode import strokes, with_parameters
+from tests.fixtures.film import FILMS
+from tests.fixtures.plant import BX, BZ, FREQUENCY, Plant, Touch, Units
+from tests.fixtures.plant_skin import REST_S, Player, Skin, shape_of, square
 from topology import Topology
 
 ANOMALY = int(Status.MAGNETIC_ANOMALY)

@@ -10,15 +10,15 @@ import pytest
 
 import skin
 import topology
-from benchmarks.accuracy_skin import apart, differing
 from bus.status import INVALID, Status
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
 from skin.sim import scenes
+from skin.sim.bench import differing
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.decode import with_parameters
+from tests.fixtures.decode import apart, with_parameters
 from topology.model import SIGMAS
 
 PALM = topology.load("palm")

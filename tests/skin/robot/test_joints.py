@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 
 import skin
-from benchmarks.grasp_joints import hand_of_20_joints
 from skin.contact.stream import ContactStream
 from skin.errors import OptionError, SkinError
 from skin.robot.joints import Joints
-from tests.fixtures.robots import random_joints, write_gripper
+from tests.fixtures.robots import hand_of_20_joints, random_joints, write_gripper
 from topology import load
 
 LINKS = ("tip0", "tip3", "palm")

@@ -9,15 +9,16 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.bench import ORDER, Bench, Path3, skin_of_text, text_of
-from benchmarks.bench import SECONDS as LASTS_S
 from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.file import UNIT, Column, Recording, Segment, steps
 from skin.calibrate.bench.series import series_of
 from skin.errors import ScanError
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
+from skin.sim.bench import ORDER, Bench, Path3, skin_of_text, text_of
+from skin.sim.bench import SECONDS as LASTS_S
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.bench import counts_of
 
 UNITS, SECONDS = 4, 60.0
 STRENGTH = {"normal_soft_n_per_hz": "normal", "normal_stiff_n_per_hz": "normal",
@@ -43,7 +44,7 @@ def rolled():
         stage[2, near == 0.0] = 0.0
         path = Path3(time, stage, np.full((3, time.size), 25.0), ())
         total += lab.force(path)[:, :, unit] @ lab.nominal.rotation[:, :, unit].T
-        one = lab.counts(path)
+        one = counts_of(lab, path)
         if counts is None:
             counts = one
         counts.counts[:, :, unit] = one.counts[:, :, unit]

@@ -8,14 +8,14 @@ import functools
 import numpy as np
 import pytest
 
-from benchmarks.accuracy_skin import with_parameters
-from benchmarks.bench import RATE_HZ, protocol
-from benchmarks.lab import Lab
 from skin.calibrate.bench.file import Recording, Segment
 from skin.calibrate.bench.series import Counts, series_of
 from skin.calibrate.bench.unit import fit_unit
 from skin.calibrate.laws import AMBIENT_UT
+from skin.sim.bench import RATE_HZ, Lab, protocol
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.bench import counts_of, series
+from tests.fixtures.decode import with_parameters
 
 AMBIENT = np.array([30.0, -15.0, -40.0])
 DRIFT = [f"hall_drift_{axis}_ut_per_k" for axis in "xyz"]
@@ -46,7 +46,7 @@ def bare(hot_c):
 @functools.cache
 def fitted(hot_c):
     path = protocol(("tare", "normal"), 0.5)
-    recorded = lab().series(path, lab().counts(path), 0)
+    recorded = series(lab(), path, counts_of(lab(), path), 0)
     chip = None if hot_c is None else bare(hot_c)
     return fit_unit(lab().nominal, recorded, 0, bare=chip)
 
@@ -84,5 +84,5 @@ def test_a_recording_without_the_chip_is_said_to():
     silent = bare(60.0)
     silent = dataclasses.replace(silent, segment=np.full_like(silent.segment, -1))
     path = protocol(("tare", "normal"), 0.5)
-    result = fit_unit(lab().nominal, lab().series(path, lab().counts(path), 0), 0, bare=silent)
+    result = fit_unit(lab().nominal, series(lab(), path, counts_of(lab(), path), 0), 0, bare=silent)
     assert result.kept["bare"] == "must be a segment with counts of the unit; got none"

@@ -10,12 +10,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.bench import ROOM_C, protocol
-from benchmarks.lab import Lab
 from skin.calibrate.bench.faults import find_faults
 from skin.calibrate.bench.file import Segment
 from skin.calibrate.bench.series import series_of
 from skin.errors import ScanError
+from skin.sim.bench import ROOM_C, Lab, protocol
+from tests.fixtures.bench import counts_of
+from tests.fixtures.bench import recording as recording_of
 from topology import CHANNELS
 
 UNIT = "pad/r0c0"
@@ -27,13 +28,13 @@ ORDER = ("tare", "normal", "shear", "circles")
 def recorded():
     """A lab, its recording, counts of both units and the reference of the first."""
     lab, path = Lab(2), protocol(ORDER, 0.4)
-    counts = lab.counts(path)
+    counts = counts_of(lab, path)
     # the other unit lies beside the bench
     counts.counts[:, :, 1] = counts.counts[:50, :, 1].repeat(len(counts.counts) // 50 + 1, axis=0)[
         : len(counts.counts)
     ]
     reference = lab.reference(path, 0)
-    return lab, lab.recording(path, 0, float(reference["time"][0])), counts, reference
+    return lab, recording_of(lab, path, 0, float(reference["time"][0])), counts, reference
 
 
 def faults(counts=None, reference=None, **changes):
@@ -158,8 +159,8 @@ def test_strokes_in_one_direction_only_are_named():
     path = dataclasses.replace(
         path, stage_mm=np.stack([radius, 0.05 * radius * np.sin(path.time_s), path.stage_mm[2]])
     )
-    counts, reference = lab.counts(path), lab.reference(path, 0)
-    recording = lab.recording(path, 0, float(reference["time"][0]))
+    counts, reference = counts_of(lab, path), lab.reference(path, 0)
+    recording = recording_of(lab, path, 0, float(reference["time"][0]))
     series = series_of(lab.nominal, recording, counts, reference, ("r.csv", ""))
     found = find_faults(lab.nominal, recording, series)
     assert len(found) == 1

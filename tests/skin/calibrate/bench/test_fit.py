@@ -7,13 +7,13 @@ import functools
 import numpy as np
 import pytest
 
-from benchmarks.bench import TOUCH_MM, protocol
-from benchmarks.foreign_laws import Hyperelastic, vogel
-from benchmarks.lab import Lab
 from skin.calibrate import laws
 from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.unit import fit_unit
 from skin.errors import ScanError
+from skin.sim.bench import TOUCH_MM, Lab, protocol
+from tests.fixtures.bench import ForeignLab, counts_of, lag_s, series
+from tests.fixtures.foreign import Hyperelastic, vogel
 from topology.gel import gel_temperature
 
 SHARE = 0.25
@@ -22,7 +22,7 @@ SHARE = 0.25
 @functools.cache
 def lab_and_counts():
     lab, path = Lab(1, seed=5), protocol(share=SHARE)
-    return lab, path, lab.counts(path)
+    return lab, path, counts_of(lab, path)
 
 
 @functools.cache
@@ -31,7 +31,7 @@ def fitted(*names):
     lab, path, counts = lab_and_counts()
     columns = lab.reference(path, 0)
     kept = {name: columns[name] for name in ("time", *names)}
-    return fit_unit(lab.nominal, lab.series(path, counts, 0, kept), 0)
+    return fit_unit(lab.nominal, series(lab, path, counts, 0, kept), 0)
 
 
 def value(result, name):
@@ -68,10 +68,10 @@ def test_temperature_alone_tells_the_gel_and_the_drifts_alone():
 def test_a_gel_of_another_law_gets_its_order_and_one_of_the_models_own_none():
     own = fitted("temperature")
     assert own.kept["gel_bend_c"] == own.kept["gel_twist_c"] == "no better by cross-validation"
-    lab, path = Lab(1, seed=5, laws=frozenset({"gel"})), protocol(share=SHARE)
+    lab, path = ForeignLab(1, {"gel"}, seed=5), protocol(share=SHARE)
     columns = lab.reference(path, 0)
-    series = lab.series(path, lab.counts(path), 0, {k: columns[k] for k in ("time", "temperature")})
-    result = fit_unit(lab.nominal, series, 0)
+    given = {k: columns[k] for k in ("time", "temperature")}
+    result = fit_unit(lab.nominal, series(lab, path, counts_of(lab, path), 0, given), 0)
     p = {name: value(result, name) for name in laws.GEL_LAWS[3]}
     true = {name: float(values[0]) for name, values in lab.true.parameters.items()
             if name in ("gel_current_20c_ua", "gel_current_ratio")}  # fmt: skip
@@ -106,10 +106,10 @@ def known_of(result, nominal):
 def test_the_law_of_another_material_is_off_evenly_and_by_its_sigma():
     """The best law of two lines and a cube for this rubber is off by 45 mN, that of two lines by
     234 (least squares over the range)."""
-    lab, path = Lab(1, seed=5, laws=frozenset({"force"})), protocol(share=SHARE)
+    lab, path = ForeignLab(1, {"force"}, seed=5), protocol(share=SHARE)
     columns = lab.reference(path, 0)
     given = {k: columns[k] for k in ("time", *FORCE, *(f"displacement_{a}" for a in "xyz"))}
-    result = fit_unit(lab.nominal, lab.series(path, lab.counts(path), 0, given), 0)
+    result = fit_unit(lab.nominal, series(lab, path, counts_of(lab, path), 0, given), 0)
     p = known_of(result, lab.nominal)
     error = normal_n(p) - Hyperelastic(lab.true).normal(DEPTH_MM[:, np.newaxis])[:, 0]
     assert np.sqrt(np.mean(error**2)) < 0.06
@@ -135,7 +135,7 @@ def test_a_unit_of_two_lines_gets_no_cube_that_matters():
 
 def test_what_shallow_presses_leave_open_stays_the_models_and_the_rest_is_fitted_with_it():
     lab, path, counts = lab_and_counts()
-    blocks = lab.series(path, counts, 0).blocks(lab.nominal, 0).of("tare", "normal", "circles")
+    blocks = series(lab, path, counts, 0).blocks(lab.nominal, 0).of("tare", "normal", "circles")
     shallow = blocks.where(np.nan_to_num(blocks.displacement[2]) < TOUCH_MM + 0.45)
     p = {name: values[..., 0] for name, values in lab.nominal.parameters.items()}
     found, kept = laws.fit_normal(p, shallow, True)
@@ -158,7 +158,7 @@ def test_turn_of_the_sensor_and_touch_are_found():
 
 def test_a_lag_is_told_with_its_sigma():
     result, lab = fitted(*FORCE), lab_and_counts()[0]
-    error = result.goodness["lag_s"] - lab.lag_s(0)
+    error = result.goodness["lag_s"] - lag_s(lab, 0)
     assert abs(error) < 0.02
     assert 0.0 < result.goodness["lag_sigma_s"] < 0.02
 
@@ -167,13 +167,13 @@ def test_a_recording_that_tells_no_law_is_refused():
     lab, path, counts = lab_and_counts()
     columns = lab.reference(path, 0)
     kept = {name: columns[name] for name in ("time", "force_z")}
-    series = lab.series(path, counts, 0, kept)
-    series.force[:] = np.nan
-    series.kind[:] = KINDS.index("neighbours")
+    told = series(lab, path, counts, 0, kept)
+    told.force[:] = np.nan
+    told.kind[:] = KINDS.index("neighbours")
     with pytest.raises(
         ScanError, match="recording: must determine a law at least; got none:\n  gel: "
     ):
-        fit_unit(lab.nominal, series, 0)
-    series.segment[:] = -1
+        fit_unit(lab.nominal, told, 0)
+    told.segment[:] = -1
     with pytest.raises(ScanError, match="segments: must have counts of the unit; got none"):
-        fit_unit(lab.nominal, series, 0)
+        fit_unit(lab.nominal, told, 0)

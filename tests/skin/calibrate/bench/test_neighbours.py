@@ -1,27 +1,22 @@
-"""A stencil from a recording of a touched skin, whose films are none of the stencil's theory."""
+"""A stencil from a recording of a touched skin: written, refused, and what it lacks is named."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 import topology
-from benchmarks.accuracy_skin import with_parameters
-from benchmarks.films import RATE_HZ, press
-from benchmarks.films import _scored as scored
-from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
 from skin.calibrate.bench.file import Recording, Segment
 from skin.calibrate.bench.series import Counts, series_of
 from skin.calibrate.crosstalk import learn_stencil
-from skin.calibrate.tare import tare
 from skin.cli import main
 from skin.errors import ScanError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.finger import RATE_HZ, press
 from topology import CHANNELS
 
 TARE = round(2.0 * RATE_HZ)
@@ -41,32 +36,6 @@ def series(skin, counts, segments=SEGMENTS):
     recording = Recording(counts="", units=dict.fromkeys(skin.unit_names, ""), segments=segments)
     recorded = Counts(np.arange(len(counts)) / RATE_HZ, counts, heard)
     return series_of(skin, recording, recorded, {}, ("", ""))
-
-
-def array():
-    made = array_of(3, 100, bag_side=2, share=0.5)
-    placed = {"placement_sigma_mm": PLACE_MM, "placement_sigma_rad": np.radians(TILT_DEG)}
-    known = with_parameters(made.known, **{k: np.full(9, v) for k, v in placed.items()})
-    return dataclasses.replace(made, known=known)
-
-
-@pytest.mark.long
-def test_the_stencil_of_a_recording_is_that_of_the_films_and_not_of_theory():
-    """Errors of tangential forces, beyond those of each unit alone, over those without it."""
-    made, n = array(), 9
-    recorded = series(made.known, made.counts(*way(n, range(n)), seed=1))
-    learned = learn_stencil(made.known, recorded)
-    assert learned.missing == ()
-    untouched = made.counts(np.zeros((TARE, 2, n)), np.zeros((TARE, n)), seed=7)
-    force = {}
-    for name, stencil in (("theory", Stencil.of(made.known)), ("learned", learned.stencil)):
-        zeros = tare(made.known, untouched, rest_ut=stencil.rest_ut).applied()
-        force[name] = scored(made, zeros, stencil, 20)
-    alone = scored(made, made.known, None, 20, alone=True)
-    beyond = {k: np.sqrt(max(v["force_mn"] ** 2 - alone["force_mn"] ** 2, 0.0))
-              for k, v in force.items()}  # fmt: skip
-    assert beyond["learned"] < 0.5 * beyond["theory"]
-    assert 0.64 < force["learned"]["coverage"] < 0.76
 
 
 def simulated(skin, pressed):

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.bench import HELD_MM, protocol
-from benchmarks.creep import SHARE, STRETCH, TIME_S, UNLIKE
-from benchmarks.lab import Lab, unseen
 from skin import Decoder
 from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.unit import fit_unit
 from skin.calibrate.files import with_fits
+from skin.sim.bench import HELD_MM, protocol
+from tests.fixtures.bench import ForeignLab, counts_of, unseen
+from tests.fixtures.bench import series as series_of
+from tests.fixtures.creep import SHARE, STRETCH, TIME_S, UNLIKE
 
 CREEP = frozenset({"creep"})
 RARE = 1e-3
@@ -24,8 +25,8 @@ RARE = 1e-3
 
 @functools.cache
 def series(laws=frozenset()):
-    lab, path = Lab(1, seed=5, laws=laws), protocol(share=0.25)
-    return lab, lab.series(path, lab.counts(path), 0)
+    lab, path = ForeignLab(1, laws, seed=5), protocol(share=0.25)
+    return lab, series_of(lab, path, counts_of(lab, path), 0)
 
 
 def known(lab, result):
@@ -36,7 +37,7 @@ def scored(lab, skin):
     """Root mean square error on a way that was not recorded, N; errors over their sigma and
     sigmas, N, shape (t, 3)."""
     path = unseen(40.0, seed=17)
-    counts = lab.counts(path, noise=False).counts
+    counts = lab.counts(path, noise=False)
     reading = Decoder(skin, dtype="float64", sweeps=0, ambient=False)(counts)
     error, sigma = reading.force[:, :, 0] - lab.force(path)[:, :, 0], reading.force_sigma[:, :, 0]
     return float(np.sqrt(np.mean(error**2))), error / sigma, sigma

@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 import topology
-from benchmarks.bench import protocol
-from benchmarks.lab import Lab, write_bench
 from bus.codec import Packer
 from bus.frame import FrameBatch
 from bus.logs import open_writer
@@ -22,6 +20,8 @@ from skin.calibrate.bench.series import read_counts
 from skin.calibrate.files import read_calibration
 from skin.calibrate.tare import tare
 from skin.cli import main
+from skin.sim.bench import Lab, protocol, write_bench
+from tests.fixtures.bench import lag_s
 
 SHARE = 0.25
 GOLDEN = Path(__file__).parents[3] / "golden" / "calibration" / "pad.toml"
@@ -90,7 +90,7 @@ def test_the_file_tells_serial_hash_range_goodness_and_covariance(bench, fitted)
     low, high = told["range"]["depth_mm"]
     assert low == 0.0
     assert high == pytest.approx(2.05, abs=0.02)
-    assert told["goodness"]["lag_s"] == pytest.approx(Lab(2).lag_s(0), abs=0.005)
+    assert told["goodness"]["lag_s"] == pytest.approx(lag_s(Lab(2), 0), abs=0.005)
     assert told["goodness"]["touch_mm"] == pytest.approx(0.3, abs=0.005)
     for law in told["covariance"]:
         p = len(law["parameters"])

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 import topology
-from benchmarks.bench import protocol
-from benchmarks.lab import Lab
 from bus.boards import Boards
 from bus.codec import Packer
 from bus.frame import FrameBatch
@@ -14,6 +12,7 @@ from bus.heartbeat import FIRST_ID, LAYOUT
 from bus.logs import open_writer
 from bus.serials import compare_serials, of_boards
 from skin.calibrate.bench.series import read_counts
+from skin.sim.bench import Lab, protocol
 
 BENCH = {"pad/r0c0": "F3T-1000", "pad/r1c0": "F3T-1001"}
 
@@ -29,7 +28,7 @@ def beats(skin, *serials):
 
 def test_the_log_of_a_bus_tells_the_serial_numbers_of_its_boards(tmp_path):
     skin, batch = Lab(2).nominal, FrameBatch(8)
-    counts = Lab(2).counts(protocol(("tare",), 0.1)).counts
+    counts = Lab(2).counts(protocol(("tare",), 0.1))
     packer = Packer(skin)
     with open_writer(tmp_path / "run.log") as log:
         for k, cycle in enumerate(counts[:20]):

@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from benchmarks.accuracy_skin import SPREAD, Made, apart, differing
-from benchmarks.bench import DEEPEST_MM, protocol
 from skin.calibrate.files import with_fits
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
-from tests.fixtures.decode import posed, row_of, strokes
+from skin.physics.halbach import HalbachField
+from skin.sim.bench import DEEPEST_MM, SPREAD, Bench, differing, protocol
+from skin.sim.unit import UnitSimulator
+from tests.fixtures.bench import fits
+from tests.fixtures.decode import apart, posed, row_of, strokes
+from topology import Topology
 
 UNITS, SHARE = 1, 0.5
+
+
+class Made(NamedTuple):
+    """Units as they are, as their file says, and their films."""
+
+    true: Topology
+    known: Topology
+    films: Fabrication
+
+
 POSES = strokes(np.linspace(0.1, 1.9, 5), np.linspace(0.1, 2.7, 7), np.linspace(-3.0, 3.0, 13))
 FOUND = [*(name for name in SPREAD if name != "field_amplitude_ut"),
          *(f"hall_offset_{axis}_ut" for axis in "xy")]  # fmt: skip
@@ -28,8 +42,11 @@ def on_the_bench(fabricated):
     """Units, and their results, of films as made or as drawn."""
     nominal = row_of(UNITS)
     films = Fabrication.draw(UNITS, seed=3) if fabricated else Fabrication.perfect(UNITS)
-    units = Made(differing(nominal, seed=3), nominal, films)
-    return units, units.bench(seed=5).fits(protocol(share=SHARE))
+    true = differing(nominal, seed=3)
+    field = HalbachField(true, fabrication=films, reach_m=0.0)
+    bench = Bench(nominal, lambda: UnitSimulator(true, seed=5, field=field), Elastic(true), seed=5)
+    units = Made(true, nominal, films)
+    return units, fits(bench, protocol(share=SHARE))
 
 
 def known(fabricated):
