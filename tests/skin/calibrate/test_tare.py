@@ -14,8 +14,8 @@ from msgspec import structs
 import topology
 from bus.status import Status
 from skin.calibrate import tare as tares
-from skin.calibrate.read import read_calibration
-from skin.calibrate.tare import calibration_files, chosen
+from skin.calibrate.files import calibration_files, read_calibration
+from skin.calibrate.tare import chosen
 from skin.cli import main
 from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
@@ -25,7 +25,7 @@ from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.stencil import Stencil
 from skin.physics.surroundings import Surroundings
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.ambient import without_bz
+from tests.fixtures.ambient import look, without_bz
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 CYCLES = 500
@@ -36,6 +36,7 @@ name = "pair"
 
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
 
 [[models]]
@@ -717,7 +718,7 @@ def test_field_of_the_tare_is_not_subtracted_again(tmp_path):
             reading.displacement_mm[2] = (4500.0 - values[FREQUENCY]) / 900.0
             reading.temperature[:] = 24.0
             reading.status[:] = 0
-            ambient.update(reading)
+            look(ambient, reading)
             means += ambient.field_ut[:, 0] / cycles
         return means
 

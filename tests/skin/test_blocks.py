@@ -8,7 +8,7 @@ import pytest
 import skin
 from bus.frame import FRAME_DTYPE
 from bus.logs import write
-from skin.blocks.block import CLOSED_BY
+from skin.blocks import CLOSED_BY
 from skin.contact.record import CONTACT
 from skin.state import Reading, if_wanted
 from tests.fixtures.live import frames_of
