@@ -10,7 +10,7 @@ __all__ = ["axial_at_rest_ut", "axial_sigma_ut", "film_at_rest_ut", "inverse_map
 
 AXIAL_SHARE = 0.005
 """By which the own field at rest differs from what the table of angles makes of it [derived: the
-fit of a film of another shape, `python -m benchmarks films`]."""
+fit of a film of another shape]."""
 
 
 def film_at_rest_ut(topology: Topology) -> np.ndarray:
