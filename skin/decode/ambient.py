@@ -23,7 +23,6 @@ from skin.decode.ambient_kernels import (
     FOLLOW_S,
     LOADED_SIGMAS,
     MEMORY,
-    NOW,
     PRIOR_UT2,
     RATE_HZ,
     RUN,
@@ -146,7 +145,7 @@ class Ambient:
 
         In the skin frame, the body being where the topology has it.
         """
-        return self._bodies["field_ut"][:, NOW].T.copy()
+        return self._bodies["now"]["field_ut"].T.copy()
 
     @property
     def field_at_chips_ut(self) -> np.ndarray:
@@ -163,7 +162,7 @@ class Ambient:
     def covariance_ut2(self) -> np.ndarray:
         """Of `field_ut`, from the noise of the votes and how fast fields turn: one array, shape
         (bodies, 3, 3), that the kernel writes."""
-        return self._bodies["covariance_ut2"][:, NOW]
+        return self._bodies["now"]["covariance_ut2"]
 
     @property
     def voters(self) -> np.ndarray:
@@ -251,7 +250,8 @@ class Ambient:
 
     def _forget_fields(self) -> None:
         self._bodies[:] = 0
-        self._bodies["covariance_ut2"] = PRIOR_UT2 * np.eye(3)
+        for name in ("now", "newer", "older"):
+            self._bodies[name]["covariance_ut2"] = PRIOR_UT2 * np.eye(3)
         self._turned = [Turned() for _ in self.bodies]
 
     def turn(self, attitude: np.ndarray, body: int | None = None) -> None:
@@ -396,9 +396,9 @@ class Turned:
 
     def _begin(self, body: np.void) -> None:
         """f is known, b is not, and w = f + b."""
-        mean = np.concatenate([body["field_ut"][NOW], np.zeros(3)])
+        mean = np.concatenate([body["now"]["field_ut"], np.zeros(3)])
         covariance = np.tile(PRIOR_UT2 * np.eye(3), (2, 2))
-        covariance[:3, :3] += body["covariance_ut2"][NOW]
+        covariance[:3, :3] += body["now"]["covariance_ut2"]
         self._state = _State(mean, covariance)
 
     def _rotate(self, back: np.ndarray) -> None:
@@ -413,16 +413,18 @@ class Turned:
 
     def _observe(self, body: np.void) -> None:
         mean, covariance = self._state
-        seen = OBSERVE @ covariance @ OBSERVE.T + body["covariance_ut2"][NOW]
+        seen = OBSERVE @ covariance @ OBSERVE.T + body["now"]["covariance_ut2"]
         gain = np.linalg.solve(seen, OBSERVE @ covariance).T
-        mean = mean + gain @ (body["field_ut"][NOW] - OBSERVE @ mean)
+        mean = mean + gain @ (body["now"]["field_ut"] - OBSERVE @ mean)
         rest = np.eye(6) - gain @ OBSERVE
-        covariance = rest @ covariance @ rest.T + gain @ body["covariance_ut2"][NOW] @ gain.T
+        covariance = rest @ covariance @ rest.T + gain @ body["now"]["covariance_ut2"] @ gain.T
         self._state = _State(mean, covariance)
         self._angle = 0.0
 
     def _predict(self, body: np.void) -> None:
         mean, covariance = self._state
         spread = OBSERVE @ covariance @ OBSERVE.T + WALK_UT2 * body["held_s"] * np.eye(3)
-        body["field_ut"][NOW] = OBSERVE @ mean
-        body["covariance_ut2"][NOW] = np.linalg.inv(np.linalg.inv(spread) + np.eye(3) / LARGEST_UT2)
+        body["now"]["field_ut"] = OBSERVE @ mean
+        body["now"]["covariance_ut2"] = np.linalg.inv(
+            np.linalg.inv(spread) + np.eye(3) / LARGEST_UT2
+        )

@@ -19,7 +19,7 @@ from skin.decode.functions import read, rows_of, write
 from skin.decode.records import LANES
 
 __all__ = [
-    "BLOCK", "BODY", "MEMORY", "NOW", "RUN", "AmbientData", "AmbientModel", "units", "update",
+    "BLOCK", "BODY", "MEMORY", "RUN", "AmbientData", "AmbientModel", "units", "update",
     "update_python",
 ]  # fmt: skip
 
@@ -138,16 +138,17 @@ TOUCH = [
 RUN = np.dtype([*TOUCH, ("near_load", np.float64), ("near_weight", np.float64), ("body", np.int64)])
 """Units of one patch that follow each other, and those among them that are near a loaded one."""
 
-NOW, NEWER, OLDER = range(3)
-"""Field and covariance as they are and, to go back to, as they were one to two delays ago."""
+ESTIMATE = np.dtype([("field_ut", np.float64, (3,)), ("covariance_ut2", np.float64, (3, 3))])
+"""A field, skin frame."""
 BODY = np.dtype([
     *TOUCH,
     ("held_s", np.float64),  # since enough units voted
     ("voters", np.float64),
     ("pressed", np.float64),  # usable units without a vote, for they may be touched
-    ("field_ut", np.float64, (3, 3)),  # each of these now, newer and older
-    ("covariance_ut2", np.float64, (3, 3, 3)),
-    ("kept_s", np.float64),  # since they were kept
+    ("now", ESTIMATE),
+    ("newer", ESTIMATE),  # to go back to, and of a delay before
+    ("older", ESTIMATE),
+    ("kept_s", np.float64),  # since the newer one was kept
     ("information", np.float64, (3, 3)),  # of the votes of a cycle, 1/µT²
     ("told", np.float64, (3,)),  # their residuals times their information
     ("attitude_known", np.float64),  # 1 where turns are reported, 0 where it may turn unseen
@@ -394,18 +395,17 @@ def _vote(unit, memory, body, refused, data, first, size):
 
 
 @jitable
-def _copy(body, to, source):
-    """Set one of field and covariance to another."""
+def _copy(to, source):
+    """Set an `ESTIMATE` to another."""
     for a in range(3):
-        body["field_ut"][to, a] = body["field_ut"][source, a]
+        to["field_ut"][a] = source["field_ut"][a]
         for b in range(3):
-            body["covariance_ut2"][to, a, b] = body["covariance_ut2"][source, a, b]
+            to["covariance_ut2"][a, b] = source["covariance_ut2"][a, b]
 
 
 @jitable
-def _widen(body, share):
-    """Let the covariance become, by a share, that of a field of which nothing is known."""
-    covariance = body["covariance_ut2"][NOW]
+def _widen(covariance, share):
+    """Let a covariance become, by a share, that of a field of which nothing is known."""
     for a in range(3):
         for b in range(3):
             covariance[a, b] -= share * covariance[a, b]
@@ -419,30 +419,30 @@ def _go_back(body, delay_s):
     They are as old as t = age + `delay_s`, and the robot may have turned: the covariance widens by
     `WALK_UT2` · t + `TURN_UT2` · t², and goes on as one that has been held as long.
     """
-    old_s = body["kept_s"] + delay_s
+    now, old_s = body["now"], body["kept_s"] + delay_s
     body["kept_s"], body["held_s"] = 0.0, old_s
-    _copy(body, NOW, OLDER)
-    _widen(body, min(old_s * (WALK_UT2 + TURN_UT2 * old_s) / PRIOR_UT2, 1.0))
-    _copy(body, NEWER, NOW)
-    _copy(body, OLDER, NOW)
+    _copy(now, body["older"])
+    _widen(now["covariance_ut2"], min(old_s * (WALK_UT2 + TURN_UT2 * old_s) / PRIOR_UT2, 1.0))
+    _copy(body["newer"], now)
+    _copy(body["older"], now)
 
 
 @jitable
 def _filter(body, dt_s, delay_s):
     """One step of the Kalman filter of a body's ambient field, a random walk."""
-    voters = body["voters"]
+    now, voters = body["now"], body["voters"]
     if voters < LEAST_UNITS <= voters + body["pressed"] and body["held_s"] == 0.0:
         _go_back(body, delay_s)
     turns = 2.0 * TURN_UT2 * (1.0 - body["attitude_known"])
-    _widen(body, min(dt_s * (WALK_UT2 + turns * body["held_s"]) / PRIOR_UT2, 1.0))
+    _widen(now["covariance_ut2"], min(dt_s * (WALK_UT2 + turns * body["held_s"]) / PRIOR_UT2, 1.0))
     if voters < LEAST_UNITS:
         body["held_s"] += dt_s
         return
     if body["held_s"] > 0.0:  # what was held is what there is to go back to
         body["held_s"] = body["kept_s"] = 0.0
-        _copy(body, NEWER, NOW)
-        _copy(body, OLDER, NOW)
-    covariance = body["covariance_ut2"][NOW]
+        _copy(body["newer"], now)
+        _copy(body["older"], now)
+    covariance = now["covariance_ut2"]
     _invert(covariance)
     for a in range(3):
         for b in range(3):
@@ -450,12 +450,12 @@ def _filter(body, dt_s, delay_s):
     _invert(covariance)
     for a in range(3):
         for b in range(3):
-            body["field_ut"][NOW, a] += covariance[a, b] * body["told"][b]
+            now["field_ut"][a] += covariance[a, b] * body["told"][b]
     body["kept_s"] += dt_s
     if body["kept_s"] >= delay_s:
         body["kept_s"] = 0.0
-        _copy(body, OLDER, NEWER)
-        _copy(body, NEWER, NOW)
+        _copy(body["older"], body["newer"])
+        _copy(body["newer"], now)
 
 
 @jitable
@@ -519,7 +519,7 @@ def _show_lies(marks, status, valid, size):
 
 
 @jitable
-def _compose(unit, memory, body, data, first, size):
+def _compose(unit, memory, now, data, first, size):
     """What is to be taken off the next cycle's counts, and how well that is known.
 
     The residue of a unit with the axis n is the variance of a lateral axis, (tr P - nᵀ P n) / 2.
@@ -531,8 +531,8 @@ def _compose(unit, memory, body, data, first, size):
     assume_noalias()
     field, out = rows_of(data.field_ut, first), rows_of(data.taken, first)
     turn, unmap = unit["skin_chip"], unit["inverse_map"]
-    zero, taken, covariance = memory["zero"], memory["taken"], body["covariance_ut2"][NOW]
-    bx, by, bz = body["field_ut"][NOW, 0], body["field_ut"][NOW, 1], body["field_ut"][NOW, 2]
+    zero, taken, covariance = memory["zero"], memory["taken"], now["covariance_ut2"]
+    bx, by, bz = now["field_ut"][0], now["field_ut"][1], now["field_ut"][2]
     xx, yy, zz = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     xy, xz, yz = covariance[0, 1], covariance[0, 2], covariance[1, 2]
     for j in range(min(size, LANES)):
@@ -597,7 +597,7 @@ def update_python(model, data):
         here = slice(first, first + size)
         _follow(unit, memory, size, dt_s, slow_s, model.period_s)
         _show_lies(memory["marks"], data.status[here], data.valid[here], size)
-        _compose(unit, memory, data.bodies[block["body"]], data, first, size)
+        _compose(unit, memory, data.bodies[block["body"]]["now"], data, first, size)
 
 
 update = compiled(update_python, fastmath={"contract", "reassoc"}, allocates=False)

@@ -8,20 +8,13 @@ What sweeps leave: `docs/explanation/derivations.md`, "Sweeps".
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bus.compiled.aligned import zeros
-from skin.decode.crosstalk_kernels import (
-    FieldModel,
-    FilmModel,
-    Films,
-    PairModel,
-    StrayData,
-    StrayModel,
-    add_stray,
-)
+from bus.compiled.intrinsics import assume_noalias
+from bus.compiled.jit import compiled, jitable
 from skin.decode.density import sparse_enough
 from skin.decode.resting import share_shown, stray_ut2
 from skin.errors import check_array
@@ -29,7 +22,7 @@ from skin.physics.stencil import Stencil, check_stencil
 from skin.physics.stray import powers
 from topology import Topology
 
-__all__ = ["CrossTalk"]
+__all__ = ["CrossTalk", "add_stray", "add_stray_python"]
 
 BEYOND_MM = 0.5
 """How far beyond the stencil's range its polynomials are still followed; then films stand still
@@ -40,6 +33,171 @@ IDLE_DISPLACEMENT_MM = 0.5
 """Displacement that a film at rest never reads as [derived: the noise of its field is 0.07 mm]."""
 FRICTION = 3.0
 """A film is displaced by this many times its depth at most, before it slips [assumed]."""
+FREQUENCY, FIELD, VARIANCE = 0, 1, 4
+"""Rows of a background: Hz, three of the field in the axes of the chips, variance of an axis."""
+
+
+class StrayModel(NamedTuple):
+    """What does not change: of n films, of m pairs of a film and a unit near it, by film and by
+    unit in compressed rows, and of the polynomials of the pairs."""
+
+    strength: np.ndarray  # (n,) of the films
+    drift_per_k: np.ndarray  # (n,) relative change of the strength
+    rest_ut: np.ndarray  # (3, n) field of all neighbours at rest, which the offsets hold already
+    idle_depth_mm: float  # a film at rest is pressed less than this,
+    idle_pull_mm: float  # pulled less than this,
+    idle_displacement_mm2: float  # and its squared tangential displacement is less than this
+    displacement_max_mm: float  # dx and dy, where films are taken to stand still
+    depth_min_mm: float
+    depth_max_mm: float
+    parent: np.ndarray  # (terms,) int64: each is an earlier one, 0 being the weight, 1 the first,
+    factor: np.ndarray  # (terms,) int64: times dx, dy or H
+    film_start: np.ndarray  # (n + 1,) int32
+    receiver: np.ndarray  # (m,) int32, the units near each film
+    place: np.ndarray  # (n,) int64, where the coefficients of a film begin
+    coefficients: np.ndarray  # by term: three axes of each unit; films that see alike share them
+    unit_start: np.ndarray  # (n + 1,) int32
+    neighbour: np.ndarray  # (m,) int32, the films near each unit
+    prior_ut2: np.ndarray  # (m,) mean square of what each of them may add to an axis
+    always_ut2: np.ndarray  # (n,) variance of an axis where all neighbours are known
+
+
+class StrayData(NamedTuple):
+    """One cycle: what is read, what is written, what is kept, and scratch."""
+
+    displacement_mm: np.ndarray  # (3, n); NaN in dx or dy alone: not looked at since at rest
+    usable: np.ndarray  # (n,) bool
+    out: np.ndarray  # (5, n), written: the background with what the films add
+    base: np.ndarray  # (5, n), background that the result begins with
+    film_above_k: np.ndarray  # (n,) temperature of each film above that of its calibration
+    dx_mm: np.ndarray  # (n,) where each film is that counts: zero for those that do not
+    dy_mm: np.ndarray
+    depth_mm: np.ndarray
+    weight: np.ndarray  # its strength as warm as it is, in the unit of the stencil
+    known: np.ndarray  # (n,) 1 for films that are usable and within the range, else 0
+    stale: np.ndarray  # (n,) uint8, 1 where `known` has changed
+    residue_ut2: np.ndarray  # (n,) variance of an axis
+    term: np.ndarray  # (1 + terms,), scratch
+    sums: np.ndarray  # scratch, three axes of the units of the film that most are near to
+
+
+@jitable
+def find_films(model, data):
+    """Take over the displacements of the films that count, and begin the result.
+
+    A film whose depth is known, but whose dx or dy is NaN, counts as not displaced: it has not been
+    looked at since nothing touches it. The field of neighbours at rest changes with their
+    temperature, taken to be that of the unit's own film.
+
+    Returns
+    -------
+    moved, changed : bool
+        Whether any film counts; whether `known` has changed of any.
+    """
+    assume_noalias()
+    known, above, base, out = data.known, data.film_above_k, data.base, data.out
+    real = out.dtype.type
+    nothing, one = real(0.0), real(1.0)
+    far, highest = real(model.displacement_max_mm), real(model.depth_min_mm)
+    deepest, idle_depth = real(model.depth_max_mm), real(model.idle_depth_mm)
+    idle_pull, idle_square = real(model.idle_pull_mm), real(model.idle_displacement_mm2)
+    n = data.usable.size
+    moved = changed = np.int32(0)  # as wide as a float32, or vectors would be half as long
+    for i in range(n):
+        x, y, h = data.displacement_mm[0, i], data.displacement_mm[1, i], data.displacement_mm[2, i]
+        looked = (x == x) & (y == y)  # noqa: PLR0124 - NaN: not looked at
+        x = x if looked else nothing
+        y = y if looked else nothing
+        # NaN and infinity times zero are not zero
+        finite = data.usable[i] & ((x + y + h) * nothing == nothing)
+        away = (h > idle_depth) | (h < -idle_pull) | (x * x + y * y > idle_square)
+        counts = finite & away
+        # NaN: a unit that has not been heard of
+        warmer = above[i] if above[i] == above[i] else nothing
+        gain = one + model.drift_per_k[i] * warmer
+        data.dx_mm[i] = min(max(x, -far), far) if counts else nothing
+        data.dy_mm[i] = min(max(y, -far), far) if counts else nothing
+        data.depth_mm[i] = min(max(h, highest), deepest) if counts else nothing
+        data.weight[i] = model.strength[i] * gain if counts else nothing
+        within = (max(abs(x), abs(y)) <= far) & (h >= highest) & (h <= deepest)
+        now = one if finite & within else nothing
+        other = known[i] != now
+        known[i] = now
+        data.stale[i] = other
+        moved = np.int32(moved | np.int32(counts))
+        changed = np.int32(changed | np.int32(other))
+    for axis in range(3):
+        for i in range(n):
+            warmer = above[i] if above[i] == above[i] else nothing
+            more = model.rest_ut[axis, i] * (model.drift_per_k[i] * warmer)
+            out[FIELD + axis, i] = base[FIELD + axis, i] + more
+    for i in range(n):
+        out[FREQUENCY, i] = base[FREQUENCY, i]
+    for i in range(n):
+        out[VARIANCE, i] = base[VARIANCE, i] + data.residue_ut2[i]
+    return moved != 0, changed != 0
+
+
+@jitable
+def add_fields(model, data):
+    """Add the fields of the films that count, sum(c w dx^i dy^j H^k), film by film."""
+    out, term, sums, parent = data.out, data.term, data.sums, model.parent
+    coefficients = model.coefficients
+    for film in range(data.weight.size):
+        weight, first, last = data.weight[film], model.film_start[film], model.film_start[film + 1]
+        if weight == 0.0 or first == last:
+            continue
+        moved = data.dx_mm[film], data.dy_mm[film], data.depth_mm[film]
+        term[0] = weight
+        for k in range(parent.size):
+            term[1 + k] = term[parent[k]] * moved[model.factor[k]]
+        lanes = 3 * (last - first)
+        for i in range(lanes):
+            sums[i] = 0.0
+        at = model.place[film]
+        for k in range(parent.size):
+            value = term[1 + k]
+            for i in range(lanes):
+                # unsigned: numba adds the length to an index that may be negative, which no vector
+                # of neighbours can
+                sums[i] += value * coefficients[np.uintp(at + i)]
+            at += lanes
+        for p in range(first, last):
+            for axis in range(3):
+                out[FIELD + axis, model.receiver[p]] += sums[3 * (p - first) + axis]
+
+
+@jitable
+def add_unknown(model, data):
+    """Add up the variances of what is not known, of the units near a film that is stale."""
+    one = data.known.dtype.type(1.0)
+    for film in range(data.stale.size):
+        if data.stale[film]:
+            for p in range(model.film_start[film], model.film_start[film + 1]):
+                i = model.receiver[p]
+                total = model.always_ut2[i]
+                for q in range(model.unit_start[i], model.unit_start[i + 1]):
+                    total += model.prior_ut2[q] * (one - data.known[model.neighbour[q]])
+                data.residue_ut2[i] = total
+                data.out[VARIANCE, i] = data.base[VARIANCE, i] + total
+
+
+def add_stray_python(model, data):
+    """Add the fields of neighbours' films to a background.
+
+    Parameters
+    ----------
+    model : StrayModel
+    data : StrayData
+    """
+    moved, changed = find_films(model, data)
+    if changed:
+        add_unknown(model, data)
+    if moved:
+        add_fields(model, data)
+
+
+add_stray = compiled(add_stray_python, fastmath={"contract"}, allocates=False)
 
 
 class CrossTalk:
@@ -63,8 +221,6 @@ class CrossTalk:
     Attributes
     ----------
     stencil : Stencil
-    strength : ndarray, shape (n,)
-        Of the films, as the stencil has it.
     contraction : float
         Largest share of the cross-talk that one sweep leaves, of films that are not displaced.
     residue_ut : ndarray, shape (n,)
@@ -112,15 +268,12 @@ class CrossTalk:
             check_stencil(topology, stencil)
         self.stencil, self.contraction = stencil, _ = sparse_enough(topology, stencil)
         real = np.dtype(dtype)
-        self.strength = stencil.strength.astype(real)
         always = self._residues()
         self.residue_ut = np.sqrt(always)
         self._by_tare_ut2, self._drawn_axial_ut2 = stray_ut2(topology, stencil)
         self._off_ut2, self.axial_ut2 = self._off_by(topology)
-        self._model = StrayModel(
-            self._films_of(topology, idle_mm), self._pairs_of(always + self._off_ut2),
-            _fields_of(stencil, real),
-        )  # fmt: skip
+        real = np.dtype(dtype)
+        self._model = self._model_of(topology, always + self._off_ut2, idle_mm, real)
         self._data = _data_of(self._model, real)
         self.residue_ut2 = self._data.residue_ut2
 
@@ -168,25 +321,19 @@ class CrossTalk:
         film_above: np.ndarray | None = None,
     ) -> tuple[Any, ...]:
         """The kernel of a prediction, with its arguments; as of `predict`."""
-        like = self._data
-        for name, array, own in (("displacement_mm", displacement_mm, like.displacement_mm),
-                                 ("usable", usable, like.usable), ("out", out, like.out),
-                                 ("base", base, like.base),
-                                 ("film_above", film_above, like.film_above_k)):  # fmt: skip
-            if array is not None:
-                check_array(name, array, own)
-        data = self._data._replace(
-            displacement_mm=displacement_mm, usable=usable, out=out,
-            base=self._data.base if base is None else base,
-            film_above_k=self._data.film_above_k if film_above is None else film_above,
-        )  # fmt: skip
-        return add_stray, self._model, data
+        own = self._data
+        base = own.base if base is None else base
+        film_above = own.film_above_k if film_above is None else film_above
+        given = displacement_mm, usable, out, base, film_above
+        for name, array, like in zip(StrayData._fields, given, own, strict=False):
+            check_array(name, array, like)
+        return add_stray, self._model, StrayData(*given, *own[len(given) :])
 
     def retare(self, topology: Topology) -> None:
         """Count what films and places at rest are off by only in units that are not tared now, and
         what films may be off by as they move as the tare has shown it."""
         now, self.axial_ut2 = self._off_by(topology)
-        for variance in (self._model.pairs.always_ut2, self.residue_ut2):
+        for variance in (self._model.always_ut2, self.residue_ut2):
             np.add(variance, (now - self._off_ut2).astype(variance.dtype), out=variance)
         self._off_ut2 = now
 
@@ -196,11 +343,14 @@ class CrossTalk:
         lateral_ut2 = np.where(topology.tared, self._by_tare_ut2[1], self._by_tare_ut2[0])
         return lateral_ut2, self._drawn_axial_ut2 * share_shown(topology, self.stencil)
 
-    def _films_of(self, topology: Topology, idle_mm: float) -> FilmModel:
-        """What the films are, and when they count."""
-        stencil, real = self.stencil, self.strength.dtype
-        return FilmModel(
-            strength=self.strength,
+    def _model_of(
+        self, topology: Topology, always_ut2: np.ndarray, idle_mm: float, real: np.dtype
+    ) -> StrayModel:
+        """What the films are, when they count, and what one may add to a unit near it."""
+        stencil, film, strength = self.stencil, self.stencil.neighbour, self.stencil.strength
+        square = np.sum((stencil.coefficients @ stencil.gram) * stencil.coefficients, axis=(1, 2))
+        return StrayModel(
+            strength=strength.astype(real),
             drift_per_k=topology.parameters["film_drift_per_k"].astype(real),
             rest_ut=np.ascontiguousarray(stencil.rest_ut, real),
             idle_depth_mm=float(idle_mm),
@@ -209,21 +359,11 @@ class CrossTalk:
             displacement_max_mm=stencil.displacement_max_mm + BEYOND_MM,
             depth_min_mm=-PULLED_MM,
             depth_max_mm=stencil.depth_max_mm + BEYOND_MM,
-        )
-
-    def _pairs_of(self, always_ut2: np.ndarray) -> PairModel:
-        """Who is near whom, and what one may add to the other."""
-        stencil, real = self.stencil, self.strength.dtype
-        film, coefficients = stencil.neighbour, stencil.coefficients
-        square = np.sum((coefficients @ stencil.gram) * coefficients, axis=(1, 2))
-        starts = np.append(0, np.cumsum(np.bincount(film, minlength=stencil.n)))
-        return PairModel(
-            start=stencil.start,
+            unit_start=stencil.start,
             neighbour=film,
-            prior_ut2=(square[stencil.kind] * stencil.strength[film] ** 2 / 3.0).astype(real),
-            receiver_start=starts.astype(np.int32),
-            receiver=stencil.unit[np.argsort(film, kind="stable")].astype(np.int32),
+            prior_ut2=(square[stencil.kind] * strength[film] ** 2 / 3.0).astype(real),
             always_ut2=always_ut2.astype(real),
+            **_polynomials(stencil, real),
         )
 
     def _residues(self) -> np.ndarray:
@@ -235,7 +375,7 @@ class CrossTalk:
         return missed + stencil.left_out_rms_ut**2
 
 
-def _fields_of(stencil: Stencil, real: np.dtype) -> FieldModel:
+def _polynomials(stencil: Stencil, real: np.dtype) -> dict[str, np.ndarray]:
     """The polynomials of a stencil, by film; films whose pairs are of the same kinds share
     coefficients."""
     exponents = powers(stencil.degree)
@@ -253,21 +393,21 @@ def _fields_of(stencil: Stencil, real: np.dtype) -> FieldModel:
             parts.append(stencil.coefficients[kinds].transpose(2, 0, 1).reshape(-1))
             size += parts[-1].size
         place[i] = known[kinds.tobytes()]
-    return FieldModel(
-        np.array([row[tuple(term)] for term in below.tolist()]), factor, start.astype(np.int32),
-        stencil.unit[order].astype(np.int32), place, np.concatenate(parts).astype(real),
-    )  # fmt: skip
+    return {
+        "parent": np.array([row[tuple(term)] for term in below.tolist()]), "factor": factor,
+        "film_start": start.astype(np.int32), "receiver": stencil.unit[order].astype(np.int32),
+        "place": place, "coefficients": np.concatenate(parts).astype(real),
+    }  # fmt: skip
 
 
 def _data_of(model: StrayModel, real: np.dtype) -> StrayData:
     """Buffers; what a prediction reads and writes is zero."""
-    n, fields = model.films.strength.size, model.fields
-    most = 3 * int(np.diff(fields.start).max(initial=0))
-    stale, todo = np.zeros((2, n), np.uint8)
+    n = model.strength.size
+    most = 3 * int(np.diff(model.film_start).max(initial=0))
+    above, dx, dy, depth, weight = (zeros(n, real) for _ in range(5))
     return StrayData(
-        displacement_mm=zeros((3, n), real), usable=np.zeros(n, bool), film_above_k=zeros(n, real),
-        base=zeros((5, n), real), films=Films(*(zeros(n, real) for _ in Films._fields)),
-        known=np.ones(n, real), stale=stale,
-        residue_ut2=model.pairs.always_ut2.copy(), out=zeros((5, n), real), todo=todo,
-        term=zeros(1 + fields.parent.size, real), sums=zeros(most, real),
+        zeros((3, n), real), np.zeros(n, bool), zeros((5, n), real), zeros((5, n), real),
+        above, dx, dy, depth, weight, known=np.ones(n, real), stale=np.zeros(n, np.uint8),
+        residue_ut2=model.always_ut2.copy(), term=zeros(1 + model.parent.size, real),
+        sums=zeros(most, real),
     )  # fmt: skip

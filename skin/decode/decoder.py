@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from skin.decode.ambient import Ambient
     from skin.decode.creep import Creep
     from skin.decode.crosstalk import CrossTalk
-    from skin.decode.kernel import DecodeData
     from skin.options import DType, Estimator, Sweeps
     from skin.physics.stencil import Stencil
 
@@ -39,17 +38,19 @@ class Inputs:
     Parameters
     ----------
     counts, status : ndarray, shape (c, n), int16, and shape (n,), uint16
+    base : ndarray, shape (5, n), or None
+        What is known not to be the units' own signal before neighbours are predicted.
 
     Attributes
     ----------
-    calls : dict of bool to pair of callables
-        With a background that the caller gives, and without: what predicts the fields of
-        neighbours (None where nothing does), and the kernel; made when they are first needed.
+    calls : pair of callables, or None
+        What predicts the fields of neighbours (None where nothing does), and the kernel; None
+        until they are needed.
     """
 
-    def __init__(self, counts: np.ndarray, status: np.ndarray) -> None:
-        self.counts, self.status = counts, status
-        self.calls: dict[bool, tuple[Callable[[], None] | None, Callable[..., None]]] = {}
+    def __init__(self, counts: np.ndarray, status: np.ndarray, base: np.ndarray | None) -> None:
+        self.counts, self.status, self.base = counts, status, base
+        self.calls: tuple[Callable[[], None] | None, Callable[..., None]] | None = None
 
 
 class Decoder:
@@ -143,31 +144,25 @@ class Decoder:
 
             self.rest_ut, self.rest_beyond_ut = rest_of(topology, stencil)
             check_zeros(topology, self.rest_beyond_ut)
-        self._make_kernel()
+        from skin.decode.uncertainty import neighbours_of
+
+        self._neighbours = neighbours_of(topology, self.rest_ut, self.crosstalk)
+        self._make_model(topology)
         self._make_buffers()
         self.reset()
 
-    def _make_kernel(self) -> None:
-        """The kernel and its model."""
-        from skin.decode import kernel
+    def _make_model(self, topology: Topology) -> None:
+        """What the kernel must know."""
         from skin.decode.model import model_of
-        from skin.decode.uncertainty import neighbours_of
 
-        self._kernel = kernel.decode
-        self._data_of: type[DecodeData] = kernel.DecodeData
-        self._neighbours = neighbours_of(self.topology, self.rest_ut, self.crosstalk)
-        self._model_of = functools.partial(model_of, plan=self.plan, rest_ut=self.rest_ut)
-        self._model = self._model_of(self.topology, neighbours=self._neighbours)
+        self._model = model_of(topology, self.plan, self.rest_ut, self._neighbours)
 
     def _make_buffers(self) -> None:
         """All that cycles are read from, written to and remembered in."""
         n, real = self.topology.n, self.dtype
-        blocks = -(-n // records.LANES)
-        self._state = zeros(blocks, records.state(real))
-        self._scratch = {
-            "flag": zeros(records.LANES, np.int16), "tile": zeros(1, records.tile(real)),
-        }  # fmt: skip
-        self._background, self._given = zeros((2, 5, n), real)
+        self._state = zeros(-(-n // records.LANES), records.state(real))
+        self._tile = zeros(1, records.tile(real))
+        self._background, self._added = zeros((2, 5, n), real)
         self._out = self._shown = Results(n, real)
         self.creep: Creep | None = None
         if self.plan.creep:
@@ -181,8 +176,10 @@ class Decoder:
         self.shown = self._shown.arrays
         arrays = {name: getattr(self._reading, name) for name in Reading.__slots__}
         self.layout = Layout(arrays, self.shown)
-        self._own = Inputs(zeros((len(CHANNELS), n), np.int16), zeros(n, np.uint16))
-        self._inputs = [self._own]
+        counts, status = zeros((len(CHANNELS), n), np.int16), zeros(n, np.uint16)
+        self._own = Inputs(counts, status, None if self.ambient is None else self.ambient.taken)
+        self._given = Inputs(counts, status, self._added)
+        self._inputs = [self._own, self._given]
         self._look: Callable[[], None] | None = None
         self._relax: Callable[[], None] | None = None
 
@@ -210,11 +207,11 @@ class Decoder:
             self._state[name] = 0.0
         self._phase, self._missing, self._unseen_s = 0, 0.0, 0.0
         self._period_s = 1.0 / self.topology.cycle_rate_hz
-        self._background[:] = self._given[:] = 0.0
+        self._background[:] = 0.0
         for array in (*self._out.arrays, self._shown.values):
             array[:] = 0
         if self.plan.wants.check is None:
-            self._scratch["tile"]["result"][:, records.TEST_RATIO] = np.nan
+            self._tile["result"][:, records.TEST_RATIO] = np.nan
         for part in (self.ambient, self.creep):
             if part is not None:
                 part.reset()
@@ -231,44 +228,33 @@ class Decoder:
         if self.crosstalk is not None:
             self.crosstalk.retare(topology)
             self._neighbours = self._neighbours._replace(axial_ut2=self.crosstalk.axial_ut2)
-        self._model = self._model_of(topology, neighbours=self._neighbours)
+        self._make_model(topology)
         for inputs in self._inputs:
-            inputs.calls.clear()
+            inputs.calls = None
         if self.ambient is not None:
             self.ambient.retare(topology)
         self.topology = topology
 
     def warmup(self) -> None:
         """Compile what a cycle needs, or load it; the state stays as it is."""
-        self._bind(self._own, given=False)
+        self._bind(self._own)
 
     def calls(self) -> list[tuple[Any, ...]]:
         """The kernels of a cycle, with arguments of their types."""
-        found = [self._kernel_call(self._own, given=False)]
+        found = [self._kernel_call(self._own)]
         if self.ambient is not None:
             found.append(self.ambient.call(self.whole))
         if self.crosstalk is not None:
-            found.append(self._stray(given=False))
+            found.append(self._stray(self._own, self.crosstalk))
         if self.creep is not None:
             found.append(self.creep.call)
         return found
 
-    def _taken(self, *, given: bool) -> np.ndarray | None:
-        """Background of the kernel, shape (5, n)."""
-        if self.crosstalk is not None:
-            return self._background
-        if given or self.ambient is None:
-            return self._given if given else None
-        return self.ambient.taken
-
-    def _stray(self, *, given: bool) -> tuple[Any, ...]:
+    def _stray(self, inputs: Inputs, crosstalk: CrossTalk) -> tuple[Any, ...]:
         """What predicts the fields of neighbours, with its arguments."""
-        base = None if self.ambient is None else self.ambient.taken
         whole, warmer = self.whole, self._out.values[records.FILM_ABOVE]
-        assert self.crosstalk is not None
-        return self.crosstalk.call(
-            whole.displacement_mm, whole.valid, self._background,
-            self._given if given else base, warmer,
+        return crosstalk.call(
+            whole.displacement_mm, whole.valid, self._background, inputs.base, warmer
         )  # fmt: skip
 
     def inputs(self, counts: np.ndarray, status: np.ndarray) -> Inputs:
@@ -287,28 +273,20 @@ class Decoder:
         check_call(self.topology, self.dtype, counts, status, None)
         if plain(counts) is not counts or plain(status) is not status:
             raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
-        self._inputs.append(found := Inputs(counts, status))
+        self._inputs.append(found := Inputs(counts, status, self._own.base))
         return found
 
-    def step(
-        self,
-        inputs: Inputs,
-        elapsed_s: float | None = None,
-        *,
-        given: bool = False,
-    ) -> None:
+    def step(self, inputs: Inputs, elapsed_s: float | None = None) -> None:
         """Decode the cycle that stands in the inputs into `reading`: predict what is not the units'
         own and decode, in each sweep; then relax, and look at the ambient field.
 
         Parameters
         ----------
         inputs : Inputs
-        given : bool
-            Whether the caller has set a background.
         elapsed_s : float, optional
             As of a call.
         """
-        predict, decode = inputs.calls.get(given) or self._bind(inputs, given=given)
+        predict, decode = inputs.calls or self._bind(inputs)
         missing = self._pass_time(elapsed_s)
         for sweep in range(self.plan.sweeps or 1):
             if predict is not None:
@@ -388,23 +366,24 @@ class Decoder:
         check_call(self.topology, self.dtype, raw, status, background)
         self._own.counts[:], self._own.status[:] = raw, 0 if status is None else status
         if background is not None:
-            self._given[:] = 0.0 if self.ambient is None else self.ambient.taken
-            self._given[: len(background)] += background
-        self.step(self._own, elapsed_s, given=background is not None)
+            self._added[:] = 0.0 if self.ambient is None else self.ambient.taken
+            self._added[: len(background)] += background
+        self.step(self._own if background is None else self._given, elapsed_s)
 
-    def _kernel_call(self, inputs: Inputs, *, given: bool) -> tuple[Any, ...]:
+    def _kernel_call(self, inputs: Inputs) -> tuple[Any, ...]:
         """The kernel with its model and data, phase, whether it goes on, and periods to age by."""
-        out = self._out
-        data = self._data_of(
-            counts=inputs.counts, status=inputs.status, background=self._taken(given=given),
-            state=self._state, values=out.values, flags=out.flags, valid=out.valid,
-            **self._scratch,
-        )  # fmt: skip
-        return self._kernel, self._model, data, 0, True, 0.0
+        from skin.decode import kernel
 
-    def _bind(
-        self, inputs: Inputs, *, given: bool
-    ) -> tuple[Callable[[], None] | None, Callable[..., None]]:
+        out = self._out
+        data = kernel.DecodeData(
+            counts=inputs.counts, status=inputs.status,
+            background=inputs.base if self.crosstalk is None else self._background,
+            state=self._state, flag=zeros(records.LANES, np.int16), tile=self._tile,
+            values=out.values, flags=out.flags, valid=out.valid,
+        )  # fmt: skip
+        return kernel.decode, self._model, data, 0, True, 0.0
+
+    def _bind(self, inputs: Inputs) -> tuple[Callable[[], None] | None, Callable[..., None]]:
         """The calls of a cycle on some inputs."""
         from bus.compiled.jit import bound, direct
 
@@ -412,10 +391,10 @@ class Decoder:
             self._look = bound(*self.ambient.call(self.whole))
         if self.creep is not None and self._relax is None:
             self._relax = bound(*self.creep.call)
-        predict = None if self.crosstalk is None else bound(*self._stray(given=given))
-        call = self._kernel_call(inputs, given=given)
-        inputs.calls[given] = predict, functools.partial(direct(*call), *call[1:3])
-        return inputs.calls[given]
+        talk, call = self.crosstalk, self._kernel_call(inputs)
+        predict = None if talk is None else bound(*self._stray(inputs, talk))
+        inputs.calls = predict, functools.partial(direct(*call), *call[1:3])
+        return inputs.calls
 
     def _batch(self, raw, status, background, elapsed_s: float | None) -> Reading:
         """Decode consecutive cycles into new arrays."""

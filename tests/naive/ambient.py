@@ -9,7 +9,6 @@ import numpy as np
 
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
-from skin.decode.ambient_kernels import NEWER, NOW, OLDER
 from skin.physics.rest import film_at_rest_ut
 
 PRIOR_UT2 = 2500.0
@@ -239,9 +238,10 @@ class NaiveAmbient:
 def state_of(ambient):
     """A copy of what an `Ambient` remembers."""
     bodies = {name: ambient._bodies[name] for name in BODIES}
+    older, newer = ambient._bodies["older"], ambient._bodies["newer"]
     for name, kept in (("field_ut", "kept_ut"), ("covariance_ut2", "kept_ut2")):
-        bodies[name] = ambient._bodies[name][:, NOW]
-        bodies[kept] = ambient._bodies[name][:, [OLDER, NEWER]].swapaxes(0, 1)
+        bodies[name] = ambient._bodies["now"][name]
+        bodies[kept] = np.stack([older[name], newer[name]])
     memory = {name: ambient.read(name) for name in MEMORY}
     touched = ambient.read("marks") & kernels.TOUCHED != 0
     return copy.deepcopy(SimpleNamespace(touched=touched, **bodies, **memory))

@@ -25,7 +25,7 @@ from bus.compiled.jit import bound
 from bus.codec_kernels import crc16
 named = []
 with watch(named.append):
-    import skin.decode.crosstalk_kernels as kernels
+    import skin.decode.crosstalk as kernels
     import topology
     from skin.decode.decoder import Decoder
     decoder = Decoder(topology.load("strip"), want={"temperature"}, ambient=False)

@@ -33,7 +33,7 @@ def call():
 
 def test_a_kernel_is_compiled_once_by_another_process(fresh):
     (job,) = jobs_of([call()])
-    assert (job.module, job.name) == ("skin.decode.crosstalk_kernels", "add_stray")
+    assert (job.module, job.name) == ("skin.decode.crosstalk", "add_stray")
     done, here = [], []
     with watch(here.append):
         side_by_side([job], done.append)

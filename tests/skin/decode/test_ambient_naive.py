@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient import Ambient
-from skin.decode.ambient_kernels import MEMORY, NEWER, NOW, OLDER
+from skin.decode.ambient_kernels import MEMORY
 from tests.fixtures.ambient import look
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
@@ -46,7 +46,7 @@ def tumbled(rate_hz=250.0):
 def any_state(ambient, naive, rng):
     """Memories on both sides of every bound, of units that may be pressed or not."""
     memory, n = SimpleNamespace(**{name: ambient.read(name) for name in MEMORY.names}), UNITS
-    bodies = ambient._bodies.view(np.recarray)
+    bodies = ambient._bodies
     pressed = rng.random(n) < rng.choice([0.0, 0.1, 0.6])  # none, few, or most, side by side
     pressed = np.arange(n) < rng.integers(7, n) if rng.random() < 0.2 else pressed
     load = np.where(pressed, rng.uniform(2.5, 8.0, n), rng.uniform(0.0, 2.9, n))
@@ -71,16 +71,16 @@ def any_state(ambient, naive, rng):
     )
     for name, values in vars(memory).items():
         ambient._write(ambient._memory, name, values)
-    bodies.held_s[:] = rng.choice([0.0, 0.2, 3.0, 40.0], 2)
-    bodies.field_ut[:, NOW] = 40.0 * rng.standard_normal((2, 3))
-    for covariance in bodies.covariance_ut2[:, NOW]:
+    bodies["held_s"] = rng.choice([0.0, 0.2, 3.0, 40.0], 2)
+    bodies["now"]["field_ut"] = 40.0 * rng.standard_normal((2, 3))
+    for covariance in bodies["now"]["covariance_ut2"]:
         root = rng.standard_normal((3, 3))
         covariance[:] = 20.0 * root @ root.T + 9.0 * np.eye(3)
-    bodies.kept_s[:] = rng.choice([0.0, 0.045, 0.2], 2)
-    for kept in (OLDER, NEWER):
-        bodies.field_ut[:, kept] = 40.0 * rng.standard_normal((2, 3))
+    bodies["kept_s"] = rng.choice([0.0, 0.045, 0.2], 2)
+    for kept in ("older", "newer"):
+        bodies[kept]["field_ut"] = 40.0 * rng.standard_normal((2, 3))
         more = rng.uniform(0.5, 2.0, (2, 1, 1))
-        bodies.covariance_ut2[:, kept] = more * bodies.covariance_ut2[:, NOW]
+        bodies[kept]["covariance_ut2"] = more * bodies["now"]["covariance_ut2"]
 
 
 def any_reading(naive, state, rng):

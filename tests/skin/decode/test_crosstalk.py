@@ -12,7 +12,6 @@ from msgspec import structs
 import topology
 from skin.calibrate.field_angle import angle_powers, field_angle
 from skin.decode import crosstalk as crosstalk_module
-from skin.decode import crosstalk_kernels
 from skin.decode.crosstalk import CrossTalk
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
@@ -37,7 +36,7 @@ def crosstalk_of(name, dtype="float64", idle_mm=0.0):
 
 
 def predict(crosstalk, moved, usable=None, base=None):
-    real = crosstalk.strength.dtype
+    real = crosstalk.residue_ut2.dtype
     usable = np.ones(moved.shape[-1], bool) if usable is None else usable
     if moved.ndim == 3:
         return np.array([predict(crosstalk, one, usable, base) for one in moved])
@@ -280,7 +279,7 @@ def test_python_and_machine_code_agree(name, monkeypatch):
     compiled, base = predict(crosstalk, moved, usable), np.ones((5, moved.shape[1]))
     residue = crosstalk.residue_ut2.copy()
     predict(crosstalk, moved)
-    monkeypatch.setattr(crosstalk_module, "add_stray", crosstalk_kernels.add_stray_python)
+    monkeypatch.setattr(crosstalk_module, "add_stray", crosstalk_module.add_stray_python)
     np.testing.assert_allclose(predict(crosstalk, moved, usable), compiled, atol=1e-9)
     np.testing.assert_allclose(crosstalk.residue_ut2, residue)
     np.testing.assert_allclose(predict(crosstalk, moved, usable, base), 1.0 + compiled, atol=1e-9)
