@@ -120,11 +120,9 @@ def _with_hex(row: dict[str, Any]) -> dict[str, Any]:
 
 def _too_dense(topology: Topology) -> list[str]:
     """What `skin.open` would refuse, as units are too near to each other."""
-    from skin.compiling import announce
     from skin.decode.density import sparse_enough
     from skin.errors import TooDenseError
 
-    announce()
     try:
         sparse_enough(topology)
     except TooDenseError as error:

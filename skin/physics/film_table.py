@@ -74,6 +74,17 @@ class Axis:
         """All nodes, shape (count,)."""
         return self.first + self.step * np.arange(self.count)
 
+    def cubics(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First of the four nodes around each x, shape (p,), and the weights of their values in the
+        cubic through them, shape (4, p): NaN beyond the last node."""
+        at = (x - self.first) / self.step
+        at = np.where(at <= self.count - 1, at, np.nan)
+        begin = np.clip(np.nan_to_num(at).astype(int) - 1, 0, self.count - 4)
+        a = at - begin
+        b, c, d = a - 1.0, a - 2.0, a - 3.0
+        sixth = np.stack([-b * c * d, 3.0 * a * c * d, -3.0 * a * b * d, a * b * c])
+        return begin, sixth / 6.0
+
 
 @dataclass(frozen=True, eq=False)
 class FilmTable:
@@ -120,6 +131,59 @@ class FilmTable:
     def far_mm(self) -> float:
         """Distance from the middle of the film from which on the far table holds, on all sides."""
         return 1.0 / self.inverse_r.last
+
+    def perfect_ut(self, points_mm: np.ndarray) -> np.ndarray:
+        """Field of a film without errors, as it was tabulated.
+
+        Parameters
+        ----------
+        points_mm : ndarray, shape (3, ...)
+            Film frame.
+
+        Returns
+        -------
+        ndarray, shape (3, ...)
+            Microtesla, film frame; NaN in the film and next to it.
+        """
+        x, y, z = points_mm.reshape(3, -1)
+        rho, azimuth = np.hypot(x, y), np.arctan2(y, x)
+        r = np.hypot(rho, z)
+        out = np.full((3, r.size), np.nan)  # along rho, z and phi
+        near, far = (r < self.far_mm) & (z >= self.nearest_mm), r >= self.far_mm
+        out[:, near] = self._series("near", (self.rho, self.z), (rho, z, azimuth), near)
+        polar = np.arctan2(rho, z)
+        with np.errstate(divide="ignore"):
+            at = 1.0 / r, polar, azimuth
+        outward, along, around = self._series("far", (self.inverse_r, self.theta), at, far)
+        c, s = np.cos(polar[far]), np.sin(polar[far])
+        turned = np.stack([outward * s + along * c, outward * c - along * s, around])
+        out[:, far] = turned / r[far] ** 3
+        radial, axial, around = out
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        field = np.stack([radial * c - around * s, radial * s + around * c, axial])
+        return field.reshape(points_mm.shape)
+
+    def _series(
+        self, name: str, axes: tuple[Axis, Axis], at: tuple[np.ndarray, ...], which: np.ndarray
+    ) -> np.ndarray:
+        """Three components of a perfect film from the near or far table, some of the points, shape
+        (3, p): cubics through four nodes; NaN out of its range."""
+        a, b, azimuth = (values[which] for values in at)
+        orders = getattr(self, f"{name}_orders")
+        alike = orders % self.film.sectors == 0  # what the sectors make together
+        table = getattr(self, name)[..., alike]
+        (from_a, weight_a), (from_b, weight_b) = axes[0].cubics(a), axes[1].cubics(b)
+        rows, row = table.reshape(-1, 3 * alike.sum()), from_a * axes[1].count + from_b
+        values = np.zeros((a.size, rows.shape[1]))
+        for i, along in enumerate(weight_a):
+            for j, across in enumerate(weight_b):
+                part = rows.take(row + (i * axes[1].count + j), axis=0)
+                values += (along * across)[:, np.newaxis] * part
+        values = values.reshape(a.size, *table.shape[2:])
+        wave = azimuth[:, np.newaxis] * orders[alike]
+        even, odd = np.cos(wave), np.sin(wave)
+        return np.stack([(values[:, k] * part).sum(axis=1)
+                         for k, part in enumerate((even, even, odd))])  # fmt: skip
 
     def save(self, path: Path, **origin: Any) -> None:
         """Write to `path`, whole or not at all, with the `origin` of its numbers."""

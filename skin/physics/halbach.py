@@ -16,7 +16,7 @@ from topology import Topology
 from topology.neighbours import compressed_rows, neighbour_pairs
 
 __all__ = [
-    "CHIP_AXES", "FELT_M", "HalbachField", "chips_seen", "crest_ut", "near", "perfect_film_ut",
+    "CHIP_AXES", "FELT_M", "HalbachField", "chips_seen", "crest_ut", "near",
 ]  # fmt: skip
 
 FELT_M = 0.05
@@ -44,9 +44,6 @@ class HalbachField:
         How the films were made; perfect ones if not given.
     reach_m : float
         Films are felt by units whose centres are within this; 0: only the own film.
-    felt : tuple of ndarray, optional
-        Whose films each unit feels in addition to its own, in place of `reach_m`: compressed rows,
-        shapes (n + 1,) and (m,), int32.
     surroundings : Surroundings, optional
         Ambient field and tools; none if not given.
 
@@ -74,7 +71,6 @@ class HalbachField:
         *,
         fabrication: Fabrication | None = None,
         reach_m: float = 0.03,
-        felt: tuple[np.ndarray, np.ndarray] | None = None,
         surroundings: Surroundings | None = None,
     ) -> None:
         table = load_film_table()
@@ -101,7 +97,7 @@ class HalbachField:
         # to_chip[a, b]: component a of the chip from component b of the skin frame
         self._to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 0, 2)
         self._felt_of_ambient = np.ascontiguousarray(self._to_chip.transpose(0, 2, 1))
-        self._rows = self._chips(*(felt or compressed_rows(topology.n, *near(topology, reach_m))))
+        self._rows = self._chips(*compressed_rows(topology.n, *near(topology, reach_m)))
 
     def __call__(
         self,
@@ -142,23 +138,6 @@ class HalbachField:
         if self.surroundings is not None:
             self._surround(self.surroundings, films, out)
         return out.reshape(*lead, 3, n)
-
-    def resting_ut(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Field of each film that another unit feels, both at rest and at the film's reference
-        temperature.
-
-        Returns
-        -------
-        chip, film : ndarray, shape (m,), int64
-            The unit that feels, and the one whose film it is.
-        field_ut : ndarray, shape (3, m), float64
-            In the axes of the chip; not finite where it is inside or next to the film.
-        """
-        start, film, *_, at_rest = self._rows
-        chip = np.repeat(np.arange(len(start) - 1), np.diff(start))
-        other = chip != film
-        chip, film, at_rest = chip[other], film[other].astype(np.int64), at_rest[other]
-        return chip, film, (at_rest * self._strength[film, np.newaxis]).T
 
     def _surround(self, surroundings: Surroundings, films: Films, out: np.ndarray) -> None:
         """Add the ambient field and the tools."""
@@ -272,34 +251,14 @@ def near(topology: Topology, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
     return neighbour_pairs(topology.position, np.full(n, radius_m), np.zeros(n, int))
 
 
-def perfect_film_ut(points_mm: np.ndarray) -> np.ndarray:
-    """Field of a film without errors, as it was tabulated.
-
-    Parameters
-    ----------
-    points_mm : ndarray, shape (3, ...)
-        Film frame.
-
-    Returns
-    -------
-    ndarray, shape (3, ...)
-        Microtesla, film frame; NaN in the film and next to it.
-    """
-    table = load_film_table()
-    points = np.ascontiguousarray(points_mm.reshape(3, -1).T, float)
-    units = _units(table, Fabrication.perfect(1, table.film.sectors))
-    out = np.empty_like(points)
-    film_fields(_tables(), units, np.zeros(len(points), np.int32), points, out)
-    return out.T.reshape(points_mm.shape)
-
-
 def crest_ut(depth_mm: np.ndarray) -> np.ndarray:
     """Largest lateral field within 3.5 mm of a perfect film at depths (d,): M0(H), µT, (d,)."""
     depths, which = np.unique(depth_mm, return_inverse=True)
-    height = load_film_table().film.chip_mm - depths
+    table = load_film_table()
+    height = table.film.chip_mm - depths
     lateral, height = np.meshgrid(np.linspace(1.5, 3.5, 401), height)
     points = np.stack([lateral, np.zeros_like(lateral), height])
-    return perfect_film_ut(points)[0].max(axis=-1)[which]
+    return table.perfect_ut(points)[0].max(axis=-1)[which]
 
 
 @functools.cache

@@ -22,10 +22,10 @@ from skin.physics.stray import (
     DISPLACEMENT_MAX_MM,
     NEAR_M,
     field_at_rest,
-    films_seen,
     monomials,
     moving_ut2,
     near,
+    pairs_seen,
     powers,
     scan_poses,
     scan_stray,
@@ -341,7 +341,9 @@ def rest_sigma_ut(topology: Topology) -> np.ndarray:
     topology = with_films_apart(topology)
     shape, covariance = films_as_made()
     per_pole = np.zeros((topology.n, 3, shape.size))
-    for at, _, points, turn in films_seen(topology):
+    for at, by in pairs_seen(topology, NEAR_M):
+        points, turn = chips_seen(topology, at, by)
+        turn *= topology.parameters["field_amplitude_ut"][by]
         np.add.at(per_pole, at, np.einsum("acm,kcm->mak", turn, multipole_field(points)))
     variance = np.einsum("nak,kl,nal->an", per_pole, covariance, per_pole)
     far = np.abs(field_at_rest(topology) - field_at_rest(topology, NEAR_M))

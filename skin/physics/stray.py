@@ -11,13 +11,15 @@ from itertools import product
 
 import numpy as np
 
+from skin.errors import SkinError
 from skin.physics.film_table import load_film_table
-from skin.physics.halbach import HalbachField, chips_seen, crest_ut, near, perfect_film_ut
+from skin.physics.halbach import chips_seen, crest_ut, near
 from topology import Topology
 
 __all__ = [
     "DEGREES", "DEPTH_MAX_MM", "DISPLACEMENT_MAX_MM", "HORIZON_M", "NEAR_M", "field_at_rest",
-    "films_seen", "monomials", "moving_ut2", "near", "powers", "scan_poses", "scan_stray",
+    "monomials", "moving_ut2", "near", "pairs_seen", "powers", "resting_ut", "scan_poses",
+    "scan_stray",
 ]  # fmt: skip
 
 DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
@@ -81,23 +83,39 @@ def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> tuple[np.ndar
     return moved, share / share.sum()
 
 
-def films_seen(
-    topology: Topology,
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Pairs of units within `NEAR_M`, some at a time: `at`, `by`, `points` and `turn` as of
-    `chips_seen`, `turn` times the strength of the films.
+def pairs_seen(topology: Topology, radius_m: float) -> Iterator[np.ndarray]:
+    """Pairs within a radius, some at a time: units, and those whose films they see, shape (2, m).
 
     Parameters
     ----------
     topology : Topology
         As of `skin.physics.stencil.with_films_apart`.
+    radius_m : float
     """
-    i, j = near(topology, NEAR_M)
-    ats, bys = np.concatenate([i, j]), np.concatenate([j, i])
-    for first in range(0, ats.size, PAIRS_AT_ONCE):
-        at, by = ats[first : first + PAIRS_AT_ONCE], bys[first : first + PAIRS_AT_ONCE]
-        points, turn = chips_seen(topology, at, by)
-        yield at, by, points, turn * topology.parameters["field_amplitude_ut"][by]
+    pairs = np.stack(near(topology, radius_m))
+    pairs = np.hstack([pairs, pairs[::-1]])
+    for first in range(0, pairs.shape[1], PAIRS_AT_ONCE):
+        yield pairs[:, first : first + PAIRS_AT_ONCE]
+
+
+def resting_ut(topology: Topology, at: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Field of films at rest, at their reference temperature, at other units' chips.
+
+    Parameters
+    ----------
+    topology : Topology
+    at, by : ndarray, shape (m,)
+        Unit of the chip, and of the film.
+
+    Returns
+    -------
+    ndarray, shape (3, m)
+        Axes of the chips; NaN where a chip is inside or next to the film.
+    """
+    p = topology.parameters
+    points, turn = chips_seen(topology, at, by)
+    strength = p["field_amplitude_ut"] / crest_ut(p["field_reference_mm"])
+    return np.einsum("abm,bm->am", turn, load_film_table().perfect_ut(points) * strength[by])
 
 
 def scan_stray(points_mm: np.ndarray, reference_mm: np.ndarray, moved_mm: np.ndarray) -> np.ndarray:
@@ -117,17 +135,30 @@ def scan_stray(points_mm: np.ndarray, reference_mm: np.ndarray, moved_mm: np.nda
     ndarray, shape (3, k, t)
         Frame of the film; NaN where a point comes into the film or next to it.
     """
-    rest = points_mm[:, :, np.newaxis]
-    change = perfect_film_ut(rest - moved_mm.T[:, np.newaxis]) - perfect_film_ut(rest)
+    rest, film_ut = points_mm[:, :, np.newaxis], load_film_table().perfect_ut
+    change = film_ut(rest - moved_mm.T[:, np.newaxis]) - film_ut(rest)
     return change / crest_ut(reference_mm)[:, np.newaxis]
 
 
 def field_at_rest(topology: Topology, horizon_m: float = HORIZON_M) -> np.ndarray:
-    """What resting neighbours within a distance add at every chip, shape (3, n)."""
-    still = np.zeros((2, topology.n)), np.zeros(topology.n)
-    warm = topology.parameters["film_reference_c"]
-    both, own = (HalbachField(topology, reach_m=reach_m) for reach_m in (horizon_m, 0.0))
-    return both(*still, warm) - own(*still, warm)
+    """What resting neighbours within a distance add at every chip, shape (3, n).
+
+    Raises
+    ------
+    SkinError
+        A chip is inside or next to a neighbour's film.
+    """
+    out = np.zeros((3, topology.n))
+    for at, by in pairs_seen(topology, horizon_m):
+        field = resting_ut(topology, at, by)
+        out += [np.bincount(at, row, minlength=topology.n) for row in field]
+    lost = ~np.isfinite(out).all(axis=0)
+    if lost.any():
+        raise SkinError(
+            f"{topology.unit_names[int(np.argmax(lost))]}: must keep its chip clear of its "
+            "neighbours' films; got one of them inside or next to a film"
+        )
+    return out
 
 
 def moving_ut2(

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skin.physics.halbach import HalbachField
+from skin.physics.stray import resting_ut
 from topology import Topology
-from topology.neighbours import compressed_rows, pairs_within
+from topology.neighbours import pairs_within
 
 __all__ = ["NEAR_M", "SAME_M", "CloseFilm", "Closeness"]
 
@@ -142,6 +142,6 @@ class Closeness:
         if not i.size:
             return {}
         posed = dataclasses.replace(self._topology, position=position, rotation=rotation)
-        felt = compressed_rows(posed.n, i, j)
-        chip, film, field = HalbachField(posed, felt=felt).resting_ut()
+        chip, film = np.concatenate([i, j]), np.concatenate([j, i])
+        field = resting_ut(posed, chip, film)
         return dict(zip(zip(chip.tolist(), film.tolist(), strict=True), field.T, strict=True))

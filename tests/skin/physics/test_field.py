@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import skin
 from skin.errors import SkinError
-from skin.physics import magnet
+from skin.physics import halbach, magnet
 from skin.physics.fabrication import Fabrication
 from skin.physics.film import build_table, calibrated, film_field_ut
 from skin.physics.film_table import Film, FilmTable, load_film_table
@@ -441,6 +441,17 @@ def test_compiled_and_plain_python_agree(monkeypatch):
         monkeypatch.setattr(f"skin.physics.halbach.{name}", getattr(magnet, f"{name}_python"))
     plain = field_of(HalbachField(topology, fabrication=made), displacement, depth)
     np.testing.assert_allclose(compiled, plain, rtol=1e-5, atol=1e-5 * np.abs(plain).max())
+
+
+def test_a_film_without_errors_is_the_same_without_the_kernel():
+    table, rng = load_film_table(), np.random.default_rng(3)
+    points = rng.uniform([[-12.0], [-12.0], [-1.0]], [[12.0], [12.0], [9.0]], (3, 2000))
+    units = halbach._units(table, Fabrication.perfect(1, table.film.sectors))
+    compiled = np.empty((2000, 3))
+    ours = np.zeros(2000, np.int32), np.ascontiguousarray(points.T)
+    magnet.film_fields(halbach._tables(), units, *ours, compiled)
+    assert 100 < np.isnan(compiled[:, 0]).sum() < 1000
+    np.testing.assert_allclose(table.perfect_ut(points), compiled.T, rtol=1e-5, atol=1e-2)
 
 
 def test_a_film_at_rest_is_one_that_has_hardly_moved():

