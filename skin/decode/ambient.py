@@ -9,17 +9,21 @@ taken for untouched, with which limits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from bus.compiled.aligned import zeros
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient_kernels import (
+    BLOCK,
     BODY,
     DAMPED,
     FOLLOW_S,
     LOADED_SIGMAS,
+    MEMORY,
+    NOW,
     PRIOR_UT2,
     RATE_HZ,
     RUN,
@@ -27,10 +31,8 @@ from skin.decode.ambient_kernels import (
     WALK_UT2,
     AmbientData,
     AmbientModel,
-    Units,
-    memory_of,
-    units_of,
-)  # fmt: skip
+)
+from skin.decode.records import LANES
 from skin.errors import OptionError
 from skin.physics.halbach import CHIP_AXES
 from skin.physics.rest import film_at_rest_ut, inverse_map
@@ -68,15 +70,17 @@ class Ambient:
     crosstalk : bool
         Whether the decoder takes off the cross-talk: then units near a loaded one vote as well.
     every : int
-        Cycles from one `update` to the next.
+        Cycles from one look to the next.
 
     Attributes
     ----------
+    elapsed_s : ndarray, shape (1,)
+        Time from one look to the next; of a gap two periods count as calm.
     taken : ndarray, shape (5, n)
         The next two, one below the other, as a decoder takes its background.
     background : ndarray, shape (4, n)
         To be taken off the counts of the next cycle: Hz by which the frequency has fallen without
-        a press, then µT in the axes of the chips. One array, written by `update`.
+        a press, then µT in the axes of the chips. One array, written by the kernel.
     body : ndarray, shape (n,), int
         Index of each unit's body: unit i sees ``field_ut[:, body[i]]``.
     residue_ut2 : ndarray, shape (n,)
@@ -101,20 +105,38 @@ class Ambient:
         every: int = 1,
     ) -> None:
         self.topology = topology
-        self.bodies = tuple(dict.fromkeys(frames_of(topology)))
-        self.body = body_of(topology, self.bodies)
+        self.bodies = tuple(dict.fromkeys(_frames_of(topology)))
+        self.body = np.array([self.bodies.index(name) for name in _frames_of(topology)])[
+            topology.patch
+        ]
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self.period_s = every / topology.cycle_rate_hz
-        self._model = model_of(
-            topology, self.bodies, self.period_s, dtype, near_votes=crosstalk
+        self.elapsed_s = np.zeros(1)
+        slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
+        self._known, self._slow_s = _known_of(topology), slow_s
+        blocks, self._runs, self._place = _blocks_of(topology, self.body)
+        units = zeros(blocks.size, kernels.units(dtype))
+        for name, values in self._known.items():
+            self._write(units, name, values)
+        near_start, near = _near(topology)
+        places = (self._place[0] * LANES + self._place[1]).astype(np.int32)
+        self._model = AmbientModel(
+            blocks, units, near_start, places[near], crosstalk, slow_s, self.period_s
         )  # fmt: skip
-        self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
-            background=self.background, residue_ut2=self.residue_ut2
-        )  # fmt: skip
-        self._bodies, self._units = self._data.bodies, units_of(self._model.units)
-        self._memory = memory_of(self._data.memory)
+        self._memory, self._bodies = zeros(blocks.size, MEMORY), np.zeros(len(self.bodies), BODY)
         self.reset()
+
+    def _write(self, records: np.ndarray, name: str, values: np.ndarray | float) -> None:
+        """Set a quantity of all units, shape (n,) or (rows, n), in the records of their blocks."""
+        block, lane = self._place
+        records[name][block, ..., lane] = np.moveaxis(np.atleast_1d(values), -1, 0)
+
+    def read(self, name: str) -> np.ndarray:
+        """A copy of what is remembered of all units by a name of `MEMORY`, shape (n,) or
+        (rows, n)."""
+        block, lane = self._place
+        return np.moveaxis(self._memory[name][block, ..., lane], 0, -1)
 
     # -- what is known -----------------------------------------------------------------------------
 
@@ -124,21 +146,24 @@ class Ambient:
 
         In the skin frame, the body being where the topology has it.
         """
-        return self._bodies["field_ut"].T.copy()
+        return self._bodies["field_ut"][:, NOW].T.copy()
 
     @property
     def field_at_chips_ut(self) -> np.ndarray:
         """The ambient field as each chip reads it, shape (3, n), µT in the axes of the chips."""
-        units = self._units
-        field = np.einsum("ban,bn->an", units.skin_chip, self._bodies["field_ut"][self.body].T)
-        field[:2] = np.einsum("abn,bn->an", units.inverse_map, field[:2])
+        return self._at_chips(np.zeros((2, self.topology.n)))
+
+    def _at_chips(self, aside_ut: np.ndarray) -> np.ndarray:
+        """The same with a lateral field of each unit, shape (2, n)."""
+        field = np.einsum("ban,bn->an", self._known["skin_chip"], self.field_ut[:, self.body])
+        field[:2] = np.einsum("abn,bn->an", self._known["inverse_map"], field[:2] + aside_ut)
         return field
 
     @property
     def covariance_ut2(self) -> np.ndarray:
         """Of `field_ut`, from the noise of the votes and how fast fields turn: one array, shape
-        (bodies, 3, 3), that `update` writes."""
-        return self._bodies["covariance_ut2"]
+        (bodies, 3, 3), that the kernel writes."""
+        return self._bodies["covariance_ut2"][:, NOW]
 
     @property
     def voters(self) -> np.ndarray:
@@ -148,37 +173,47 @@ class Ambient:
     @property
     def zero(self) -> np.ndarray:
         """What was followed of each unit, shape (3, n): Hz, and lateral µT as in `field_ut`."""
-        return self._data.zero.copy()
+        return self.read("zero")
 
     @property
     def load_hz(self) -> np.ndarray:
         """Fall of each frequency beyond its zero, shape (n,): the larger of its averages over 0.05
         and 1 s; NaN of units that were not usable for so long."""
-        memory = self._memory
-        load = np.maximum(memory.fast_hz, memory.slow_hz)
-        return np.where(memory.age_s >= self._model.slow_s, load, np.nan)
+        load = np.maximum(self.read("fast_hz"), self.read("slow_hz"))
+        return np.where(self.read("age_s") >= self._slow_s, load, np.nan)
 
     @property
     def followed(self) -> np.ndarray:
         """Whose zero was followed in the last cycle, shape (n,), bool."""
-        return self._data.marks & kernels.FOLLOWED != 0
+        return self.read("marks") & kernels.FOLLOWED != 0
 
     @property
     def rest_ut(self) -> np.ndarray:
         """Bz of each unit at rest, shape (n,); NaN where it has not been learnt."""
-        return self._memory.rest_ut.copy()
+        return self.read("rest_ut")
 
     # -- the loop ----------------------------------------------------------------------------------
 
+    def call(self, reading: Reading) -> tuple[Any, ...]:
+        """The kernel of a look at a cycle from whose counts `background` had been taken off, with
+        its arguments; `elapsed_s` is written before each call.
+
+        Parameters
+        ----------
+        reading : Reading
+            All that a decoder finds, on arrays that stay the same.
+        """
+        return kernels.update, self._model, AmbientData(
+            reading.field_ut, reading.displacement_mm, reading.temperature, reading.status,
+            reading.valid, self.elapsed_s, self._memory, self._runs, self._bodies, self.taken,
+        )  # fmt: skip
+
     def reset(self) -> None:
         """Forget everything: nothing is taken off until it has been seen again."""
-        memory = self._memory
-        for array in (*memory, self._data.zero, self._data.marks, self.background):
-            array[:] = 0
-        memory.rest_ut[:] = memory.rest_film_c[:] = np.nan
-        memory.bound_hz[:] = self._units.bound_hz
-        self.residue_ut2[:] = PRIOR_UT2
+        self._forget_units(np.ones(self.topology.n, bool), self._bound_hz())
         self._forget_fields()
+        self.background[:] = 0.0
+        self.residue_ut2[:] = PRIOR_UT2
 
     def forget(self, units: np.ndarray, *, field: bool) -> None:
         """Restart with units that have new zeros, and with the ambient field too if asked to.
@@ -188,26 +223,35 @@ class Ambient:
         units : ndarray, shape (n,), bool
         field : bool
         """
-        memory = self._memory
-        for array in memory:
-            array[..., units] = 0.0
-        memory.rest_ut[units] = memory.rest_film_c[units] = np.nan
-        memory.bound_hz[units] = lag_hz(self._model.slow_s)
-        self._data.zero[:, units] = 0.0
-        self._data.marks[units] = 0
+        self._forget_units(units, np.full(units.size, lag_hz(self._slow_s)))
         if field:
             self._forget_fields()
-        kernels.compose(self._model, self._data)
+        zero, turn = self.zero, self._known["skin_chip"]
+        self.background[0], self.background[1:] = zero[0], self._at_chips(zero[1:])
+        spread = self.covariance_ut2[self.body]
+        self.residue_ut2[:] = 0.5 * np.einsum("abn,nac,cbn->n", turn[:, :2], spread, turn[:, :2])
 
     def retare(self, topology: Topology) -> None:
         """Go on with the same units, other zeros; see `forget`."""
         self.topology = topology
-        self._units.sheared_ut[:] = sheared_ut(topology)
+        self._write(self._model.units, "sheared_ut", sheared_ut(topology))
+
+    def _forget_units(self, units: np.ndarray, bound_hz: np.ndarray) -> None:
+        block, lane = (each[units] for each in self._place)
+        for name in MEMORY.names or ():
+            self._memory[name][block, ..., lane] = 0
+        for name in ("rest_ut", "rest_film_c"):
+            self._memory[name][block, lane] = np.nan
+        self._memory["bound_hz"][block, lane] = bound_hz[units]
+
+    def _bound_hz(self) -> np.ndarray:
+        """How far the zero of each frequency may be off at first, Hz."""
+        least, most = lag_hz(self._slow_s), LOADED_SIGMAS * self._known["sigma_hz"]
+        return np.clip(BOUND_SIGMAS * self.topology.parameters["frequency_sigma_hz"], least, most)
 
     def _forget_fields(self) -> None:
-        bodies = self._bodies
-        bodies[:] = 0
-        bodies["covariance_ut2"] = bodies["kept_ut2"] = PRIOR_UT2 * np.eye(3)
+        self._bodies[:] = 0
+        self._bodies["covariance_ut2"] = PRIOR_UT2 * np.eye(3)
         self._turned = [Turned() for _ in self.bodies]
 
     def turn(self, attitude: np.ndarray, body: int | None = None) -> None:
@@ -234,96 +278,10 @@ class Ambient:
         if attitude.shape != (3, 3) or not np.allclose(attitude @ attitude.T, np.eye(3), atol=1e-3):
             raise OptionError(f"attitude: must be a rotation, shape (3, 3); got {attitude}")
         for g in range(len(self.bodies)) if body is None else (body,):
-            self._turned[g](self._bodies, g, attitude)
-
-    @property
-    def elapsed_s(self) -> np.ndarray:
-        """Time from one look to the next, shape (1,)."""
-        return self._data.elapsed_s
-
-    def call(self, reading: Reading) -> tuple[Any, ...]:
-        """The kernel of a look at a reading whose arrays stay the same, as a decoder's, with its
-        arguments; `elapsed_s` is written before each call."""
-        read = {"field_ut": reading.field_ut, "displacement_mm": reading.displacement_mm,
-                "temperature": reading.temperature, "status": reading.status,
-                "valid": reading.valid}  # fmt: skip
-        data = self._data._replace(
-            **{name: array for name, array in read.items() if array is not None}
-        )
-        return kernels.update, self._model, data
-
-    def update(self, reading: Reading, dt_s: float | None = None) -> None:
-        """Look at a decoded cycle, from whose counts `background` had been taken off.
-
-        Parameters
-        ----------
-        reading : Reading
-            With `field_ut` and `displacement_mm`, and `temperature` where that is decoded.
-        dt_s : float, optional
-            Since the last update; as long as there is from one to the next if not given. A gap
-            counts as calm for twice as long only.
-        """
-        data = self._data
-        for name in ("field_ut", "displacement_mm", "temperature", "status"):
-            given = getattr(reading, name)
-            getattr(data, name)[:] = 0 if given is None else given
-        self.elapsed_s[0] = self.period_s if dt_s is None else max(dt_s, 0.0)
-        kernels.update(self._model, data)
+            self._turned[g](self._bodies[g], attitude)
 
 
-def model_of(
-    topology: Topology, bodies: Sequence[str], period_s: float, dtype: str,
-    *, near_votes: bool,
-) -> AmbientModel:  # fmt: skip
-    """What the kernels must know of a topology.
-
-    Parameters
-    ----------
-    topology : Topology
-    bodies : sequence of str
-        Names of the frames that its patches are on.
-    period_s : float
-        From one look to the next.
-    dtype : "float32" or "float64"
-        Of what is known of the units, as of the decoder.
-    near_votes : bool
-        Whether units near a loaded one vote.
-    """
-    n = topology.n
-    i, j = neighbour_pairs(topology.position, np.full(n, NEAR_M), np.zeros(n, int))
-    unit, other = np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)])
-    near_start = np.append(0, np.cumsum(np.bincount(unit, minlength=n)))
-    body = body_of(topology, bodies)
-    edges = np.flatnonzero(np.diff(topology.patch, prepend=-1, append=-1))
-    runs = np.zeros(edges.size - 1, RUN)
-    runs["first"], runs["last"], runs["body"] = edges[:-1], edges[1:], body[edges[:-1]]
-    slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
-    return AmbientModel(
-        np.vstack([np.reshape(row, (-1, n)) for row in _units(topology, slow_s)]).astype(dtype),
-        near_start.astype(np.int32), other[np.argsort(unit, kind="stable")].astype(np.int32),
-        runs, near_votes, slow_s, period_s,
-    )  # fmt: skip
-
-
-def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
-    """Buffers for n units, to be reset; what is read and written has the decoder's type."""
-    return AmbientData(
-        field_ut=np.zeros((3, n), dtype),
-        displacement_mm=np.zeros((3, n), dtype),
-        temperature=np.zeros(n, dtype),
-        status=np.zeros(n, np.uint16),
-        valid=np.zeros(n, bool),
-        elapsed_s=np.zeros(1),
-        memory=np.empty((14, n)),
-        zero=np.empty((3, n)),
-        marks=np.empty(n, np.uint8),
-        bodies=np.zeros(bodies, BODY),
-        background=np.empty((4, n), dtype),
-        residue_ut2=np.empty(n, dtype),
-    )  # fmt: skip
-
-
-def frames_of(topology: Topology) -> tuple[str, ...]:
+def _frames_of(topology: Topology) -> tuple[str, ...]:
     """The frame that each patch is on."""
     return tuple(topology.patch_frames) or ("skin",) * len(topology.patch_names)
 
@@ -333,38 +291,55 @@ def lag_hz(slow_s: float) -> float:
     return RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
 
 
-def body_of(topology: Topology, bodies: Sequence[str]) -> np.ndarray:
-    """Index in `bodies` of what each unit is on, shape (n,), int."""
-    return np.array([bodies.index(frame) for frame in frames_of(topology)])[topology.patch]
+def _blocks_of(
+    topology: Topology, body: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Blocks, the runs that they are of, and block and lane of each unit."""
+    edges = np.flatnonzero(np.diff(topology.patch, prepend=-1, append=-1))
+    runs = np.zeros(edges.size - 1, RUN)
+    runs["body"] = body[edges[:-1]]
+    blocks = np.array([
+        (first, min(LANES, last - first), run, body[first])
+        for run, (begin, last) in enumerate(pairwise(edges))
+        for first in range(begin, last, LANES)
+    ], BLOCK)  # fmt: skip
+    block = np.repeat(np.arange(blocks.size), blocks["size"])
+    return blocks, runs, (block, np.arange(topology.n) - blocks["first"][block])
 
 
-def _units(topology: Topology, slow_s: float) -> Units:
+def _near(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """The units near each one, itself among them, as compressed rows: starts, and units."""
+    n = topology.n
+    i, j = neighbour_pairs(topology.position, np.full(n, NEAR_M), np.zeros(n, int))
+    unit, other = np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)])
+    start = np.append(0, np.cumsum(np.bincount(unit, minlength=n)))
+    return start.astype(np.int32), other[np.argsort(unit, kind="stable")]
+
+
+def _known_of(topology: Topology) -> dict[str, np.ndarray]:
+    """What is known of the units, by the names of `skin.decode.ambient_kernels.UNIT`."""
     p = topology.parameters
     step = np.abs(topology.scale) / np.sqrt(12.0)
     frequency, bx, by, bz = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
-    to_skin = topology.rotation * CHIP_AXES[:, np.newaxis]
     sigma_hz = np.hypot(p["frequency_noise_hz"], step[frequency])
     lateral = p["field_noise_ut"] ** 2 + 0.5 * (step[bx] ** 2 + step[by] ** 2)
     axial = p["field_noise_ut"] ** 2 + step[bz] ** 2
     own = film_at_rest_ut(topology)
     per_hz = own[2] * p["field_growth_per_mm"] / p["frequency_slope_hz_per_mm"]
-    return Units(
-        skin_chip=to_skin,
-        inverse_map=inverse_map(topology),
-        hz_per_mm=p["frequency_slope_hz_per_mm"],
-        sigma_hz=sigma_hz,
-        load_information=1.0 / sigma_hz**2,
-        sigma_ut=np.sqrt(lateral),
-        lateral_information=np.where(topology.wired[bx] & topology.wired[by], 1.0 / lateral, 0.0),
-        axial_information=np.where(topology.wired[bz], 1.0 / axial, 0.0),
-        witness_ut=WITNESS_SIGMAS * per_hz * sigma_hz,
-        film_drift_per_k=p["film_drift_per_k"],
-        own_ut=own[:2],
-        bound_hz=np.clip(
-            BOUND_SIGMAS * p["frequency_sigma_hz"], lag_hz(slow_s), LOADED_SIGMAS * sigma_hz
-        ),
-        sheared_ut=sheared_ut(topology),
-    )
+    return {
+        "skin_chip": topology.rotation * CHIP_AXES[:, np.newaxis],
+        "inverse_map": inverse_map(topology),
+        "hz_per_mm": p["frequency_slope_hz_per_mm"],
+        "sigma_hz": sigma_hz,
+        "load_information": 1.0 / sigma_hz**2,
+        "sigma_ut": np.sqrt(lateral),
+        "lateral_information": np.where(topology.wired[bx] & topology.wired[by], 1.0 / lateral, 0),
+        "axial_information": np.where(topology.wired[bz], 1.0 / axial, 0.0),
+        "witness_ut": WITNESS_SIGMAS * per_hz * sigma_hz,
+        "film_drift_per_k": p["film_drift_per_k"],
+        "own_ut": own[:2],
+        "sheared_ut": sheared_ut(topology),
+    }
 
 
 def sheared_ut(topology: Topology) -> np.ndarray:
@@ -395,36 +370,35 @@ class Turned:
         self._angle = 0.0
         self._was_held = False
 
-    def __call__(self, bodies: np.ndarray, g: int, attitude: np.ndarray) -> None:
-        """Take the attitude of body g, and set its field where that is held.
+    def __call__(self, body: np.void, attitude: np.ndarray) -> None:
+        """Take the attitude of a body, and set its field where that is held.
 
         Parameters
         ----------
-        bodies : ndarray, records of `skin.decode.ambient_kernels.BODY`
-        g : int
+        body : record of `skin.decode.ambient_kernels.BODY`
         attitude : ndarray, shape (3, 3)
             Columns are the axes of the body in a frame at rest.
         """
-        is_held = bool(bodies[g]["held_s"] > 0.0)
+        is_held = bool(body["held_s"] > 0.0)
         if self._attitude is None:
-            self._begin(bodies, g)
+            self._begin(body)
         else:
             self._rotate(attitude.T @ self._attitude)
             if self._angle > LEAST_RAD and not is_held:
-                self._observe(bodies, g)
+                self._observe(body)
         if is_held:
             if not self._was_held:
-                self._observe(bodies, g)
-            self._predict(bodies, g)
+                self._observe(body)
+            self._predict(body)
         self._was_held = is_held
         self._attitude = attitude.copy()
-        bodies[g]["attitude_known"] = 1.0
+        body["attitude_known"] = 1.0
 
-    def _begin(self, bodies: np.ndarray, g: int) -> None:
+    def _begin(self, body: np.void) -> None:
         """f is known, b is not, and w = f + b."""
-        mean = np.concatenate([bodies[g]["field_ut"], np.zeros(3)])
+        mean = np.concatenate([body["field_ut"][NOW], np.zeros(3)])
         covariance = np.tile(PRIOR_UT2 * np.eye(3), (2, 2))
-        covariance[:3, :3] += bodies[g]["covariance_ut2"]
+        covariance[:3, :3] += body["covariance_ut2"][NOW]
         self._state = _State(mean, covariance)
 
     def _rotate(self, back: np.ndarray) -> None:
@@ -437,18 +411,18 @@ class Turned:
         self._state = _State(move @ self._state.mean, covariance)
         self._angle += angle
 
-    def _observe(self, bodies: np.ndarray, g: int) -> None:
+    def _observe(self, body: np.void) -> None:
         mean, covariance = self._state
-        seen = OBSERVE @ covariance @ OBSERVE.T + bodies[g]["covariance_ut2"]
+        seen = OBSERVE @ covariance @ OBSERVE.T + body["covariance_ut2"][NOW]
         gain = np.linalg.solve(seen, OBSERVE @ covariance).T
-        mean = mean + gain @ (bodies[g]["field_ut"] - OBSERVE @ mean)
+        mean = mean + gain @ (body["field_ut"][NOW] - OBSERVE @ mean)
         rest = np.eye(6) - gain @ OBSERVE
-        covariance = rest @ covariance @ rest.T + gain @ bodies[g]["covariance_ut2"] @ gain.T
+        covariance = rest @ covariance @ rest.T + gain @ body["covariance_ut2"][NOW] @ gain.T
         self._state = _State(mean, covariance)
         self._angle = 0.0
 
-    def _predict(self, bodies: np.ndarray, g: int) -> None:
+    def _predict(self, body: np.void) -> None:
         mean, covariance = self._state
-        spread = OBSERVE @ covariance @ OBSERVE.T + WALK_UT2 * bodies[g]["held_s"] * np.eye(3)
-        bodies[g]["field_ut"] = OBSERVE @ mean
-        bodies[g]["covariance_ut2"] = np.linalg.inv(np.linalg.inv(spread) + np.eye(3) / LARGEST_UT2)
+        spread = OBSERVE @ covariance @ OBSERVE.T + WALK_UT2 * body["held_s"] * np.eye(3)
+        body["field_ut"][NOW] = OBSERVE @ mean
+        body["covariance_ut2"][NOW] = np.linalg.inv(np.linalg.inv(spread) + np.eye(3) / LARGEST_UT2)

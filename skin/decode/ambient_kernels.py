@@ -1,6 +1,8 @@
-"""All compiled code of the ambient field and of the zeros: one pass over the units, once a cycle.
+"""All compiled code of the ambient field and of the zeros: one look at the units, once a cycle.
 
-The pass is in float64 for decoders of either type: it adds up small steps for hours.
+Units stand in blocks, as in `skin.decode.records`: a block is up to `LANES` of them that follow
+each other in a patch. All is in float64 for decoders of either type: it adds up small steps for
+hours.
 """
 
 from __future__ import annotations
@@ -8,14 +10,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
+from skin.decode.functions import read, rows_of, write
+from skin.decode.records import LANES
 
 __all__ = [
-    "BODY", "RUN", "AmbientData", "AmbientModel", "Memory", "Units", "compose", "memory_of",
-    "units_of", "update", "update_python",
+    "BLOCK", "BODY", "MEMORY", "NOW", "RUN", "AmbientData", "AmbientModel", "units", "update",
+    "update_python",
 ]  # fmt: skip
 
 REFUSED = 0xFFFF & ~int(
@@ -23,9 +28,10 @@ REFUSED = 0xFFFF & ~int(
 )  # fmt: skip
 """Any other flag, and a unit is not used."""
 ANOMALY = int(Status.MAGNETIC_ANOMALY)
-NEAR, LOADED, VOTES, FOLLOWED, TOUCHED = 1, 2, 4, 8, 16
+NEAR, LOADED, VOTES, FOLLOWED, TOUCHED, LIES = 1, 2, 4, 8, 16, 32
 """Marks of a unit in this cycle: it is loaded or near a loaded one, loaded, measures the ambient
-field, has a zero that is followed, has no vote for it may be touched."""
+field, has a zero that is followed, has no vote for it may be touched, reads at rest a field that is
+none."""
 
 LONG_OF_SLOW = 10.0
 """The long one over the slow one [derived: about what a film lags behind the gel]."""
@@ -35,6 +41,8 @@ STEADY_C = 0.3
 TOUCHED_SIGMAS = 4.0
 """Averaged load of units, alone or together, above this many sigma of the average may be a touch
 [derived: by chance once in 31 000 independent averages, which are 10 a second]."""
+TOGETHER = TOUCHED_SIGMAS**2 * (1.0 + 1e-9)
+"""Its square, of units together: a single one is at the limit, and rounding no touch."""
 CALM_SIGMAS = 0.5
 """A unit whose averaged load is within this share of the sigma of a single reading may be unloaded
 though Bz does not show it [assumed]."""
@@ -55,8 +63,6 @@ TURN_UT2 = 833.0
 [derived: 50² / 3]."""
 SHORTEST_S = 1e-9
 """Cycles nearer to each other are so far apart [derived: stamps are nanoseconds]."""
-NOT_NEGATIVE = 2**31 - 1
-"""Mask that changes nothing, but shows the compiler that an index does not count from the end."""
 FAST_OF_SLOW = 0.05
 """Time constant of the low-pass in which a touch is seen, over the slow one [assumed]."""
 LOADED_SIGMAS = 3.0
@@ -80,94 +86,85 @@ SPAN_HZ, SPAN_UT = 60.0, 200.0
 WALK_UT2 = 400.0
 """How fast the ambient field is taken to wander, µT²/s [assumed]."""
 
-
-class Units(NamedTuple):
-    """What is known of n units; shape (n,) where nothing else is said, of the decoder's type."""
-
-    skin_chip: np.ndarray  # (3, 3, n), from the unit's field to the skin frame
-    inverse_map: np.ndarray  # (2, 2, n), from the unit's lateral field to what the counts read
-    hz_per_mm: np.ndarray  # fall of the frequency per depth
-    sigma_hz: np.ndarray  # one sigma of a reading
-    load_information: np.ndarray  # 1/Hz², of a reading
-    sigma_ut: np.ndarray
-    lateral_information: np.ndarray  # 1/µT², 0 where the wire does not carry it
-    axial_information: np.ndarray
-    witness_ut: np.ndarray  # a rise of Bz that shows a press
-    film_drift_per_k: np.ndarray
-    own_ut: np.ndarray  # (2, n), lateral field at rest of a film off its chip's axis
-    bound_hz: np.ndarray  # how far the zero of a frequency may be off at first
-    sheared_ut: np.ndarray  # lateral field that no unit has at rest, of those that are tared
+UNIT = {
+    "skin_chip": (3, 3),  # from the unit's field to the skin frame
+    "inverse_map": (2, 2),  # from the unit's lateral field to what the counts read
+    "hz_per_mm": (),  # fall of the frequency per depth
+    "sigma_hz": (),  # one sigma of a reading
+    "load_information": (),  # 1/Hz², of a reading
+    "sigma_ut": (),
+    "lateral_information": (),  # 1/µT², 0 where the wire does not carry it
+    "axial_information": (),
+    "witness_ut": (),  # a rise of Bz that shows a press
+    "film_drift_per_k": (),
+    "own_ut": (2,),  # lateral field at rest of a film off its chip's axis
+    "sheared_ut": (),  # lateral field that no unit has at rest, of those that are tared
+}
+"""What is known of a unit, by shape."""
 
 
-@jitable
-def units_of(rows):
-    """Those that stand in rows, shape (25, n)."""
-    n = rows.shape[1]
-    return Units(
-        rows[:9].reshape((3, 3, n)), rows[9:13].reshape((2, 2, n)), rows[13], rows[14], rows[15],
-        rows[16], rows[17], rows[18], rows[19], rows[20], rows[21:23], rows[23], rows[24],
-    )  # fmt: skip
+def units(real: npt.DTypeLike) -> np.dtype:
+    """The record of what is known of a block's units, of the decoder's type."""
+    return np.dtype([(name, real, (*shape, LANES)) for name, shape in UNIT.items()])
 
 
-RUN = np.dtype([("first", np.int32), ("last", np.int32), ("body", np.int32)])
-"""Units of one patch that follow each other, from `first` to the one before `last`; those of one
-body move together, and see one ambient field."""
+MEMORY = np.dtype([
+    ("fast_hz", np.float64, LANES),  # load, fast and slow low-pass
+    ("slow_hz", np.float64, LANES),
+    ("long_ut", np.float64, (3, LANES)),  # field that is not at rest, long low-pass
+    ("gel_c", np.float64, LANES),  # temperature, slow and long low-pass
+    ("film_c", np.float64, LANES),
+    ("age_s", np.float64, LANES),  # how long the unit has been usable, without a break
+    ("alone_s", np.float64, LANES),  # how long its field has been seen and its own, too
+    ("calm_s", np.float64, LANES),  # how long nothing has touched the unit or its neighbours
+    ("rest_ut", np.float64, LANES),  # Bz at rest, and the film's temperature then; NaN: not known
+    ("rest_film_c", np.float64, LANES),
+    ("rest_s", np.float64, LANES),  # how long it was averaged
+    ("bound_hz", np.float64, LANES),  # how far the zero of the frequency may be off, as a fall
+    ("zero", np.float64, (3, LANES)),  # followed: Hz, and lateral µT in the axes of `field_ut`
+    ("taken", np.float64, (5, LANES)),  # scratch: rows of `AmbientData.taken`
+    ("marks", np.int64, LANES),  # as wide as the others, so that they go through one vector
+])  # fmt: skip
+"""What one cycle leaves to the next of a block's units."""
+
+BLOCK = np.dtype([(name, np.int64) for name in ("first", "size", "run", "body")])
+"""First unit, how many, and what they are of."""
+
+TOUCH = [
+    ("load", np.float64),  # averaged loads of the voters over their variance, 1/Hz
+    ("weight", np.float64),  # 1 / their variance, 1/Hz²
+    ("refused", np.int64),  # units with any of these marks may be touched
+]
+RUN = np.dtype([*TOUCH, ("near_load", np.float64), ("near_weight", np.float64), ("body", np.int64)])
+"""Units of one patch that follow each other, and those among them that are near a loaded one."""
+
+NOW, NEWER, OLDER = range(3)
+"""Field and covariance as they are and, to go back to, as they were one to two delays ago."""
+BODY = np.dtype([
+    *TOUCH,
+    ("held_s", np.float64),  # since enough units voted
+    ("voters", np.float64),
+    ("pressed", np.float64),  # usable units without a vote, for they may be touched
+    ("field_ut", np.float64, (3, 3)),  # each of these now, newer and older
+    ("covariance_ut2", np.float64, (3, 3, 3)),
+    ("kept_s", np.float64),  # since they were kept
+    ("information", np.float64, (3, 3)),  # of the votes of a cycle, 1/µT²
+    ("told", np.float64, (3,)),  # their residuals times their information
+    ("attitude_known", np.float64),  # 1 where turns are reported, 0 where it may turn unseen
+])  # fmt: skip
+"""The ambient field of what moves as one, skin frame."""
 
 
 class AmbientModel(NamedTuple):
     """What does not change between cycles."""
 
-    units: np.ndarray  # (25, n), rows of `Units`
-    near_start: np.ndarray  # (n + 1,) int32, compressed rows of near_unit
-    near_unit: np.ndarray  # (m,) int32: the units near each one, itself among them
-    runs: np.ndarray  # (r,), RUN
+    blocks: np.ndarray  # (b,), BLOCK
+    units: np.ndarray  # (b,), records of `units`
+    near_start: np.ndarray  # (n + 1,) int32, compressed rows of near_place
+    near_place: np.ndarray  # (m,) int32: LANES · block + lane of units near each one, and itself
     near_votes: bool  # whether units near a loaded one vote
     slow_s: float  # time constant of the slow low-passes
     period_s: float  # from one look to the next
-
-
-class Memory(NamedTuple):
-    """What one cycle leaves to the next, shape (n,) where nothing else is said, float64."""
-
-    fast_hz: np.ndarray  # load, fast and slow low-pass
-    slow_hz: np.ndarray
-    long_ut: np.ndarray  # (3, n), field that is not at rest, long low-pass
-    gel_c: np.ndarray  # temperature, slow and long low-pass
-    film_c: np.ndarray
-    age_s: np.ndarray  # how long the unit has been usable, without a break
-    alone_s: np.ndarray  # how long its field has been seen and its own, too
-    calm_s: np.ndarray  # how long nothing has touched the unit or its neighbours
-    rest_ut: np.ndarray  # Bz at rest, and the film's temperature then; NaN: not known
-    rest_film_c: np.ndarray
-    rest_s: np.ndarray  # how long it was averaged
-    bound_hz: np.ndarray  # how far the zero of the frequency may be off, as a fall of it
-
-
-@jitable
-def memory_of(rows):
-    """That which stands in rows, shape (14, n)."""
-    return Memory(
-        rows[0], rows[1], rows[2:5], rows[5], rows[6], rows[7], rows[8], rows[9], rows[10],
-        rows[11], rows[12], rows[13],
-    )  # fmt: skip
-
-
-BODY = np.dtype([
-    ("held_s", np.float64),  # since enough units voted
-    ("voters", np.float64),
-    ("field_ut", np.float64, (3,)),
-    ("covariance_ut2", np.float64, (3, 3)),
-    ("information", np.float64, (3, 3)),  # of the votes of a cycle, 1/µT²
-    ("told", np.float64, (3,)),  # their residuals times their information
-    ("pressed", np.float64),  # usable units without a vote, for they may be touched
-    ("load", np.float64),  # averaged loads of the voters over their variance, 1/Hz
-    ("weight", np.float64),  # 1 / their variance, 1/Hz²
-    ("kept_s", np.float64),  # since field and covariance were kept
-    ("kept_ut", np.float64, (2, 3)),  # older and newer
-    ("kept_ut2", np.float64, (2, 3, 3)),
-    ("attitude_known", np.float64),  # 1 where turns are reported, 0 where it may turn unseen
-])  # fmt: skip
-"""The ambient field of a body, skin frame."""
 
 
 class AmbientData(NamedTuple):
@@ -179,38 +176,10 @@ class AmbientData(NamedTuple):
     status: np.ndarray  # (n,) uint16, written where a unit at rest reads a field that is none
     valid: np.ndarray  # (n,) bool, likewise
     elapsed_s: np.ndarray  # (1,), since the last cycle; of a gap two periods count as calm
-    memory: np.ndarray  # (14, n), rows of `Memory`
-    zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
-    marks: np.ndarray  # (n,) uint8
+    memory: np.ndarray  # (b,), MEMORY
+    runs: np.ndarray  # (r,), RUN
     bodies: np.ndarray  # (g,), BODY
-    background: np.ndarray  # (4, n), written: Hz, then µT in the axes of the chips
-    residue_ut2: np.ndarray  # (n,), written: variance of an axis by the ambient field
-
-
-@jitable
-def opened(model, data):
-    """Model and data with the rows of units and memory by their names."""
-    units, memory = units_of(model.units), memory_of(data.memory)
-    named_model = AmbientModel(
-        units,
-        model.near_start,
-        model.near_unit,
-        model.runs,
-        model.near_votes,
-        model.slow_s,
-        model.period_s,
-    )
-    return named_model, AmbientData(
-        data.field_ut, data.displacement_mm, data.temperature, data.status, data.valid,
-        data.elapsed_s, memory, data.zero, data.marks, data.bodies, data.background,
-        data.residue_ut2,
-    )  # fmt: skip
-
-
-@jitable
-def range_of(run):
-    """First unit of a run, and the one after the last."""
-    return int(run["first"]) & NOT_NEGATIVE, int(run["last"]) & NOT_NEGATIVE
+    taken: np.ndarray  # (5, n), written: Hz, µT in the axes of the chips, variance of an axis
 
 
 @jitable
@@ -236,41 +205,41 @@ def _invert(m):
 
 
 @jitable
-def _axial(i, z, units, memory):
+def _axial(z, unit, memory, j):
     """Bz of a unit beyond that at rest, its film as warm as it is now; all of it while the rest is
     not known, and 0 where it is not on the wire."""
-    rest = memory.rest_ut[i]
-    warmer = memory.film_c[i] - memory.rest_film_c[i]
-    drift = units.film_drift_per_k[i] * (0.0 if np.isnan(warmer) else warmer)
+    rest = memory["rest_ut"][j]
+    warmer = memory["film_c"][j] - memory["rest_film_c"][j]
+    drift = unit["film_drift_per_k"][j] * (0.0 if np.isnan(warmer) else warmer)
     beyond = z if np.isnan(rest) else z - rest * (1.0 + drift)
-    return beyond if units.axial_information[i] > 0.0 else 0.0
+    return beyond if unit["axial_information"][j] > 0.0 else 0.0
 
 
 @jitable
-def _average(model, data, long_ut):
+def _average(unit, memory, data, first, size, slow_s):
     """Low-passes of every unit, which restart after it could not be used, and who is loaded."""
     assume_noalias()
-    long_x, long_y, long_z = long_ut
-    units, memory, field, dt_s = model.units, data.memory, data.field_ut, data.elapsed_s[0]
-    marks = data.marks
-    fast = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
-    slow = dt_s / (model.slow_s + dt_s)
-    long = dt_s / (LONG_OF_SLOW * model.slow_s + dt_s)
-    for i in range(data.status.size):
-        x, y = field[0, i] - units.own_ut[0, i], field[1, i] - units.own_ut[1, i]
-        z = _axial(i, field[2, i], units, memory)
-        drop = data.displacement_mm[2, i] * units.hz_per_mm[i]
-        t = data.temperature[i]
+    field, displacement = rows_of(data.field_ut, first), rows_of(data.displacement_mm, first)
+    here = slice(first, first + size)
+    status, temperature, dt_s = data.status[here], data.temperature[here], data.elapsed_s[0]
+    long_ut, marks = memory["long_ut"], memory["marks"]
+    fast = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
+    slow = dt_s / (slow_s + dt_s)
+    long = dt_s / (LONG_OF_SLOW * slow_s + dt_s)
+    for j in range(min(size, LANES)):
+        x, y = read(field, 0, j) - unit["own_ut"][0, j], read(field, 1, j) - unit["own_ut"][1, j]
+        z = _axial(read(field, 2, j), unit, memory, j)
+        drop, t = read(displacement, 2, j) * unit["hz_per_mm"][j], temperature[j]
         told, felt = drop + t, x + y + z
-        usable = (data.status[i] & REFUSED == 0) & (told - told == 0.0)  # neither NaN nor infinite
+        usable = (status[j] & REFUSED == 0) & (told - told == 0.0)  # neither NaN nor infinite
         seen = usable & (felt - felt == 0.0)  # a decoder may leave out fields without load
         # what cannot be used has no share, and may be NaN
         drop, t = drop if usable else 0.0, t if usable else 0.0
         x, y, z = x if seen else 0.0, y if seen else 0.0, z if seen else 0.0
-        age = memory.age_s[i] + dt_s if usable else 0.0
-        memory.age_s[i] = age
-        alone = memory.alone_s[i] + (dt_s if seen else 0.0)
-        memory.alone_s[i] = alone if usable else 0.0
+        age = memory["age_s"][j] + dt_s if usable else 0.0
+        memory["age_s"][j] = age
+        alone = memory["alone_s"][j] + (dt_s if seen else 0.0)
+        memory["alone_s"][j] = alone if usable else 0.0
         # a mean at first, then a low-pass; one division for both
         since, since_field = max(age, dt_s), max(alone, dt_s)
         share = dt_s / (since * since_field)
@@ -280,128 +249,126 @@ def _average(model, data, long_ut):
         share_long = max(long, share) if usable else 0.0
         share_field = max(long, share_field) if seen else 0.0
         # what pulls a unit that may be touched is no lie of its own
-        share_pull = share_field if marks[i] & TOUCHED == 0 else 0.0
-        load = memory.fast_hz[i]
+        share_pull = share_field if marks[j] & TOUCHED == 0 else 0.0
+        load = memory["fast_hz"][j]
         load += share_fast * (drop - load)
-        memory.fast_hz[i] = load
-        memory.slow_hz[i] += share_slow * (drop - memory.slow_hz[i])
-        long_x[i] += share_pull * (x - long_x[i])
-        long_y[i] += share_pull * (y - long_y[i])
-        long_z[i] += share_field * (z - long_z[i])
-        memory.gel_c[i] += share_slow * (t - memory.gel_c[i])
-        memory.film_c[i] += share_long * (t - memory.film_c[i])
-        marks[i] = LOADED if (abs(load) > LOADED_SIGMAS * units.sigma_hz[i]) & (age > 0.0) else 0
+        memory["fast_hz"][j] = load
+        memory["slow_hz"][j] += share_slow * (drop - memory["slow_hz"][j])
+        long_ut[0, j] += share_pull * (x - long_ut[0, j])
+        long_ut[1, j] += share_pull * (y - long_ut[1, j])
+        long_ut[2, j] += share_field * (z - long_ut[2, j])
+        memory["gel_c"][j] += share_slow * (t - memory["gel_c"][j])
+        memory["film_c"][j] += share_long * (t - memory["film_c"][j])
+        is_loaded = (abs(load) > LOADED_SIGMAS * unit["sigma_hz"][j]) & (age > 0.0)
+        marks[j] = LOADED if is_loaded else 0
 
 
 @jitable
-def _mark(model, memory, marks):
-    """Which units are near a loaded one, and which others may vote."""
+def _mark_near(model, data):
+    """Which units are near a loaded one."""
+    for b in range(model.blocks.size):
+        first, marks = model.blocks[b]["first"], data.memory[b]["marks"]
+        for j in range(model.blocks[b]["size"]):
+            if marks[j] & LOADED:
+                for k in range(model.near_start[first + j], model.near_start[first + j + 1]):
+                    place = model.near_place[k]
+                    data.memory[place // LANES]["marks"][place % LANES] |= NEAR
+
+
+@jitable
+def _judge(unit, memory, run, size, disturbed, dt_s, slow_s):
+    """Which units of a block vote, for they are not disturbed and not touched, and how much load
+    there may be on those that do."""
     assume_noalias()
-    for i in range(marks.size):
-        if marks[i] & LOADED:
-            for k in range(model.near_start[i], model.near_start[i + 1]):
-                marks[model.near_unit[k]] |= NEAR
-    disturbed = LOADED if model.near_votes else NEAR
-    for i in range(marks.size):
-        undisturbed = marks[i] & disturbed == 0
-        memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
-        marks[i] = marks[i] | (VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0)
-
-
-@jitable
-def _refuse(marks, units, which):
-    """Take the vote of the units of which `which` is marked."""
-    for i in units:
-        refused = (marks[i] & VOTES != 0) & (marks[i] & which == which)
-        marks[i] = TOUCHED | marks[i] ^ VOTES if refused else marks[i]
-
-
-@jitable
-def _pool(model, data):
-    """Take the vote of units that may be touched, each alone, then together.
-
-    Over each unit alone, the units of a run that are near a loaded one, the others of the run, and
-    all that are left of a body: `docs/explanation/derivations.md`, equation 30.
-    """
-    assume_noalias()
-    units, memory, marks, bodies = model.units, data.memory, data.marks, data.bodies
-    dt_s = max(data.elapsed_s[0], SHORTEST_S)
-    share = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
+    marks, dt_s = memory["marks"], max(dt_s, SHORTEST_S)
+    share = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
     per_s, most_samples = 1.0 / dt_s, (2.0 - share) / share
-    limit = TOUCHED_SIGMAS * TOUCHED_SIGMAS
-    together = limit * (1.0 + 1e-9)  # a single one is at the limit, and rounding no touch
-    for g in range(bodies.size):
-        bodies[g]["load"] = bodies[g]["weight"] = 0.0
-    for run in range(model.runs.size):
-        first, last = range_of(model.runs[run])
-        load = weight = near_load = near_weight = 0.0
-        for i in range(first, last):
-            above = memory.fast_hz[i] - memory.bound_hz[i]
-            samples = min(most_samples, memory.age_s[i] * per_s)
-            w = samples * units.load_information[i]
-            is_touched = (above > 0.0) & (above * above * w > limit)
-            votes = marks[i] & VOTES != 0
-            marks[i] = TOUCHED | marks[i] ^ VOTES if votes & is_touched else marks[i]
-            told = TOUCHED_SIGMAS * np.sqrt(w) if is_touched else above * w
-            w, told = w if votes else 0.0, told if votes else 0.0
-            is_near = marks[i] & NEAR != 0
-            load += 0.0 if is_near else told
-            weight += 0.0 if is_near else w
-            near_load += told if is_near else 0.0
-            near_weight += w if is_near else 0.0
-        if near_load > 0.0 and near_load * near_load > together * near_weight:
-            _refuse(marks, range(first, last), NEAR)
-            near_load = near_weight = 0.0
-        if load > 0.0 and load * load > together * weight:
-            _refuse(marks, range(first, last), 0)
-            load = weight = near_load = near_weight = 0.0
-        bodies[model.runs[run]["body"]]["load"] += load + near_load
-        bodies[model.runs[run]["body"]]["weight"] += weight + near_weight
-    for run in range(model.runs.size):
-        body = bodies[model.runs[run]["body"]]
-        load, weight = body["load"], body["weight"]
-        if load > 0.0 and load * load > together * weight:
-            first, last = range_of(model.runs[run])
-            _refuse(marks, range(first, last), 0)
+    load = weight = near_load = near_weight = 0.0
+    for j in range(min(size, LANES)):
+        undisturbed = marks[j] & disturbed == 0
+        memory["alone_s"][j] = memory["alone_s"][j] if undisturbed else 0.0
+        votes = undisturbed & (memory["age_s"][j] > 0.0)
+        samples = min(most_samples, memory["age_s"][j] * per_s)
+        w = samples * unit["load_information"][j] if votes else 0.0
+        told, most = (memory["fast_hz"][j] - memory["bound_hz"][j]) * w, TOUCHED_SIGMAS * np.sqrt(w)
+        found = TOUCHED if told > most else VOTES
+        marks[j] |= found if votes else 0
+        told, is_near = min(told, most), marks[j] & NEAR != 0
+        load += 0.0 if is_near else told
+        weight += 0.0 if is_near else w
+        near_load += told if is_near else 0.0
+        near_weight += w if is_near else 0.0
+    run["load"] += load
+    run["weight"] += weight
+    run["near_load"] += near_load
+    run["near_weight"] += near_weight
 
 
 @jitable
-def _vote(model, data, run):
-    """Add up what the units of a run measure of the field of its body.
+def _are_touched(load, weight):
+    return (load > 0.0) & (load * load > TOGETHER * weight)
+
+
+@jitable
+def _pool(data):
+    """Which units may be touched together: those of a run that are near a loaded one, all of the
+    run, all that are left of a body: `docs/explanation/derivations.md`, equation 30."""
+    for r in range(data.runs.size):
+        run = data.runs[r]
+        body = data.bodies[run["body"]]
+        if _are_touched(run["near_load"], run["near_weight"]):
+            run["refused"] = NEAR
+            run["near_load"] = run["near_weight"] = 0.0
+        if _are_touched(run["load"], run["weight"]):
+            run["refused"] = VOTES
+        else:
+            body["load"] += run["load"] + run["near_load"]
+            body["weight"] += run["weight"] + run["near_weight"]
+    for g in range(data.bodies.size):
+        body = data.bodies[g]
+        body["refused"] = VOTES if _are_touched(body["load"], body["weight"]) else 0
+
+
+@jitable
+def _vote(unit, memory, body, refused, data, first, size):
+    """Add up what the units of a block measure of the field of their body, but those that have one
+    of the refused marks.
 
     A unit counts the less the farther its own residual has long been from what the others see
     (Geman-McClure weights): a unit that lies persistently does not count.
     """
     assume_noalias()
-    units, memory, field = model.units, data.memory, data.field_ut
+    field, long_ut, marks = rows_of(data.field_ut, first), memory["long_ut"], memory["marks"]
+    turn = unit["skin_chip"]
     count = pressed = both = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
     tx = ty = tz = 0.0
-    first, last = range_of(model.runs[run])
-    for i in range(first, last):
-        felt = field[0, i] + field[1, i] + _axial(i, field[2, i], units, memory)
-        votes = (data.marks[i] & VOTES != 0) & (felt - felt == 0.0)
-        sigma = units.sigma_ut[i]
+    for j in range(min(size, LANES)):
+        x, y, z = read(field, 0, j), read(field, 1, j), read(field, 2, j)
+        z = _axial(z, unit, memory, j)
+        may, touched = marks[j] & VOTES != 0, marks[j] & refused != 0
+        marks[j] = TOUCHED | marks[j] ^ VOTES if may & touched else marks[j]
+        felt, may = x + y + z, may & (not touched)
+        votes = may & (felt - felt == 0.0)
+        sigma = unit["sigma_ut"][j]
         most = CLIP_SIGMAS * sigma
-        x = _clamped(field[0, i] - units.own_ut[0, i], most) if votes else 0.0
-        y = _clamped(field[1, i] - units.own_ut[1, i], most) if votes else 0.0
-        z = _clamped(_axial(i, field[2, i], units, memory), most) if votes else 0.0
-        known = memory.rest_ut[i] == memory.rest_ut[i]
-        off_z = memory.long_ut[2, i] if known else 0.0
-        off = memory.long_ut[0, i] ** 2 + memory.long_ut[1, i] ** 2 + off_z**2
+        x = _clamped(x - unit["own_ut"][0, j], most) if votes else 0.0
+        y = _clamped(y - unit["own_ut"][1, j], most) if votes else 0.0
+        z = _clamped(z, most) if votes else 0.0
+        known = not np.isnan(memory["rest_ut"][j])
+        off_z = long_ut[2, j] if known else 0.0
+        off = long_ut[0, j] ** 2 + long_ut[1, j] ** 2 + off_z**2
         trust = sigma * sigma / (sigma * sigma + off)
         trust = trust * trust if votes else 0.0
-        lateral = trust * units.lateral_information[i]
+        lateral = trust * unit["lateral_information"][j]
         # a press too light to be a contact is not ambient field either
-        still = abs(memory.slow_hz[i]) < CALM_SIGMAS * units.sigma_hz[i]
-        axial = trust * units.axial_information[i] if known & still else 0.0
+        still = abs(memory["slow_hz"][j]) < CALM_SIGMAS * unit["sigma_hz"][j]
+        axial = trust * unit["axial_information"][j] if known & still else 0.0
         count += 1.0 if votes else 0.0
-        pressed += 1.0 if (data.marks[i] & VOTES == 0) & (memory.age_s[i] > 0.0) else 0.0
+        pressed += 0.0 if may | (memory["age_s"][j] == 0.0) else 1.0
         both += lateral
         # lateral · (1 - n nᵀ) + axial · n nᵀ, n the unit's axis
-        turn = units.skin_chip
-        nx, ny, nz = turn[0, 2, i], turn[1, 2, i], turn[2, 2, i]
-        more = axial - lateral
+        nx, ny, nz, more = turn[0, 2, j], turn[1, 2, j], turn[2, 2, j], axial - lateral
         xx += more * nx * nx
         xy += more * nx * ny
         xz += more * nx * nz
@@ -409,13 +376,12 @@ def _vote(model, data, run):
         yz += more * ny * nz
         zz += more * nz * nz
         x, y, z = lateral * x, lateral * y, axial * z
-        tx += turn[0, 0, i] * x + turn[0, 1, i] * y + nx * z
-        ty += turn[1, 0, i] * x + turn[1, 1, i] * y + ny * z
-        tz += turn[2, 0, i] * x + turn[2, 1, i] * y + nz * z
-    body = model.runs[run]["body"]
-    information, told = data.bodies[body]["information"], data.bodies[body]["told"]
-    data.bodies[body]["voters"] += count
-    data.bodies[body]["pressed"] += pressed
+        tx += turn[0, 0, j] * x + turn[0, 1, j] * y + nx * z
+        ty += turn[1, 0, j] * x + turn[1, 1, j] * y + ny * z
+        tz += turn[2, 0, j] * x + turn[2, 1, j] * y + nz * z
+    information, told = body["information"], body["told"]
+    body["voters"] += count
+    body["pressed"] += pressed
     information[0, 0] += both + xx
     information[0, 1] += xy
     information[0, 2] += xz
@@ -428,132 +394,132 @@ def _vote(model, data, run):
 
 
 @jitable
-def _go_back(bodies, g, delay_s):
+def _copy(body, to, source):
+    """Set one of field and covariance to another."""
+    for a in range(3):
+        body["field_ut"][to, a] = body["field_ut"][source, a]
+        for b in range(3):
+            body["covariance_ut2"][to, a, b] = body["covariance_ut2"][source, a, b]
+
+
+@jitable
+def _widen(body, share):
+    """Let the covariance become, by a share, that of a field of which nothing is known."""
+    covariance = body["covariance_ut2"][NOW]
+    for a in range(3):
+        for b in range(3):
+            covariance[a, b] -= share * covariance[a, b]
+        covariance[a, a] += share * PRIOR_UT2
+
+
+@jitable
+def _go_back(body, delay_s):
     """Take the field and covariance of before a touch, which no light shear had moved yet.
 
     They are as old as t = age + `delay_s`, and the robot may have turned: the covariance widens by
     `WALK_UT2` · t + `TURN_UT2` · t², and goes on as one that has been held as long.
     """
-    old_s = bodies[g]["kept_s"] + delay_s
-    bodies[g]["kept_s"] = 0.0
-    bodies[g]["held_s"] = old_s
-    wander = min(old_s * (WALK_UT2 + TURN_UT2 * old_s) / PRIOR_UT2, 1.0)
-    for a in range(3):
-        bodies[g]["field_ut"][a] = bodies[g]["kept_ut"][1, a] = bodies[g]["kept_ut"][0, a]
-        for b in range(3):
-            prior = PRIOR_UT2 if a == b else 0.0
-            kept = bodies[g]["kept_ut2"][0, a, b]
-            kept += wander * (prior - kept)
-            bodies[g]["covariance_ut2"][a, b] = kept
-            bodies[g]["kept_ut2"][0, a, b] = bodies[g]["kept_ut2"][1, a, b] = kept
+    old_s = body["kept_s"] + delay_s
+    body["kept_s"], body["held_s"] = 0.0, old_s
+    _copy(body, NOW, OLDER)
+    _widen(body, min(old_s * (WALK_UT2 + TURN_UT2 * old_s) / PRIOR_UT2, 1.0))
+    _copy(body, NEWER, NOW)
+    _copy(body, OLDER, NOW)
 
 
 @jitable
-def _keep(bodies, g, dt_s, delay_s):
-    """Keep field and covariance for `_go_back`: of between one and two delays ago, and newer."""
-    bodies[g]["kept_s"] += dt_s
-    if bodies[g]["kept_s"] < delay_s:
-        return
-    bodies[g]["kept_s"] = 0.0
-    for a in range(3):
-        bodies[g]["kept_ut"][0, a] = bodies[g]["kept_ut"][1, a]
-        bodies[g]["kept_ut"][1, a] = bodies[g]["field_ut"][a]
-        for b in range(3):
-            bodies[g]["kept_ut2"][0, a, b] = bodies[g]["kept_ut2"][1, a, b]
-            bodies[g]["kept_ut2"][1, a, b] = bodies[g]["covariance_ut2"][a, b]
-
-
-@jitable
-def _filter(bodies, g, dt_s, delay_s):
+def _filter(body, dt_s, delay_s):
     """One step of the Kalman filter of a body's ambient field, a random walk."""
-    covariance, information = bodies[g]["covariance_ut2"], bodies[g]["information"]
-    voters = bodies[g]["voters"]
-    if voters < LEAST_UNITS <= voters + bodies[g]["pressed"] and bodies[g]["held_s"] == 0.0:
-        _go_back(bodies, g, delay_s)
-    turns = 2.0 * TURN_UT2 * (1.0 - bodies[g]["attitude_known"])
-    wander = dt_s * (WALK_UT2 + turns * bodies[g]["held_s"]) / PRIOR_UT2
-    wander = min(wander, 1.0)
-    for a in range(3):
-        for b in range(3):
-            covariance[a, b] -= wander * covariance[a, b]
-        covariance[a, a] += wander * PRIOR_UT2
+    voters = body["voters"]
+    if voters < LEAST_UNITS <= voters + body["pressed"] and body["held_s"] == 0.0:
+        _go_back(body, delay_s)
+    turns = 2.0 * TURN_UT2 * (1.0 - body["attitude_known"])
+    _widen(body, min(dt_s * (WALK_UT2 + turns * body["held_s"]) / PRIOR_UT2, 1.0))
     if voters < LEAST_UNITS:
-        bodies[g]["held_s"] += dt_s
+        body["held_s"] += dt_s
         return
-    if bodies[g]["held_s"] > 0.0:  # what was held is what there is to go back to
-        bodies[g]["held_s"] = bodies[g]["kept_s"] = 0.0
-        for old in range(2):
-            for a in range(3):
-                bodies[g]["kept_ut"][old, a] = bodies[g]["field_ut"][a]
-                for b in range(3):
-                    bodies[g]["kept_ut2"][old, a, b] = covariance[a, b]
+    if body["held_s"] > 0.0:  # what was held is what there is to go back to
+        body["held_s"] = body["kept_s"] = 0.0
+        _copy(body, NEWER, NOW)
+        _copy(body, OLDER, NOW)
+    covariance = body["covariance_ut2"][NOW]
     _invert(covariance)
     for a in range(3):
         for b in range(3):
-            covariance[a, b] += information[min(a, b), max(a, b)]
+            covariance[a, b] += body["information"][min(a, b), max(a, b)]
     _invert(covariance)
     for a in range(3):
         for b in range(3):
-            bodies[g]["field_ut"][a] += covariance[a, b] * bodies[g]["told"][b]
-    _keep(bodies, g, dt_s, delay_s)
+            body["field_ut"][NOW, a] += covariance[a, b] * body["told"][b]
+    body["kept_s"] += dt_s
+    if body["kept_s"] >= delay_s:
+        body["kept_s"] = 0.0
+        _copy(body, OLDER, NEWER)
+        _copy(body, NEWER, NOW)
 
 
 @jitable
-def _follow(model, data, long_ut, zero):
+def _follow(unit, memory, size, dt_s, slow_s, period_s):
     """Zeros of the units that are provably unloaded."""
     assume_noalias()
-    (long_x, long_y, long_z), (zero_hz, zero_x, zero_y) = long_ut, zero
-    units, memory, marks = model.units, data.memory, data.marks
-    dt_s, slow_s = data.elapsed_s[0], model.slow_s
-    most_s = min(dt_s, 2.0 * model.period_s)  # of a gap, which nobody has seen
+    long_ut, zero, marks = memory["long_ut"], memory["zero"], memory["marks"]
+    most_s = min(dt_s, 2.0 * period_s)  # of a gap, which nobody has seen
     share_hz = dt_s / max(FOLLOW_S, DAMPED * slow_s)
     known_hz = RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
     share_ut = dt_s / (DAMPED * LONG_OF_SLOW * slow_s)
-    for i in range(marks.size):
-        age_s, sigma, load = memory.age_s[i], units.sigma_hz[i], abs(memory.slow_hz[i])
-        rest, off_z, zeroed_s = memory.rest_ut[i], long_z[i], memory.rest_s[i]
-        axial = units.axial_information[i] > 0.0
+    for j in range(min(size, LANES)):
+        sigma, slow_hz, film_c = unit["sigma_hz"][j], memory["slow_hz"][j], memory["film_c"][j]
+        rest, off_z, zeroed_s = memory["rest_ut"][j], long_ut[2, j], memory["rest_s"][j]
+        load, axial = abs(slow_hz), unit["axial_information"][j] > 0.0
         known = axial & (rest == rest)  # noqa: PLR0124 - NaN: not known
         # where Bz shows no press it may be drift, up to what counts as a contact
         unloaded = load < (LOADED_SIGMAS if known else CALM_SIGMAS) * sigma
-        steady = abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
-        seen = known & (abs(off_z) > units.witness_ut[i])
-        alone = (marks[i] & (LOADED | NEAR) == 0) & (age_s > 0.0)
-        calm_s = memory.calm_s[i] + most_s if alone & unloaded & steady & (not seen) else 0.0
-        memory.calm_s[i] = calm_s
+        steady = abs(memory["gel_c"][j] - film_c) < STEADY_C
+        seen = known & (abs(off_z) > unit["witness_ut"][j])
+        alone = (marks[j] & (LOADED | NEAR) == 0) & (memory["age_s"][j] > 0.0)
+        calm_s = memory["calm_s"][j] + most_s if alone & unloaded & steady & (not seen) else 0.0
+        memory["calm_s"][j] = calm_s
         learning = axial & (zeroed_s < DWELL_OF_SLOW * slow_s)
-        watched_s = min(calm_s, memory.alone_s[i])
+        watched_s = min(calm_s, memory["alone_s"][j])
         learns = learning & (watched_s >= LEARN_OF_SLOW * slow_s)
         rest = off_z + (rest if known else 0.0) if learns else rest
-        memory.rest_film_c[i] = memory.film_c[i] if learns else memory.rest_film_c[i]
-        memory.rest_s[i] = watched_s if learns else zeroed_s
-        long_z[i] = 0.0 if learns else off_z
+        memory["rest_film_c"][j] = film_c if learns else memory["rest_film_c"][j]
+        memory["rest_s"][j] = watched_s if learns else zeroed_s
+        long_ut[2, j] = 0.0 if learns else off_z
         follows = (not learning) & (calm_s >= DWELL_OF_SLOW * slow_s)
-        bound = memory.bound_hz[i]
+        bound = memory["bound_hz"][j]
         known_better = bound + _clamped(share_hz * (known_hz - bound), RATE_HZ * dt_s)
         known_worse = min(bound + RATE_HZ * dt_s, LOADED_SIGMAS * sigma)
-        memory.bound_hz[i] = known_better if follows else known_worse
-        step = _clamped(share_hz * memory.slow_hz[i], RATE_HZ * dt_s)
-        zero_hz[i] = _clamped(zero_hz[i] + step, SPAN_HZ) if follows else zero_hz[i]
+        memory["bound_hz"][j] = known_better if follows else known_worse
         # nothing shears what nothing presses
-        aside_ut2 = long_x[i] * long_x[i] + long_y[i] * long_y[i]
-        still = alone & (memory.alone_s[i] >= DWELL_OF_SLOW * slow_s)
-        lies = still & (aside_ut2 > units.sheared_ut[i] * units.sheared_ut[i])
-        data.status[i] = data.status[i] | (ANOMALY if lies else 0)
-        data.valid[i] = data.valid[i] & (not lies)
-        free = follows & (marks[i] & TOUCHED == 0) & (not lies)
-        step = _clamped(share_ut * long_x[i], RATE_UT * dt_s)
-        zero_x[i] = _clamped(zero_x[i] + step, SPAN_UT) if free else zero_x[i]
-        step = _clamped(share_ut * long_y[i], RATE_UT * dt_s)
-        zero_y[i] = _clamped(zero_y[i] + step, SPAN_UT) if free else zero_y[i]
+        aside_ut2 = long_ut[0, j] * long_ut[0, j] + long_ut[1, j] * long_ut[1, j]
+        still = alone & (memory["alone_s"][j] >= DWELL_OF_SLOW * slow_s)
+        lies = still & (aside_ut2 > unit["sheared_ut"][j] * unit["sheared_ut"][j])
+        free = follows & (marks[j] & TOUCHED == 0) & (not lies)
+        to_hz = _clamped(zero[0, j] + _clamped(share_hz * slow_hz, RATE_HZ * dt_s), SPAN_HZ)
+        to_x = _clamped(zero[1, j] + _clamped(share_ut * long_ut[0, j], RATE_UT * dt_s), SPAN_UT)
+        to_y = _clamped(zero[2, j] + _clamped(share_ut * long_ut[1, j], RATE_UT * dt_s), SPAN_UT)
+        zero[0, j] = to_hz if follows else zero[0, j]
+        zero[1, j] = to_x if free else zero[1, j]
+        zero[2, j] = to_y if free else zero[2, j]
         moves = follows & axial & (load < CALM_SIGMAS * sigma)
         step = _clamped(share_ut * off_z, RATE_REST_UT * dt_s)
-        memory.rest_ut[i] = rest + step if moves else rest
-        marks[i] |= FOLLOWED if follows else 0
+        memory["rest_ut"][j] = rest + step if moves else rest
+        marks[j] |= (FOLLOWED if follows else 0) | (LIES if lies else 0)
 
 
 @jitable
-def _compose(model, data):
+def _show_lies(marks, status, valid, size):
+    """Flag the units whose field is none."""
+    assume_noalias()
+    for j in range(min(size, LANES)):
+        lies = marks[j] & LIES != 0
+        status[j] |= ANOMALY if lies else 0
+        valid[j] = valid[j] & (not lies)
+
+
+@jitable
+def _compose(unit, memory, body, data, first, size):
     """What is to be taken off the next cycle's counts, and how well that is known.
 
     The residue of a unit with the axis n is the variance of a lateral axis, (tr P - nᵀ P n) / 2.
@@ -563,39 +529,30 @@ def _compose(model, data):
     Bz²) does, in which the field of the last cycle stands for that of the next [derived].
     """
     assume_noalias()
-    bodies, out = data.bodies, data.background
-    for run in range(model.runs.size):
-        g = model.runs[run]["body"]
-        first, last = range_of(model.runs[run])
-        rows, ambient = (out[0], out[1], out[2], out[3]), bodies[g]["field_ut"]
-        _take_off(model.units, data, rows, ambient, bodies[g]["covariance_ut2"], first, last)
-
-
-@jitable
-def _take_off(units, data, rows, ambient, covariance, first, last):
-    """`_compose` for the units of a run."""
-    assume_noalias()
-    frequency, out_x, out_y, out_z = rows
-    turn, unmap, field, zero = units.skin_chip, units.inverse_map, data.field_ut, data.zero
-    real = frequency.dtype.type
-    prior, least, nothing = real(PRIOR_UT2), real(1.0), real(0.0)
-    bx, by, bz = real(ambient[0]), real(ambient[1]), real(ambient[2])
+    field, out = rows_of(data.field_ut, first), rows_of(data.taken, first)
+    turn, unmap = unit["skin_chip"], unit["inverse_map"]
+    zero, taken, covariance = memory["zero"], memory["taken"], body["covariance_ut2"][NOW]
+    bx, by, bz = body["field_ut"][NOW, 0], body["field_ut"][NOW, 1], body["field_ut"][NOW, 2]
     xx, yy, zz = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     xy, xz, yz = covariance[0, 1], covariance[0, 2], covariance[1, 2]
-    for i in range(first, last):
-        nx, ny, nz = turn[0, 2, i], turn[1, 2, i], turn[2, 2, i]
-        x = real(zero[1, i]) + turn[0, 0, i] * bx + turn[1, 0, i] * by + turn[2, 0, i] * bz
-        y = real(zero[2, i]) + turn[0, 1, i] * bx + turn[1, 1, i] * by + turn[2, 1, i] * bz
-        frequency[i] = zero[0, i]
-        out_x[i] = unmap[0, 0, i] * x + unmap[0, 1, i] * y
-        out_y[i] = unmap[1, 0, i] * x + unmap[1, 1, i] * y
-        out_z[i] = nx * bx + ny * by + nz * bz
+    for j in range(min(size, LANES)):
+        nx, ny, nz = turn[0, 2, j], turn[1, 2, j], turn[2, 2, j]
+        x = zero[1, j] + turn[0, 0, j] * bx + turn[1, 0, j] * by + turn[2, 0, j] * bz
+        y = zero[2, j] + turn[0, 1, j] * bx + turn[1, 1, j] * by + turn[2, 1, j] * bz
+        taken[0, j] = zero[0, j]
+        taken[1, j] = unmap[0, 0, j] * x + unmap[0, 1, j] * y
+        taken[2, j] = unmap[1, 0, j] * x + unmap[1, 1, j] * y
+        taken[3, j] = nx * bx + ny * by + nz * bz
         along = nx * (xx * nx + 2.0 * (xy * ny + xz * nz)) + ny * (yy * ny + 2.0 * yz * nz)
         residue = 0.5 * (xx + yy + zz - along - zz * nz * nz)
-        across = field[0, i] * field[0, i] + field[1, i] * field[1, i]
-        share = across / max(across + field[2, i] * field[2, i], least)
-        is_seen = (share - share == nothing) & (units.axial_information[i] > nothing)
-        data.residue_ut2[i] = residue + (prior * share if is_seen else nothing)
+        x, y, z = read(field, 0, j), read(field, 1, j), read(field, 2, j)
+        across = x * x + y * y
+        share = across / max(across + z * z, 1.0)
+        is_seen = (share - share == 0.0) & (unit["axial_information"][j] > 0.0)
+        taken[4, j] = residue + (PRIOR_UT2 * share if is_seen else 0.0)
+    for row in range(5):
+        for j in range(min(size, LANES)):
+            write(out, row, j, taken[row, j])
 
 
 def update_python(model, data):
@@ -607,33 +564,40 @@ def update_python(model, data):
     data : AmbientData
     """
     assume_noalias()
-    model, data = opened(model, data)
-    long_ut, zero = data.memory.long_ut, data.zero
-    # rows as arrays of their own: the compiler need not ask whether they overlap
-    long_rows, zero_rows = (long_ut[0], long_ut[1], long_ut[2]), (zero[0], zero[1], zero[2])
-    _average(model, data, long_rows)
-    _mark(model, data.memory, data.marks)
-    _pool(model, data)
+    slow_s, dt_s, disturbed = model.slow_s, data.elapsed_s[0], LOADED if model.near_votes else NEAR
+    for r in range(data.runs.size):
+        run = data.runs[r]
+        run["load"] = run["weight"] = run["near_load"] = run["near_weight"] = 0.0
+        run["refused"] = 0
     for g in range(data.bodies.size):
         body = data.bodies[g]
-        body["voters"] = body["pressed"] = 0.0
+        body["load"] = body["weight"] = body["voters"] = body["pressed"] = 0.0
         body["information"][:] = 0.0
         body["told"][:] = 0.0
-    for run in range(model.runs.size):
-        _vote(model, data, run)
+    for b in range(model.blocks.size):
+        block = model.blocks[b]
+        first, size = block["first"], block["size"]
+        _average(model.units[b], data.memory[b], data, first, size, slow_s)
+    _mark_near(model, data)
+    for b in range(model.blocks.size):
+        block = model.blocks[b]
+        unit, memory, run = model.units[b], data.memory[b], data.runs[block["run"]]
+        _judge(unit, memory, run, block["size"], disturbed, dt_s, slow_s)
+    _pool(data)
+    for b in range(model.blocks.size):
+        block = model.blocks[b]
+        body, first, size = data.bodies[block["body"]], block["first"], block["size"]
+        refused = data.runs[block["run"]]["refused"] | body["refused"]
+        _vote(model.units[b], data.memory[b], body, refused, data, first, size)
     for g in range(data.bodies.size):
-        _filter(data.bodies, g, data.elapsed_s[0], FAST_OF_SLOW * model.slow_s)
-    _follow(model, data, long_rows, zero_rows)
-    _compose(model, data)
+        _filter(data.bodies[g], dt_s, FAST_OF_SLOW * slow_s)
+    for b in range(model.blocks.size):
+        block = model.blocks[b]
+        unit, memory, first, size = model.units[b], data.memory[b], block["first"], block["size"]
+        here = slice(first, first + size)
+        _follow(unit, memory, size, dt_s, slow_s, model.period_s)
+        _show_lies(memory["marks"], data.status[here], data.valid[here], size)
+        _compose(unit, memory, data.bodies[block["body"]], data, first, size)
 
 
 update = compiled(update_python, fastmath={"contract", "reassoc"}, allocates=False)
-
-
-def compose_python(model, data):
-    """What is to be taken off the next cycle's counts; see `_compose`."""
-    model, data = opened(model, data)
-    _compose(model, data)
-
-
-compose = compiled(compose_python, fastmath={"contract", "reassoc"}, allocates=False)

@@ -9,15 +9,15 @@ import numpy as np
 
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
-from skin.decode.ambient_kernels import memory_of
+from skin.decode.ambient_kernels import NEWER, NOW, OLDER
 from skin.physics.rest import film_at_rest_ut
 
 PRIOR_UT2 = 2500.0
 MEMORY = ("fast_hz", "slow_hz", "long_ut", "gel_c", "film_c", "age_s", "alone_s", "calm_s",
-          "rest_ut", "rest_film_c", "rest_s", "bound_hz")  # fmt: skip
+          "rest_ut", "rest_film_c", "rest_s", "bound_hz", "zero")  # fmt: skip
 
 
-BODIES = ("held_s", "voters", "field_ut", "covariance_ut2", "kept_s", "kept_ut", "kept_ut2")
+BODIES = ("held_s", "voters", "kept_s")
 
 
 class NaiveAmbient:
@@ -238,9 +238,10 @@ class NaiveAmbient:
 
 def state_of(ambient):
     """A copy of what an `Ambient` remembers."""
-    data = ambient._data
-    bodies = {name: data.bodies[name] for name in BODIES}
-    bodies |= {name: bodies[name].swapaxes(0, 1) for name in ("kept_ut", "kept_ut2")}
-    memory = {name: getattr(memory_of(data.memory), name) for name in MEMORY}
-    touched = data.marks & kernels.TOUCHED != 0
-    return copy.deepcopy(SimpleNamespace(zero=data.zero, touched=touched, **bodies, **memory))
+    bodies = {name: ambient._bodies[name] for name in BODIES}
+    for name, kept in (("field_ut", "kept_ut"), ("covariance_ut2", "kept_ut2")):
+        bodies[name] = ambient._bodies[name][:, NOW]
+        bodies[kept] = ambient._bodies[name][:, [OLDER, NEWER]].swapaxes(0, 1)
+    memory = {name: ambient.read(name) for name in MEMORY}
+    touched = ambient.read("marks") & kernels.TOUCHED != 0
+    return copy.deepcopy(SimpleNamespace(touched=touched, **bodies, **memory))

@@ -25,7 +25,7 @@ from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.stencil import Stencil
 from skin.physics.surroundings import Surroundings
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.ambient import without_bz
+from tests.fixtures.ambient import look, without_bz
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 CYCLES = 500
@@ -718,7 +718,7 @@ def test_field_of_the_tare_is_not_subtracted_again(tmp_path):
             reading.displacement_mm[2] = (4500.0 - values[FREQUENCY]) / 900.0
             reading.temperature[:] = 24.0
             reading.status[:] = 0
-            ambient.update(reading)
+            look(ambient, reading)
             means += ambient.field_ut[:, 0] / cycles
         return means
 

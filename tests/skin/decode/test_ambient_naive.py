@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from bus.status import Status
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient import Ambient
-from skin.decode.ambient_kernels import memory_of
+from skin.decode.ambient_kernels import MEMORY, NEWER, NOW, OLDER
+from tests.fixtures.ambient import look
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
 
@@ -44,8 +45,8 @@ def tumbled(rate_hz=250.0):
 
 def any_state(ambient, naive, rng):
     """Memories on both sides of every bound, of units that may be pressed or not."""
-    memory, n = memory_of(ambient._data.memory), UNITS
-    bodies = ambient._data.bodies.view(np.recarray)
+    memory, n = SimpleNamespace(**{name: ambient.read(name) for name in MEMORY.names}), UNITS
+    bodies = ambient._bodies.view(np.recarray)
     pressed = rng.random(n) < rng.choice([0.0, 0.1, 0.6])  # none, few, or most, side by side
     pressed = np.arange(n) < rng.integers(7, n) if rng.random() < 0.2 else pressed
     load = np.where(pressed, rng.uniform(2.5, 8.0, n), rng.uniform(0.0, 2.9, n))
@@ -64,18 +65,22 @@ def any_state(ambient, naive, rng):
         memory.fast_hz[:] *= np.where(pressed, 1.0, rng.choice([0.02, 0.1, 0.3]))
     memory.rest_ut[:] = np.where(rng.random(n) < 0.3, np.nan, rng.uniform(3e3, 5e3, n))
     memory.rest_film_c[:] = memory.film_c + rng.choice([np.nan, 0.0, -9.0, 9.0], n)
-    ambient._data.marks[:] = rng.choice([0, kernels.VOTES, kernels.TOUCHED], n)
-    zero = ambient._data.zero
-    zero[:] = np.array([[60.0], [200.0], [200.0]]) * rng.choice([-1.0, -0.5, 0.3, 1.0], (3, n))
+    memory.marks[:] = rng.choice([0, kernels.VOTES, kernels.TOUCHED], n)
+    memory.zero[:] = np.array([[60.0], [200.0], [200.0]]) * rng.choice(
+        [-1.0, -0.5, 0.3, 1.0], (3, n)
+    )
+    for name, values in vars(memory).items():
+        ambient._write(ambient._memory, name, values)
     bodies.held_s[:] = rng.choice([0.0, 0.2, 3.0, 40.0], 2)
-    bodies.field_ut[:] = 40.0 * rng.standard_normal((2, 3))
-    for covariance in bodies.covariance_ut2:
+    bodies.field_ut[:, NOW] = 40.0 * rng.standard_normal((2, 3))
+    for covariance in bodies.covariance_ut2[:, NOW]:
         root = rng.standard_normal((3, 3))
         covariance[:] = 20.0 * root @ root.T + 9.0 * np.eye(3)
     bodies.kept_s[:] = rng.choice([0.0, 0.045, 0.2], 2)
-    bodies.kept_ut[:] = 40.0 * rng.standard_normal((2, 2, 3))
-    more = rng.uniform(0.5, 2.0, (2, 2, 1, 1)) * bodies.covariance_ut2
-    bodies.kept_ut2[:] = more.swapaxes(0, 1)
+    for kept in (OLDER, NEWER):
+        bodies.field_ut[:, kept] = 40.0 * rng.standard_normal((2, 3))
+        more = rng.uniform(0.5, 2.0, (2, 1, 1))
+        bodies.covariance_ut2[:, kept] = more * bodies.covariance_ut2[:, NOW]
 
 
 def any_reading(naive, state, rng):
@@ -109,13 +114,12 @@ def test_a_cycle_from_any_state_is_that_of_the_naive_one(near_votes, rate_hz):
         reading = any_reading(naive, before, rng)
         dt_s = rng.choice([0.004, 0.1, 0.25 * naive.slow_s, 0.5 * naive.slow_s])
         expected = naive.step(before, reading, dt_s)
-        ambient._data.valid[:] = True
-        ambient.update(reading, dt_s)
+        shown = look(ambient, reading, dt_s)
         found = state_of(ambient)
         found.background, found.residue_ut2 = ambient.background, ambient.residue_ut2
         found.followed = ambient.followed
-        found.lies = ambient._data.status & Status.MAGNETIC_ANOMALY != 0
-        assert not ambient._data.valid[found.lies].any()
+        found.lies = shown.status & Status.MAGNETIC_ANOMALY != 0
+        np.testing.assert_array_equal(shown.valid, ~found.lies)
         for name, value in vars(expected).items():
             np.testing.assert_allclose(
                 getattr(found, name), value, rtol=1e-7, atol=1e-7, err_msg=name
@@ -138,7 +142,7 @@ def test_first_cycles_are_a_mean():
     assert np.isnan(state.rest_ut).all()
     for _ in range(30):
         reading = any_reading(naive, state, rng)
-        ambient.update(reading)
+        look(ambient, reading)
         state = naive.step(state, reading, 0.004)
         found = state_of(ambient)
         for name, value in vars(found).items():
@@ -161,7 +165,7 @@ def test_units_of_all_blocks_are_looked_at():
             field_ut=rng.uniform(-100.0, 100.0, (3, 150)), displacement_mm=depth,
             temperature=rng.uniform(20.0, 40.0, 150), status=np.zeros(150, np.uint16),
         )  # fmt: skip
-        ambient.update(reading)
+        look(ambient, reading)
         state = naive.step(state, reading, 1.0)
         found = state_of(ambient)
         for name, value in vars(found).items():

@@ -9,7 +9,7 @@ from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
 from skin.sim.thermal import ThermalChain
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.ambient import World, apart, without_bz
+from tests.fixtures.ambient import World, apart, look, without_bz
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 UNITS = 24
@@ -234,7 +234,7 @@ def decoded(decoder, ambient, units, depth_mm, displacement_mm, cycles):
         mean = np.zeros((3, n))
         for counts in units.quantise(units.disturb(values)):
             reading = decoder(counts, None, ambient.background)
-            ambient.update(reading)
+            look(ambient, reading)
             mean += reading.force / 600
     return mean, reading.force_sigma.copy()
 

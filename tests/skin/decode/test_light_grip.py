@@ -17,7 +17,7 @@ from skin.decode.ambient import Ambient
 from skin.errors import OptionError
 from skin.options import Options
 from skin.pipeline import Pipeline
-from tests.fixtures.ambient import without_bz
+from tests.fixtures.ambient import look, without_bz
 
 RATE_HZ = 250.0
 EARTH = np.array([20.0, 30.0, -44.0])
@@ -81,7 +81,7 @@ class Grip:
         field = film + outside + 105.0 * self.random.standard_normal((3, n)) - taken[1:]
         depth = np.zeros((3, n))
         depth[2] = (fall_hz + 6.0 * self.random.standard_normal(n) - taken[0]) / 900.0
-        self.ambient.update(SimpleNamespace(
+        look(self.ambient, SimpleNamespace(
             field_ut=field, displacement_mm=depth, temperature=np.full(n, 25.0),
             status=np.zeros(n, np.uint16),
         ))  # fmt: skip

@@ -13,7 +13,7 @@ from skin.decode.ambient import Ambient
 from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
 from skin.state import if_wanted
-from tests.fixtures.ambient import apart
+from tests.fixtures.ambient import apart, look
 from tests.fixtures.decode import calibrated, row_of, sensible_counts
 from tests.skin.decode.test_crosstalk import plane
 from tests.skin.decode.test_crosstalk_made_up import made_up
@@ -129,7 +129,7 @@ def test_ambient_field_comes_off_the_next_cycle():
         base = ambient.taken.copy()
         base[:4] += 0.0 if given is None else given
         expected = plain(raw[t], status[t], base)
-        ambient.update(expected)
+        look(ambient, expected)
         same(looped(raw[t], status[t], given), expected)
         np.testing.assert_array_equal(looped.ambient.taken, ambient.taken)
     assert np.abs(ambient.background[1:]).max() > 1.0
