@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -25,32 +24,15 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A rule that the parameters of some units violate.
-
-    Attributes
-    ----------
-    field : str
-        Parameter that is reported.
-    broken : ndarray, shape (n,), bool
-    expected, got : str
-        The message, with places for the values.
-    values : dict of str to ndarray, shape (n,)
-        Those of the message.
-    """
+class Fault(NamedTuple):
+    """A rule that the parameters of some units violate."""
 
     field: str
+    """The parameter that is reported."""
     broken: np.ndarray
-    expected: str
-    got: str
-    values: dict[str, np.ndarray]
-
-    def report(self, unit: int, key: Key, source: Source) -> None:
-        """Report it for one unit, whose parameters stand in the table at `key`."""
-        values = {name: value[unit] for name, value in self.values.items()}
-        expected, got = self.expected.format(**values), self.got.format(**values)
-        source.fault((*key, self.field), expected, got)
+    """Of each unit, shape (n,), bool."""
+    words: Callable[[int], tuple[str, str]]
+    """What it must be for a unit, and what that unit has."""
 
 
 def resolve_models(
@@ -70,7 +52,7 @@ def resolve_models(
         model = msgspec.structs.replace(models.get(base, UnitModel()), **given)
         broken = [fault for fault in parameter_faults(to_arrays([model])) if fault.broken[0]]
         for fault in broken if base not in wrong else ():  # those of the base are reported there
-            fault.report(0, key, source)
+            source.fault((*key, fault.field), *fault.words(0))
         if broken or base in wrong:
             wrong.add(entry.name)
         models.setdefault(entry.name, model)
@@ -120,63 +102,67 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
         Parameters of n units.
     """
     low, high = p["temperature_min_c"], p["temperature_max_c"]
-    yield Fault("temperature_max_c", high <= low, "above temperature_min_c, {low:g}", "{got:g}",
-                {"low": low, "got": high})  # fmt: skip
+    yield Fault("temperature_max_c", high <= low,
+                lambda u: (f"above temperature_min_c, {low[u]:g}", f"{high[u]:g}"))  # fmt: skip
 
     first, last = (gel_temperature(p, p["gel_current_ratio"] ** x) for x in gel_ends(p))
+    rising = "of a temperature that rises with the current from temperature_min_c to "
     yield Fault("gel_bend_c", (first > low) | (last < high),
-                "of a temperature that rises with the current from temperature_min_c to "
-                "temperature_max_c", "one that rises from {first:.4g} to {last:.4g} °C",
-                {"first": first, "last": last})  # fmt: skip
+                lambda u: (f"{rising}temperature_max_c",
+                           f"one that rises from {first[u]:.4g} to {last[u]:.4g} °C"))  # fmt: skip
 
     limit, at_break = p["normal_max_n"] / p["normal_soft_n_per_hz"], p["normal_break_hz"]
+    alone = "where the soft slope alone reaches normal_max_n"
     yield Fault("normal_break_hz", at_break >= limit,
-                "below {limit:.4g}, where the soft slope alone reaches normal_max_n", "{got:g}",
-                {"limit": limit, "got": at_break})  # fmt: skip
+                lambda u: (f"below {limit[u]:.4g}, {alone}", f"{at_break[u]:g}"))  # fmt: skip
 
     fall, rest = _fall_at_most(p), p["frequency_rest_hz"]
+    of_all = "the fall of the frequency at normal_max_n"
     yield Fault("frequency_rest_hz", rest <= fall,
-                "above {fall:.4g}, the fall of the frequency at normal_max_n", "{got:g}",
-                {"fall": fall, "got": rest})  # fmt: skip
+                lambda u: (f"above {fall[u]:.4g}, {of_all}", f"{rest[u]:g}"))  # fmt: skip
 
-    reach = p["tangential_max_mm"]
-    yield Fault("shear_break_mm", p["shear_break_mm"] > reach,
-                "at most tangential_max_mm, {limit:g}", "{got:g}",
-                {"limit": reach, "got": p["shear_break_mm"]})  # fmt: skip
+    reach, bend = p["tangential_max_mm"], p["shear_break_mm"]
+    yield Fault("shear_break_mm", bend > reach,
+                lambda u: (f"at most tangential_max_mm, {reach[u]:g}", f"{bend[u]:g}"))  # fmt: skip
 
     crest = np.pi / (2 * p["field_wavenumber_rad_per_mm"])
+    beyond = "the crest pi / (2 field_wavenumber_rad_per_mm) beyond which the field falls again"
     yield Fault("tangential_max_mm", reach > crest * (1 + 1e-9),
-                "at most {crest:.4g}, the crest pi / (2 field_wavenumber_rad_per_mm) beyond which "
-                "the field falls again", "{got:g}", {"crest": crest, "got": reach})  # fmt: skip
+                lambda u: (f"at most {crest[u]:.4g}, {beyond}", f"{reach[u]:g}"))  # fmt: skip
 
     determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
-    yield Fault("field_xx", ~(np.abs(determinant) >= 1e-6), "of a 2x2 map that can be inverted",
-                "determinant {got:.3g}", {"got": determinant})  # fmt: skip
+    yield Fault("field_xx", ~(np.abs(determinant) >= 1e-6),
+                lambda u: ("of a 2x2 map that can be inverted",
+                           f"determinant {determinant[u]:.3g}"))  # fmt: skip
 
-    spacing = 2 * np.pi / THETA_KNOTS
-    theta = p["theta_correction_rad"]
+    spacing, theta = 2 * np.pi / THETA_KNOTS, p["theta_correction_rad"]
     drop = theta - np.roll(theta, -1, axis=0)
-    worst = np.max(drop, axis=0)
-    yield Fault("theta_correction_rad", worst >= spacing,
-                f"falling by less than {spacing:.4g} from knot to knot, or directions fold over",
-                "{got:.4g} after knot {knot}",
-                {"got": worst, "knot": np.argmax(drop, axis=0)})  # fmt: skip
+    falling = f"falling by less than {spacing:.4g} from knot to knot, or directions fold over"
+    yield Fault("theta_correction_rad", np.max(drop, axis=0) >= spacing,
+                lambda u: (falling, f"{np.max(drop[:, u]):.4g} after knot {np.argmax(drop[:, u])}")
+                )  # fmt: skip
 
     angle, slope = _least_slope(p["field_angle_mm"], p["field_angle_max_mm"])
-    yield Fault("field_angle_mm", slope <= 0.0, "rising with the angle throughout its range",
-                "{got:.3g} mm/rad at {angle:.2f} rad", {"got": slope, "angle": angle})  # fmt: skip
+    yield Fault("field_angle_mm", slope <= 0.0,
+                lambda u: ("rising with the angle throughout its range",
+                           f"{slope[u]:.3g} mm/rad at {angle[u]:.2f} rad"))  # fmt: skip
 
     for law in ("normal", "shear"):
-        weights, times = p[f"{law}_creep_relative"], p[f"{law}_creep_s"]
-        # a term without weight has no effect
-        before = np.maximum.accumulate(np.where(weights > 0.0, times, 0.0), axis=0)
-        limit = np.vstack([np.zeros_like(before[:1]), before[:-1]])
-        wrong = (weights > 0.0) & (times <= limit)
-        term = np.argmax(wrong, axis=0)
-        got, least = (np.take_along_axis(a, term[np.newaxis], axis=0)[0] for a in (times, limit))
-        yield Fault(f"{law}_creep_s", np.asarray(wrong.any(axis=0)),
-                    "rising from 0 where a term has a weight", "{got:g} after {limit:g} at term "
-                    "{term}", {"limit": least, "got": got, "term": term})  # fmt: skip
+        yield _creep_fault(law, p[f"{law}_creep_relative"], p[f"{law}_creep_s"])
+
+
+def _creep_fault(law: str, weights: np.ndarray, times: np.ndarray) -> Fault:
+    """Times of a relaxation that do not rise; a term without weight has no effect."""
+    before = np.maximum.accumulate(np.where(weights > 0.0, times, 0.0), axis=0)
+    limit = np.vstack([np.zeros_like(before[:1]), before[:-1]])
+    wrong = (weights > 0.0) & (times <= limit)
+
+    def words(unit: int) -> tuple[str, str]:
+        term = np.argmax(wrong[:, unit])
+        got = f"{times[term, unit]:g} after {limit[term, unit]:g} at term {term}"
+        return "rising from 0 where a term has a weight", got
+
+    return Fault(f"{law}_creep_s", np.asarray(wrong.any(axis=0)), words)
 
 
 def _least_slope(table: np.ndarray, reach_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

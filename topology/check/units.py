@@ -227,7 +227,7 @@ class Units:
                 changes = self._given[unit]
                 blamed = [change for change in changes if fault.field in change[2]] or changes
                 source, key, _ = blamed[-1]
-                fault.report(unit, key, source)
+                source.fault((*key, fault.field), *fault.words(unit))
         return parameters
 
     def _check_identifiers(self) -> None:
