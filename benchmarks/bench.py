@@ -23,10 +23,9 @@ from scipy.spatial.transform import Rotation
 
 import topology
 from skin.calibrate.bench.file import Column, Recording, Segment
-from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.series import Counts, Series, series_of
-from skin.calibrate.write import with_fits
+from skin.calibrate.bench.unit import UnitResult, fit_unit
+from skin.calibrate.files import with_fits
 from skin.sim.thermal import ThermalChain
 from topology import Topology
 

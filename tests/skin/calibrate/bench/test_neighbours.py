@@ -14,8 +14,8 @@ from benchmarks.films import RATE_HZ, press
 from benchmarks.films import _scored as scored
 from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
 from skin.calibrate.bench.file import Recording, Segment
-from skin.calibrate.bench.neighbours import learn_stencil
 from skin.calibrate.bench.series import Counts, series_of
+from skin.calibrate.crosstalk import learn_stencil
 from skin.calibrate.tare import tare
 from skin.cli import main
 from skin.errors import ScanError

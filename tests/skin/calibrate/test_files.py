@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 import topology
-from skin.calibrate.read import as_fit, read_calibration
-from skin.calibrate.write import OfUnits, parameter_values, write_calibration
+from skin.calibrate.files import (
+    OfUnits,
+    carry_comments,
+    parameter_values,
+    read_calibration,
+    write_calibration,
+)
+from skin.calibrate.fit import Fit, as_fit
 from skin.errors import CalibrationError, OptionError
-from skin.physics.least_squares import Fit
 from tests.fixtures.topology import write_topology
 from topology import THETA_KNOTS
 
@@ -21,8 +26,7 @@ UNITS = 4
 
 def told(**values):
     """A fit of given values."""
-    size = len(values)
-    return Fit(tuple(values), np.array(list(values.values())), 0.01 * np.eye(size), 0, 1.0, 9)
+    return as_fit({name: (value, 0.1) for name, value in values.items()})
 
 
 def patch_of(folder, calibration):
@@ -85,7 +89,7 @@ def test_a_crest_at_the_end_of_the_range_leaves_the_range_alone(tmp_path):
 def test_the_sigma_of_a_table_is_the_largest_of_its_entries():
     names = tuple(f"theta_correction_rad[{k}]" for k in reversed(range(THETA_KNOTS)))
     sigma = np.linspace(0.1, 0.4, THETA_KNOTS)
-    fit = Fit(names, np.arange(float(THETA_KNOTS)), np.diag(sigma**2), 0, 1.0, 9)
+    fit = Fit(names, np.arange(float(THETA_KNOTS)), np.diag(sigma**2), 0.0 * sigma)
     value, largest = parameter_values("r0c0", [fit], 2.5)["theta_correction_rad"]
     assert value.tolist() == list(range(THETA_KNOTS))[::-1]
     assert largest == pytest.approx(0.4)
@@ -95,7 +99,7 @@ def test_what_was_written_is_read_as_the_same_fits(tmp_path):
     """Indented or not, with a sigma or without; of a table the largest."""
     given = {"frequency_rest_hz": (4480.0, 1.5), "field_sigma_ut": (30.0, np.nan)}
     table = {f"theta_correction_rad[{k}]": (0.1 * k, 0.2) for k in range(THETA_KNOTS)}
-    fits = [as_fit(given, 7), as_fit(table, 7)]
+    fits = [as_fit(given), as_fit(table)]
     write_calibration(tmp_path / "row.toml", "patch", {"r0c1": fits, "r0c 2": fits[:1]})
     text = (tmp_path / "row.toml").read_text()
     (tmp_path / "row.toml").write_text(text.replace("\n", "\n  "))
@@ -103,7 +107,6 @@ def test_what_was_written_is_read_as_the_same_fits(tmp_path):
     assert list(units) == ["r0c1", "r0c 2"]
     known = {}
     for fit in units["r0c1"]:
-        assert fit.samples == 0  # of whoever measured it
         assert fit.covariance.shape == 2 * (len(fit.names),)
         known |= dict(zip(fit.names, zip(fit.values, fit.sigma, strict=True), strict=True))
     assert known == pytest.approx({name: pytest.approx(v, nan_ok=True)
@@ -186,3 +189,67 @@ def test_a_write_that_fails_midway_leaves_nothing_behind(tmp_path, monkeypatch):
         write_calibration(file, "patch", {})
     assert file.read_text() == old
     assert [path.name for path in tmp_path.iterdir()] == ["row.toml"]
+
+
+# -- comments --------------------------------------------------------------------------------------
+
+BEFORE = """# The left hand, second film.
+# Do not mix up with the right one.
+format = 1
+patch = "palm"  # on the left wrist
+
+[units.r0c0]  # glued anew
+# slower since the fall
+frequency_rest_hz = 451000.0  # ± 3.0
+theta_correction_rad = [
+    0.1, # inside of a value
+    0.2,
+]
+note = "a # that is none"  # by eye
+
+# spare
+[units."r 1"]
+x = 1
+
+units.gone.y = 2
+# the end
+"""
+AFTER = """format = 1
+patch = "palm"
+
+[units.r0c0]
+frequency_rest_hz = 450990.0  # ± 0.5
+theta_correction_rad = [0.1, 0.2]
+note = "a # that is none"
+
+[units."r 1"]
+x = 1
+"""
+TOLD = """# The left hand, second film.
+# Do not mix up with the right one.
+format = 1
+patch = "palm"  # on the left wrist
+
+[units.r0c0]  # glued anew
+# slower since the fall
+frequency_rest_hz = 450990.0  # ± 0.5
+theta_correction_rad = [0.1, 0.2]
+note = "a # that is none"  # by eye
+
+# spare
+[units."r 1"]
+x = 1
+# the end
+"""
+
+
+def test_comments_stay_at_their_keys_and_values_are_the_new_ones():
+    found = carry_comments(BEFORE, AFTER)
+    assert found == TOLD
+    assert tomllib.loads(found) == tomllib.loads(AFTER)
+    assert carry_comments(found, AFTER) == found
+
+
+def test_without_comments_nothing_changes():
+    assert carry_comments("", AFTER) == AFTER
+    assert carry_comments(AFTER, AFTER) == AFTER
