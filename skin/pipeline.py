@@ -227,11 +227,11 @@ class Pipeline:
         """Load or compile the kernels, so that the first cycle is not late."""
         from skin.compiling import compile_calls
 
-        steps = None if self.contacts is None else self.contacts.bound
-        compile_calls([*([] if steps is None else steps.calls), *self.decoder.calls()])
+        calls = [] if self.contacts is None else self.contacts.calls
+        compile_calls([*calls, *self.decoder.calls()])
         self.decoder.warmup()
-        if steps is not None:
-            steps.ready()
+        if self.contacts is not None:
+            self.contacts.warmup()
 
     # -- cycles ------------------------------------------------------------------------------------
 
