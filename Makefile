@@ -18,12 +18,13 @@ if importlib.util.find_spec("ensurepip") is None:
 endef
 export CHECK_PYTHON
 
-.PHONY: help install demo docs links check test test-long test-versions lock mutate bench lint clean
+.PHONY: help install demo docs reference links check test test-long test-versions lock mutate bench lint clean
 
 help:
 	@echo "make demo       a simulated skin, no hardware needed; into .venv, the core and plots alone (PYTHON=python3)"
 	@echo "make install    a virtual environment in .venv, with everything the tests need"
 	@echo "make docs       the site into build/docs, with the output of all examples; a warning is an error"
+	@echo "make reference  the tables of docs/reference, which the program knows"
 	@echo "make links      the links of the site to other sites: are they there? (needs the net)"
 	@echo "make check      ruff, types, doctests, imports, rules for code; the figures of the house"
 	@echo "make test       all tests but the long ones"
@@ -61,6 +62,9 @@ demo: .venv/demo
 docs: install
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 	@echo "build/docs/index.html"
+
+reference: install
+	$(BIN)/python -m docs.site.reference
 
 links: install
 	$(BIN)/python -m sphinx -W --keep-going -q -b linkcheck -D run_examples=0 docs build/links

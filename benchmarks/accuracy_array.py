@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.accuracy_skin import Made, with_rate
 from skin import Decoder
-from skin.calibrate.bench.spread import rms
+from skin.calibrate.fit import rms
 from skin.decode.crosstalk import CrossTalk
 from skin.physics.surroundings import Surroundings
 from topology.pose import from_rpy

@@ -14,7 +14,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 import topology
@@ -179,8 +178,9 @@ def square(side: int, pitch_m: float, rate_hz: float = 100.0) -> Topology:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "square.toml"
         file.write_text(
-            'format = 1\nname = "square"\n[[buses]]\nname = "main"\ndata_bitrate = 5_000_000\n'
-            f'cycle_rate_hz = {rate_hz}\n[[patches]]\nname = "square"\nkind = "grid"\n'
+            f'format = 1\nname = "square"\ncycle_rate_hz = {rate_hz}\n[[buses]]\nname = "main"\n'
+            'interface = "memory"\ndata_bitrate = 5_000_000\n'
+            '[[patches]]\nname = "square"\nkind = "grid"\n'
             f'rows = {side}\ncolumns = {side}\npitch_m = {pitch_m}\nbus = "main"\n'
             'layout = "f3t-fd64"\nfirst_id = 0x100\n',
             encoding="utf-8",
@@ -230,8 +230,5 @@ def with_parameters(skin: Topology, **changed: np.ndarray) -> Topology:
 
 def with_rate(skin: Made, rate_hz: float) -> Made:
     """The same units on a bus of another cycle rate."""
-    true, known = (
-        dataclasses.replace(t, buses=(msgspec.structs.replace(t.buses[0], cycle_rate_hz=rate_hz),))
-        for t in (skin.true, skin.known)
-    )
+    true, known = (dataclasses.replace(t, cycle_rate_hz=rate_hz) for t in (skin.true, skin.known))
     return Made(true, known, skin.films)

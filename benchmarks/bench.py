@@ -18,16 +18,14 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import topology
 from skin.calibrate.bench.file import Column, Recording, Segment
-from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.series import Counts, Series, series_of
-from skin.calibrate.write import with_fits
+from skin.calibrate.bench.unit import UnitResult, fit_unit
+from skin.calibrate.files import with_fits
 from skin.sim.thermal import ThermalChain
 from topology import Topology
 
@@ -161,11 +159,12 @@ class Poses(NamedTuple):
 TOPOLOGY = """format = 1
 name = "lab"
 
-[[buses]]
-name = "main"
-data_bitrate = 5_000_000
 cycle_rate_hz = {rate:g}
 sync_id = 0x80
+[[buses]]
+name = "main"
+interface = "memory"
+data_bitrate = 5_000_000
 
 [[patches]]
 name = "pad"
@@ -264,8 +263,7 @@ class Bench:
         material: Material | None = None, seed: int = 0,
     ) -> None:  # fmt: skip
         self._skin = nominal
-        bus = msgspec.structs.replace(nominal.buses[0], cycle_rate_hz=RATE_HZ)
-        self.nominal = dataclasses.replace(nominal, buses=(bus,))
+        self.nominal = dataclasses.replace(nominal, cycle_rate_hz=RATE_HZ)
         self.seed, self._units, self._springs, self._material = seed, units, springs, material
         self._poses: tuple[Path3, Poses] | None = None
 

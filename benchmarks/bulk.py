@@ -33,6 +33,7 @@ from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
+from skin.sinks import Ending
 
 SKIN, SCENE = "palm", "slide"
 ROUND = 1280
@@ -111,7 +112,7 @@ def _scene_frames() -> np.ndarray:
     batch, parts = FrameBatch(4096), []
     for cycle in range(ROUND):
         sync = np.zeros(1, FRAME_DTYPE)
-        sync["id"], sync["length"], sync["data"][0, 0] = loaded.buses[0].sync_id, 1, cycle & 0xFF
+        sync["id"], sync["length"], sync["data"][0, 0] = loaded.sync_id, 1, cycle & 0xFF
         near.send(sync)
         batch.clear()
         near.receive(batch)
@@ -324,5 +325,5 @@ def _equal_to_live(folder: Path, scene: np.ndarray) -> bool:
         if not same:
             return False
         count += 1
-    last = pipeline.flush()
+    last = pipeline.end(Ending.FLUSHED)
     return count + (last is not None) == found.num_rows

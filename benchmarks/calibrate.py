@@ -22,9 +22,8 @@ from benchmarks.accuracy_skin import apart
 from benchmarks.bench import ORDER, RATE_HZ, protocol
 from benchmarks.lab import Lab, unseen
 from skin import Decoder
-from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.bench.result import UnitResult
-from skin.calibrate.write import with_fits
+from skin.calibrate.bench.unit import UnitResult, fit_unit
+from skin.calibrate.files import with_fits
 from topology import Topology
 
 UNITS, FEW = (10, 5), 5

@@ -186,8 +186,9 @@ def _lattice() -> Topology:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "lattice.toml"
         file.write_text(
-            'format = 1\nname = "lattice"\n[[buses]]\nname = "main"\ndata_bitrate = 5_000_000\n'
-            'cycle_rate_hz = 100\n[[patches]]\nname = "lattice"\nkind = "grid"\n'
+            'format = 1\nname = "lattice"\ncycle_rate_hz = 100\n[[buses]]\nname = "main"\n'
+            'interface = "memory"\ndata_bitrate = 5_000_000\n'
+            '[[patches]]\nname = "lattice"\nkind = "grid"\n'
             f'rows = {LATTICE}\ncolumns = {LATTICE}\npitch_m = 0.012\nbus = "main"\n'
             'layout = "f3t-fd64"\nfirst_id = 0x100\n',
             encoding="utf-8",

@@ -198,7 +198,7 @@ def play(
         tally.sent[number] = counts
         stamp_ns = START_NS + number * period_ns
         out.clear()
-        out.append(skin.buses[0].sync_id, bytes([number & 0xFF]), stamp_ns=stamp_ns)
+        out.append(skin.sync_id, bytes([number & 0xFF]), stamp_ns=stamp_ns)
         packer(counts, out, sequence=number & 0xFF)
         out.frames["stamp_ns"] = stamp_ns + SPACING_NS * np.arange(out.count)
         near.send(out.frames)

@@ -35,9 +35,8 @@ from benchmarks.films_truth import (
     array_of,
 )
 from skin import Decoder
-from skin.calibrate.learn import StrayEstimate
+from skin.calibrate.crosstalk import StrayEstimate, TouchTest
 from skin.calibrate.tare import tare
-from skin.calibrate.touch import TouchTest
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator

@@ -18,6 +18,8 @@ THUMB = {"proximal": (0.031, 0.013), "middle": (0.018, 0.011), "distal": (0.013,
 HEAD = """format = 1
 name = "shadow"
 description = "64 units on the palm and 12 on each finger of a Shadow hand"
+cycle_rate_hz = 250
+sync_id = 0x080
 
 [robot]
 model = "{model}"
@@ -29,8 +31,6 @@ interface = "memory"
 channel = "shadow-{name}"
 bitrate = 1_000_000
 data_bitrate = 5_000_000
-cycle_rate_hz = 250
-sync_id = 0x080
 """
 PATCH = """
 [[patches]]

@@ -45,10 +45,17 @@ def hand_of_20_joints(folder: Path) -> Topology:
         f'<geom type="box" size="0.06 0.02 0.05"/>{"".join(bodies)}</body></worldbody></mujoco>'
     )
     (folder / "hand.xml").write_text(model)
-    head = ["format = 1", 'name = "hand"', "[robot]", 'model = "hand.xml"', 'base = "palm"']
+    head = [
+        "format = 1",
+        'name = "hand"',
+        "sync_id = 0x80",
+        "[robot]",
+        'model = "hand.xml"',
+        'base = "palm"',
+    ]
     for bus in range(2):
-        head += ["[[buses]]", f'name = "can{bus}"', f'channel = "hand{bus}"',
-                 "data_bitrate = 5_000_000", "sync_id = 0x80"]  # fmt: skip
+        head += ["[[buses]]", f'name = "can{bus}"', 'interface = "memory"',
+                 f'channel = "hand{bus}"', "data_bitrate = 5_000_000"]  # fmt: skip
     (folder / "hand.toml").write_text("\n".join([*head, *patches]))
     return load(folder / "hand.toml")
 

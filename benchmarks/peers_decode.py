@@ -15,7 +15,7 @@ from numba import njit
 import topology
 from benchmarks.accuracy_skin import apart
 from bus.compiled.aligned import zeros
-from skin.calibrate.bench.alone import OF_UNITS
+from skin.calibrate.bench.series import OF_UNITS
 from topology import Topology
 
 ROWS = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")

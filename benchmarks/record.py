@@ -20,7 +20,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from msgspec.structs import replace
 
 import skin
 from bus.logs import buses_of, read
@@ -84,7 +83,7 @@ def _batches(folder: Path) -> tuple[Topology, list[list[np.ndarray]]]:
             next(states)
         loaded = palm.topology
     frames = np.concatenate([b.frames.copy() for b in read(log, buses=buses_of(loaded, log))])
-    at = np.flatnonzero(frames["id"] == loaded.buses[0].sync_id)
+    at = np.flatnonzero(frames["id"] == loaded.sync_id)
     return loaded, [
         [frames[one : one + 1].copy(), frames[one + 1 : other].copy()]
         for one, other in pairwise(at)
@@ -95,12 +94,12 @@ def _batches(folder: Path) -> tuple[Topology, list[list[np.ndarray]]]:
 def _recorded(palm: Topology, file: Path) -> Iterator[tuple[Pipeline, Recorder]]:
     pipeline = Pipeline(palm)
     recorder = Recorder(file, pipeline)
-    pipeline.attach(recorder)
+    pipeline.sinks.attach(recorder)
     try:
         pipeline.warmup()
         yield pipeline, recorder
     finally:
-        pipeline.close()
+        pipeline.sinks.stop()
         file.unlink()
 
 
@@ -144,8 +143,7 @@ def _cost(palm: Topology, cycles: list[list[np.ndarray]], folder: Path, rounds: 
 
 def _at(palm: Topology, rate_hz: int) -> Topology:
     """The same skin at another rate, by which the recorder makes its ring."""
-    buses = tuple(replace(bus, cycle_rate_hz=float(rate_hz)) for bus in palm.buses)
-    return dataclasses.replace(palm, buses=buses)
+    return dataclasses.replace(palm, cycle_rate_hz=float(rate_hz))
 
 
 def _at_rate(

@@ -68,14 +68,14 @@ def strip(rows: int, columns: int, buses: int, rate_hz: float) -> Topology:
     TopologyError
         The buses cannot carry that many units at that rate.
     """
-    text = ['format = 1\nname = "strip"']
+    text = [f'format = 1\nname = "strip"\ncycle_rate_hz = {rate_hz}\nsync_id = 0x080']
     first = 0
     for bus, taken in enumerate(np.array_split(np.arange(rows), buses)):
         middle_m = (first + 0.5 * (taken.size - rows)) * PITCH_M
         first += taken.size
         text.append(
             f'[[buses]]\nname = "bus{bus}"\ninterface = "memory"\nbitrate = 1_000_000\n'
-            f"data_bitrate = 5_000_000\ncycle_rate_hz = {rate_hz}\nsync_id = 0x080\n"
+            "data_bitrate = 5_000_000\n"
             f'[[patches]]\nname = "p{bus}"\nkind = "grid"\nrows = {taken.size}\n'
             f'columns = {columns}\npitch_m = {PITCH_M}\nbus = "bus{bus}"\n'
             f"pose = {{ xyz_m = [0.0, {middle_m:.6f}, 0.0] }}\n"

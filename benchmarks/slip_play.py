@@ -204,14 +204,14 @@ def skin_of(name: str, pitch_m: float = PITCH_M) -> Topology:
     """
     text = f"""format = 1
 name = "{name}"
+cycle_rate_hz = {RATE_HZ}
+sync_id = 0x080
 [[buses]]
 name = "main"
 interface = "memory"
 channel = "{name}"
 bitrate = 1_000_000
 data_bitrate = 5_000_000
-cycle_rate_hz = {RATE_HZ}
-sync_id = 0x080
 [[patches]]
 name = "skin"
 {SKINS[name]}

@@ -117,7 +117,8 @@ def filters(quick: bool) -> dict:
     for number in range(CYCLES[quick]):
         units = {}
         for dtype, pipeline in pipelines.items():
-            state = pipeline(RawCycle(
+            pipeline.counts[:], pipeline.status[:] = lap[number % LAP], 0
+            state = pipeline.state(RawCycle(
                 number, (number + 1) * period_ns, ClosedBy.COMPLETE, lap[number % LAP],
                 status == 0, status, none, none, none,
             ))  # fmt: skip

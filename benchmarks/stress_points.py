@@ -17,8 +17,7 @@ from skin.state import Reading, Status
 from topology import CHANNELS, Topology, UnitModel
 from topology.check.models import parameter_faults
 from topology.gel import gel_share
-from topology.model import TABLES
-from topology.parameter_roles import SIGMAS
+from topology.model import SIGMAS, TABLES
 
 FREQUENCY, BX, BY, BZ = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
 AT_ENDS = "calibrations at their ends"

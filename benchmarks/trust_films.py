@@ -11,9 +11,8 @@ from scipy.stats import t
 from benchmarks.trust_film import FILMS
 from benchmarks.trust_plant import Touch
 from benchmarks.trust_skin import QUICK_BAG, Player, Skin, skin_of
-from skin.calibrate.learn import StrayEstimate
+from skin.calibrate.crosstalk import StrayEstimate, TouchTest
 from skin.calibrate.tare import tare
-from skin.calibrate.touch import TouchTest
 from skin.physics.stencil import Stencil
 from skin.state import INVALID
 from topology import Topology

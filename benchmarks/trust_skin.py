@@ -30,10 +30,11 @@ BAG, QUICK_BAG = 16, 4
 
 HEAD = """format = 1
 name = "{name}"
+cycle_rate_hz = 250
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
-cycle_rate_hz = 250
 [[patches]]
 name = "{name}"
 bus = "main"
@@ -198,7 +199,8 @@ class Player:
         """A state a cycle, valid until the next; counts of shape (t, c, n)."""
         for each in counts:
             stamp = self._number * self._period_ns
-            yield self.pipeline(
+            self.pipeline.counts[:], self.pipeline.status[:] = each, 0
+            yield self.pipeline.state(
                 RawCycle(self._number, stamp, ClosedBy.COMPLETE, each, **self._flags)
             )
             self._number += 1

@@ -46,13 +46,13 @@ name = "hand"
 [robot]
 model = "hand.urdf"
 
+cycle_rate_hz = 250
+sync_id = 0x080
 [[buses]]
 name = "can0"
 interface = "memory"
 channel = "hand"
 data_bitrate = 5_000_000
-cycle_rate_hz = 250
-sync_id = 0x080
 """
 PATCH = """
 [[patches]]

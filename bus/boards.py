@@ -59,7 +59,7 @@ class Boards:
         self.heard: dict[tuple[int, int], Board] = {}
         frames = topology.frames
         self._taken = set(zip(frames.bus.tolist(), frames.can_id.tolist(), strict=True))
-        self._taken |= {(b, bus.sync_id) for b, bus in enumerate(topology.buses)}
+        self._taken |= {(b, topology.sync_id) for b in range(len(topology.buses))}
         self._buses = len(topology.buses)
 
     def hear(self, frames: np.ndarray, listened_s: np.ndarray) -> None:

@@ -144,7 +144,7 @@ def understands(topology: Topology, bus: int) -> bool:
     bus : int
     """
     taken = topology.frames.can_id[topology.frames.bus == bus]
-    return IDENTIFIER not in taken and topology.buses[bus].sync_id != IDENTIFIER
+    return IDENTIFIER not in taken and topology.sync_id != IDENTIFIER
 
 
 def node_numbers(topology: Topology) -> np.ndarray:

@@ -206,20 +206,19 @@ def _text(topology: Topology, index: int, messages: list[_Message]) -> str:
 
 def _messages(topology: Topology, index: int) -> list[_Message]:
     """SYNC, data frames, heartbeats and configuration of a bus."""
-    bus = topology.buses[index]
     boards = _boards(topology, index)
     names = _Names()
     messages = []
-    period_ms = _whole_ms(1e3 / bus.cycle_rate_hz)
-    if bus.sync_id is not None:
+    period_ms = _whole_ms(1e3 / topology.cycle_rate_hz)
+    if topology.sync_id is not None:
         everybody = ",".join(f"board_{k + 1}" for k in range(len(boards))) or HOST
         counter = _Signal(names.signal("SYNC", "counter"), 0, 8)
-        comment = f"Units sample when it comes; {bus.cycle_rate_hz:g} Hz"
+        comment = f"Units sample when it comes; {topology.cycle_rate_hz:g} Hz"
         messages.append(
-            _Message(names.message("SYNC"), bus.sync_id, 1, False, HOST, everybody, comment,
+            _Message(names.message("SYNC"), topology.sync_id, 1, False, HOST, everybody, comment,
                      period_ms, [counter])
         )  # fmt: skip
-    data_ms = 0 if bus.sync_id is not None else period_ms
+    data_ms = 0 if topology.sync_id is not None else period_ms
     prefixes = {unit: names.unit(topology.unit_names[unit]) for unit in _units(topology, index)}
     for k, first in enumerate(boards):
         messages += _data(topology, first, k + 1, data_ms, prefixes, names)

@@ -53,7 +53,7 @@ class BusRules:
         """Frames at a constant but wrong rate: no losses."""
         self.boards = BoardRules(survey, index)
         of_other = self.skin.frames.can_id[self.skin.frames.bus == instead].tolist()
-        self.known = {*self.ids, self.bus.sync_id, *_HEARTBEATS, *of_other}
+        self.known = {*self.ids, self.skin.sync_id, *_HEARTBEATS, *of_other}
         self.moved = self._moved()
         """Unknown identifiers, each with the missing one that it may be."""
         moved = np.isin(self.ids, list(self.moved.values()))
@@ -137,20 +137,20 @@ class BusRules:
             )  # fmt: skip
 
     def _sync(self) -> Iterator[Finding]:
-        if self.bus.sync_id is None:
+        if self.skin.sync_id is None:
             return
         survey, b = self.survey, self.index
         foreign, syncs = int(survey.foreign_syncs[b]), int(survey.syncs[b])
         empty = sum(n for kind, n in self.here.items()
-                    if kind.can_id == self.bus.sync_id and not kind.length)  # fmt: skip
+                    if kind.can_id == self.skin.sync_id and not kind.length)  # fmt: skip
         if 0 < empty < syncs:
             foreign, syncs = foreign - empty, syncs - empty
             yield Finding(
                 "foreign-sync", "warning", self.name, empty,
-                f"{some(empty, 'SYNC')} ({hex_id(self.bus.sync_id)}) without a counter, which "
+                f"{some(empty, 'SYNC')} ({hex_id(self.skin.sync_id)}) without a counter, which "
                 "cycles leave out",
                 "a CANopen master, whose SYNC has this identifier and which units may answer too: "
-                "give one of them another (`sync_id` of the bus, or object 1005h)",
+                "give one of them another (`sync_id` of the file, or object 1005h)",
             )  # fmt: skip
         if unsent := int(survey.unsent[b]):
             yield Finding(
@@ -169,7 +169,7 @@ class BusRules:
         elif not syncs and survey.traffic[b] and not unsent:
             yield Finding(
                 "no-sync", "error", self.name, 0,
-                f"no SYNC ({hex_id(self.bus.sync_id)}), which units answer to",
+                f"no SYNC ({hex_id(self.skin.sync_id)}), which units answer to",
                 "nobody sends it (--sync host does), or its identifier is another one",
             )  # fmt: skip
         elif syncs and not survey.sends_sync:
@@ -179,10 +179,10 @@ class BusRules:
         if self.survey.cycles < LONG_SILENCE or not self.survey.seconds:
             return
         rate_hz = syncs / self.survey.seconds
-        if abs(rate_hz / self.bus.cycle_rate_hz - 1.0) > _RATE_TOLERANCE:
+        if abs(rate_hz / self.skin.cycle_rate_hz - 1.0) > _RATE_TOLERANCE:
             yield Finding(
                 "wrong-rate", "warning", self.name, syncs,
-                f"SYNC comes at {rate_hz:.1f} Hz; expected {self.bus.cycle_rate_hz:g} Hz",
+                f"SYNC comes at {rate_hz:.1f} Hz; expected {self.skin.cycle_rate_hz:g} Hz",
                 "whoever sends SYNC has another rate than cycle_rate_hz of the file",
             )  # fmt: skip
 
@@ -224,7 +224,7 @@ class BusRules:
             )  # fmt: skip
         elif not errors:
             cause = "no power, no cable, or units that wait for a SYNC which nobody sends"
-            if self.bus.sync_id is None or self.survey.sends_sync:
+            if self.skin.sync_id is None or self.survey.sends_sync:
                 cause = "no power, no cable, or the wrong channel"
             yield Finding("no-traffic", "error", self.name, units, "not a single frame", cause)
 
@@ -277,7 +277,7 @@ class BusRules:
             return "never heard"
         fallen = places[self.fell[places]]
         age = min(int(self.survey.age[self._units(self.rows[p])].min()) for p in fallen)
-        return f"silent for the last {age / self.bus.cycle_rate_hz:.1f} s"
+        return f"silent for the last {age / self.skin.cycle_rate_hz:.1f} s"
 
     def _unknown(self) -> Iterator[Finding]:
         ids: dict[int, list[tuple[Heard, int]]] = {}
@@ -365,8 +365,8 @@ class BusRules:
         survey, cycles = self.survey, self.survey.cycles
         if cycles < LONG_SILENCE:
             return
-        if self.bus.sync_id is None:
-            cycles = survey.seconds * self.bus.cycle_rate_hz
+        if self.skin.sync_id is None:
+            cycles = survey.seconds * self.skin.cycle_rate_hz
         data, lost = (survey.by_frame(kind) for kind in ("data", "lost"))
         extra = survey.by_frame("late") + survey.by_frame("repeated")
         for place, row in enumerate(self.rows):
@@ -375,17 +375,17 @@ class BusRules:
                 continue
             share = (data[row] + extra[row]) / cycles
             divided = 1.0 / round(1.0 / share) if share <= 0.6 else 1.0
-            even = self.bus.sync_id is not None and abs(share / divided - 1.0) < 0.05
-            free = self.bus.sync_id is None and lost[row] < 0.5 * (cycles - data[row])
+            even = self.skin.sync_id is not None and abs(share / divided - 1.0) < 0.05
+            free = self.skin.sync_id is None and lost[row] < 0.5 * (cycles - data[row])
             twice = share > 1.0 + _RATE_TOLERANCE and not self._is_double(units)
             self.slow[place] = share < 1.0 - _RATE_TOLERANCE and (free or (even and divided < 1.0))
             if twice or self.slow[place]:
                 yield Finding(
                     "wrong-rate", "warning", self._frame(place), int(data[row]),
-                    f"sends at {share * self.bus.cycle_rate_hz:.1f} Hz; expected "
-                    f"{self.bus.cycle_rate_hz:g} Hz",
+                    f"sends at {share * self.skin.cycle_rate_hz:.1f} Hz; expected "
+                    f"{self.skin.cycle_rate_hz:g} Hz",
                     "a unit configured to another rate" + (
-                        ", or too slow to answer each SYNC" if self.bus.sync_id is not None else ""
+                        ", or too slow to answer each SYNC" if self.skin.sync_id is not None else ""
                     ),
                 )  # fmt: skip
 
@@ -406,7 +406,7 @@ class BusRules:
              "this unit takes too long from SYNC to its frame",
              "the bus is too full for the cycle rate, or this host is late"),
         ):  # fmt: skip
-            if kind == "late" and self.bus.sync_id is not None and not survey.syncs[self.index]:
+            if kind == "late" and self.skin.sync_id is not None and not survey.syncs[self.index]:
                 continue  # without a SYNC frames cannot be late
             explained = doubled | ((self.interrupted | self.slow) & (kind == "lost"))
             counts = survey.by_frame(kind)[self.rows] * ~explained

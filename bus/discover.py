@@ -168,11 +168,12 @@ class Survey:
 
     def _hear(self, frames: np.ndarray) -> None:
         own = (frames["origin"] & ECHO) != 0
-        for b, bus in enumerate(self.topology.buses):
+        sync_id = self.topology.sync_id
+        for b in range(len(self.topology.buses)):
             here = frames["bus"] == b
             self.traffic[b] += np.count_nonzero(here & ~own)
-            if bus.sync_id is not None:
-                is_sync = here & (frames["id"] == bus.sync_id)
+            if sync_id is not None:
+                is_sync = here & (frames["id"] == sync_id)
                 self.syncs[b] += np.count_nonzero(is_sync)
                 self.foreign_syncs[b] += np.count_nonzero(is_sync & ~own)
         data = frames[~own & ((frames["id"] & np.uint32(CAN_RTR)) == 0)]
@@ -264,7 +265,7 @@ def listen(
     """
     skin, batch, waiter = survey.topology, FrameBatch(4096), Waiter(transports)
     period_ns = round(1e9 / skin.cycle_rate_hz)
-    sends = sync == "host" and skin.buses[0].sync_id is not None
+    sends = sync == "host" and skin.sync_id is not None
     survey.sends_sync = sends
     now = due = clock()
     end = now + round(seconds * 1e9)
@@ -299,7 +300,7 @@ def _send_sync(
     frames["stamp_ns"], frames["length"], frames["origin"] = time.time_ns(), 1, ECHO
     frames["data"][:, 0] = counter & 0xFF
     is_taken = np.zeros(frames.size, bool)
-    for i, (bus, transport) in enumerate(zip(skin.buses, transports, strict=True)):
-        frames[i]["id"], frames[i]["bus"] = bus.sync_id, i
+    for i, transport in enumerate(transports):
+        frames[i]["id"], frames[i]["bus"] = skin.sync_id, i
         is_taken[i] = transport.send(frames[i : i + 1])
     return frames, is_taken

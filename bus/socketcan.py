@@ -63,7 +63,7 @@ def filters(topology: Topology, index: int) -> np.ndarray | None:
         Identifiers and masks; None where they exceed the kernel's limit.
     """
     wanted = np.unique(topology.frames.can_id[topology.frames.bus == index])
-    sync = topology.buses[index].sync_id
+    sync = topology.sync_id
     wanted = np.union1d(wanted, [] if sync is None else [sync]).astype(np.uint32)
     if wanted.size + 1 > FILTERS_MAX:
         return None

@@ -139,7 +139,7 @@ class FrameTable:
             if layout.pages:
                 row["pages"], row["page"] = layout.parts, layout.pages[part]
             row["is_awaited"] = topology.enabled[carried].any()
-            has_sync = topology.buses[bus].sync_id is not None
+            has_sync = topology.sync_id is not None
             row["echoes"] = has_sync and layout.sequence == "sync"
             _frame_fields(layout, part, row)
         groups, parts = self._group(topology, len(firsts))

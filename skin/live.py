@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 from inspect import GEN_CLOSED, getgeneratorstate
 from itertools import chain
 from threading import Lock, RLock
@@ -15,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from bus.configure import Command, pack
-from bus.cycle import FrameCounters
 from bus.errors import BusClosedError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs import Recording
@@ -25,7 +26,7 @@ from bus.transport import Transport
 from bus.wait import Lull, Waiter
 from skin.errors import OptionError, SkinError, check_kind
 from skin.pipeline import Pipeline
-from skin.sinks import Attachable
+from skin.sinks import Attachable, Ending
 from skin.state import INVALID, State, Status
 from topology import Topology
 from topology.pose import pose_fault
@@ -74,7 +75,7 @@ class Skin(Attachable):
     transports : list of Transport
         This host's end of each bus, in order; closed with the skin.
     recorder : Recorder, optional
-        Records the run, with ``record=FILE``: see `report`.
+        Records the run, with ``record=FILE``; see `Recorder.report`.
     sync, pace
         As of `skin.open`.
     nodes : SimulatedUnits, optional
@@ -115,14 +116,15 @@ class Skin(Attachable):
         self.transports = transports
         self.timing = Timing()
         self.nodes, self.recorder = nodes, recorder
+        self._ends_s = math.inf if nodes is None else nodes.ends_s
         self._recording = log
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._lull = Lull(self._period_ns)
-        self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
-        self._keeps_stamps = all(bus.sync_id is not None for bus in topology.buses) and all(
+        self._sends_sync = sync == "host" and topology.sync_id is not None
+        self._keeps_stamps = topology.sync_id is not None and all(
             end.keeps_stamps for end in transports
         )
         self._sync_frames, self._wire_ns = sync_frames(topology)
@@ -161,11 +163,6 @@ class Skin(Attachable):
         """Changes of state of every bus so far, by its name: warnings, bus-off, unplugged, …"""
         pairs = zip(self.topology.buses, self.transports, strict=True)
         return [(bus.name, change) for bus, end in pairs for change in end.changes]
-
-    @property
-    def counters(self) -> FrameCounters:
-        """Counts of frames by outcome, running totals."""
-        return self.pipeline.counters
 
     @property
     def clocks(self) -> dict[str, dict[str, Any]]:
@@ -264,7 +261,9 @@ class Skin(Attachable):
             No such joint, the wrong number of coordinates, one that is not finite, or one outside
             its limits. No joint has moved then.
         """
-        self.pipeline.move_joints(q)
+        joints = self.joints
+        joints.move(q)
+        self.pipeline.move(*joints.unit_poses, joints.q)
 
     def turn(self, attitude: np.ndarray) -> None:
         """Report the attitude of the skin in the world, from an IMU or the robot's kinematics.
@@ -287,10 +286,18 @@ class Skin(Attachable):
         """
         self.pipeline.turn(attitude)
 
-    @property
+    @cached_property
     def joints(self) -> Joints:
-        """The robot's joints: their coordinates, and poses of links; see `skin.robot.joints`."""
-        return self.pipeline.joints
+        """The robot's joints: their coordinates, and poses of links; see `skin.robot.joints`.
+
+        Raises
+        ------
+        SkinError
+            The topology file has no [robot].
+        """
+        from skin.robot.joints import Joints
+
+        return Joints(self.topology)
 
     def link_pose(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """T_skin_link of the robot now; see `skin.robot.joints.Joints.link_pose`."""
@@ -375,7 +382,7 @@ class Skin(Attachable):
         """
         self._closed = True
         with self._closing, ExitStack() as ending:  # a full disk of the log must not keep sinks
-            ending.callback(self.pipeline.close)  # from their own, nor an adapter both
+            ending.callback(self.pipeline.sinks.stop)  # from their own, nor an adapter both
             if self._recording is not None:
                 ending.callback(self._recording.close)
             for transport in reversed(self.transports):
@@ -426,7 +433,7 @@ class Skin(Attachable):
     def _host_cycles(self) -> Generator[State]:
         """This host sends SYNC: one cycle each."""
         due = time.monotonic_ns()
-        while not self._closed and not self._is_over(self._number * self._period_ns):
+        while not self._closed and 1e-9 * (self._number * self._period_ns) < self._ends_s:
             if self._pace:
                 due, skipped = wait_until(due, self._period_ns)
                 self.timing.overruns += skipped
@@ -439,10 +446,6 @@ class Skin(Attachable):
             self._number += 1
             yield from self._answers()
             due += self._period_ns
-
-    def _is_over(self, time_ns: int) -> bool:
-        """Whether simulated units have a scene that is over at this time of it."""
-        return self.nodes is not None and 1e-9 * time_ns >= self.nodes.ends_s
 
     def _alone(self) -> str:
         """That nobody can answer, where no other end of a bus within the process is open."""
@@ -472,9 +475,10 @@ class Skin(Attachable):
         pipeline, lull = self.pipeline, self._lull
         asked_ns = heard_ns = time.monotonic_ns()
         until_ns = asked_ns + pipeline.assembler.deadline_ns
-        pipeline.catch_up()
+        if pipeline.zeros is not None:  # while frames are on their way
+            pipeline.zeros.work()
         looks, sleeps = 0, lull.ns > 0
-        while not self._closed and pipeline.pending:
+        while not self._closed and pipeline.assembler.pending:
             if sleeps and looks == 1:
                 wait_until(min(asked_ns + lull.ns, until_ns), self._period_ns)
             now_ns = time.monotonic_ns()  # frames that have arrived by then precede the deadline
@@ -482,15 +486,16 @@ class Skin(Attachable):
             self._receive(0 if sleeps and looks == 0 else until_ns - now_ns)
             looks, heard_ns = looks + 1, time.monotonic_ns()
             yield from self._feed(self._batch.frames)
-            yield from self._timed(now_ns, pipeline.expire)
+            yield from self._end(now_ns, Ending.EXPIRED)
         if heard_ns < until_ns:
             lull.learn(heard_ns - asked_ns, slept_too_long=looks <= 1 + sleeps)
 
     def _bus_cycles(self) -> Generator[State]:
         """Another node sends SYNC, or none does: cycles come as they close."""
         while not self._closed:
-            is_over = self.nodes is not None and self._is_over(self.nodes.time_ns())
-            self.pipeline.catch_up()
+            is_over = self.nodes is not None and 1e-9 * self.nodes.time_ns() >= self._ends_s
+            if self.pipeline.zeros is not None:
+                self.pipeline.zeros.work()
             self._receive(0 if is_over else self._period_ns)
             if is_over and not self._batch.frames.size:
                 return
@@ -498,7 +503,7 @@ class Skin(Attachable):
             if len(self.transports) > 1:
                 self._batch.merge()
             yield from self._feed(self._batch.frames)
-            yield from self._timed(now_ns, self.pipeline.expire, self.pipeline.silence)
+            yield from self._end(now_ns, Ending.EXPIRED, Ending.SILENT)
 
     def _sync(self, number: int) -> np.ndarray:
         """Send SYNC on every bus and return the frames, as a log has them."""
@@ -513,7 +518,7 @@ class Skin(Attachable):
         """Now, on a clock that is never set. Unpaced simulated units have a simulated time, one
         period a cycle; so has a bus within this process, whose frames have the stamps of the SYNCs
         that they answer."""
-        if (self.simulated or self._keeps_stamps) and not self._pace:
+        if not self._pace and (self.nodes is not None or self._keeps_stamps):
             return self._epoch_ns + self._number * self._period_ns
         return self._epoch_ns + time.monotonic_ns() - self._started_ns
 
@@ -540,12 +545,11 @@ class Skin(Attachable):
             yield state
             started = time.perf_counter_ns()
 
-    def _timed(self, now_ns: int, *closers: Callable[[int], State | None]) -> Iterator[State]:
-        """The first state that one of `closers` returns at this time, if any does."""
+    def _end(self, now_ns: int, *by: Ending) -> Iterator[State]:
+        """The state of a cycle that ends at this time, by the first of these that ends one."""
         started = time.perf_counter_ns()
-        for close in closers:
-            state = close(now_ns)
-            if state is not None:
+        for ending in by:
+            if (state := self.pipeline.end(ending, now_ns)) is not None:
                 self.timing.work_ns = time.perf_counter_ns() - started
                 yield state
                 return
@@ -555,7 +559,7 @@ def sync_frames(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """A SYNC for each bus without stamp and counter, shape (b,), FRAME_DTYPE, and its duration on
     the wire, nanoseconds, shape (b,), int64."""
     frames = np.zeros(len(topology.buses), FRAME_DTYPE)
-    frames["id"] = [bus.sync_id or 0 for bus in topology.buses]
+    frames["id"] = topology.sync_id or 0
     frames["length"], frames["bus"] = 1, np.arange(frames.size)
     bits_per_s = np.array([bus.bitrate for bus in topology.buses], float)
     return frames, np.round(SYNC_BITS * 1e9 / bits_per_s).astype(np.int64)

@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 import topology as topology_package
-from bus.cycle import WRONG_FRAMES, FrameCounters
+from bus.cycle import WRONG_FRAMES
 from bus.frame import CAN_ERR, CAN_RTR
 from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, beating_nodes
 from bus.logs import LogReader, buses_of, read
 from bus.processors import processors
 from skin.options import Options
-from skin.sinks import Attachable
+from skin.sinks import Attachable, Ending
 from skin.state import INVALID
 from topology import Topology
 
 if TYPE_CHECKING:
-    from skin.blocks.block import Block
+    from skin.blocks import Block
     from skin.pipeline import Pipeline
     from skin.state import State
 
-__all__ = ["DecodedLog", "LogWatch", "decode_log"]
+__all__ = ["DecodedLog", "LogWatch", "decode_log", "prefetch"]
 
+T = TypeVar("T")
 NEVER = np.iinfo(np.int64).min
 LONGEST_SILENCE_NS = 365 * 86_400 * 1_000_000_000
 """No log is silent for a year [assumed]."""
@@ -107,11 +110,6 @@ class DecodedLog(Attachable):
         self._cycles, self._has_valid = 0, not self.topology.feels.any()
 
     @property
-    def counters(self) -> FrameCounters:
-        """Counts of frames by outcome, running totals."""
-        return self.pipeline.counters
-
-    @property
     def faults(self) -> list[str]:
         """Faults of the log so far, as messages: where it is damaged, bus or SYNC missing, stamps
         that run back or jump ahead, frames that the logger lost, no valid reading."""
@@ -127,11 +125,6 @@ class DecodedLog(Attachable):
         """What is unusual, but no fault: another cycle rate than that of the topology."""
         return [f"{self._reader.path}: {note}" for note in self._watch.notes()]
 
-    def _count(self, of: State | Block, cycles: int) -> None:
-        """Look whether a state or block has a valid reading."""
-        self._cycles += cycles
-        self._has_valid = self._has_valid or bool(of.units.valid.any())
-
     @property
     def left_out(self) -> dict[str, int]:
         """Frames so far of each channel of the log that is no bus of the topology."""
@@ -144,18 +137,7 @@ class DecodedLog(Attachable):
         return {kind: count for kind, count in found if not kind.startswith("frame of ")}
 
     def __iter__(self) -> Iterator[State]:
-        self.pipeline.warmup()
-        try:
-            for frames in self._batches():
-                for state in self.pipeline.feed(frames):
-                    self._count(state, 1)
-                    yield state
-            last = self.pipeline.flush()
-            if last is not None:
-                self._count(last, 1)
-                yield last
-        finally:
-            self.pipeline.sinks.stop()
+        return self._states(self._batches(), own=True)
 
     def blocks(self, most: int | None = None, *, threads: bool | None = None) -> Iterator[Block]:
         """The same states, once, as arrays of many cycles: every number is the same to the bit.
@@ -170,26 +152,33 @@ class DecodedLog(Attachable):
             Whether threads read what comes next; if not given, where there is more than one
             processor.
         """
-        from skin.blocks.blocks import Blocks
-        from skin.blocks.prefetch import prefetch
+        from skin.blocks import blocks_of
 
-        self.pipeline.warmup()
-        blocks = Blocks(self.pipeline, most)
         self._reader.threads = threads = processors() > 1 if threads is None else threads
         batches = self._batches()
         if threads:
             batches = prefetch(frames.copy() for frames in batches)
+        return blocks_of(self._states(batches, own=False), self.pipeline, most)
+
+    def _states(self, batches: Iterable[np.ndarray], *, own: bool) -> Iterator[State]:
+        """States of their own, or the pipeline's `now` for each."""
+        pipeline = self.pipeline
+        pipeline.warmup()
         try:
             for frames in batches:
-                for block in blocks.feed(frames):
-                    self._count(block, len(block))
-                    yield block
-            last = blocks.flush()
-            if last is not None:
-                self._count(last, len(last))
+                for state in pipeline.feed(frames, own=own):
+                    self._count(state)
+                    yield state
+            if (last := pipeline.end(Ending.FLUSHED)) is not None:
+                self._count(last)
                 yield last
         finally:
-            self.pipeline.sinks.stop()
+            pipeline.sinks.stop()
+
+    def _count(self, state: State) -> None:
+        """Count a cycle, and look whether one has a valid reading."""
+        self._cycles += 1
+        self._has_valid = self._has_valid or bool(state.units.valid.any())
 
     def _batches(self) -> Iterator[np.ndarray]:
         """Frames as they are read; each batch is overwritten by the next one."""
@@ -198,6 +187,26 @@ class DecodedLog(Attachable):
             batch.frames["origin"] = 0
             self._watch.take(batch.frames)
             yield batch.frames
+
+
+def prefetch(items: Iterable[T], most: int = 4) -> Iterator[T]:
+    """The same items, produced by a thread before they are needed, up to `most`; exceptions are
+    passed on.
+
+    Examples
+    --------
+    >>> list(prefetch(range(3)))
+    [0, 1, 2]
+    """
+    coming, none = iter(items), object()
+    pool = ThreadPoolExecutor(1, "skin-prefetch")
+    try:
+        waiting = deque(pool.submit(next, coming, none) for _ in range(most))
+        while (item := waiting.popleft().result()) is not none:
+            waiting.append(pool.submit(next, coming, none))
+            yield item  # type: ignore[misc]
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 class LogWatch:
@@ -214,7 +223,9 @@ class LogWatch:
         self._nodes = [beating_nodes(topology, index) for index in range(count)]
         self._beats: dict[tuple[int, int], tuple[float, int]] = {}
         self._back = self._jump_ahead = ""
-        self._pulse = [bus.sync_id for bus in self._buses]
+        self._rate_hz, self._sync_id = topology.cycle_rate_hz, topology.sync_id
+        self._pulse = [topology.sync_id] * count
+        """Identifier of each bus that comes once a cycle; None until one is seen."""
         self._periods_ns: list[list[float]] = [[] for _ in self._buses]
 
     def take(self, frames: np.ndarray) -> None:
@@ -224,7 +235,7 @@ class LogWatch:
             here = np.flatnonzero(plain & (frames["bus"] == index))
             if not here.size:
                 continue
-            syncs = np.count_nonzero(frames["id"][here] == bus.sync_id)
+            syncs = np.count_nonzero(frames["id"][here] == self._sync_id)
             self._syncs[index] += syncs
             self._data[index] += here.size - syncs
             stamps = frames["stamp_ns"][here]
@@ -275,9 +286,9 @@ class LogWatch:
     def faults(self) -> Iterator[str]:
         """Faults, as messages."""
         for bus, data, syncs in zip(self._buses, self._data, self._syncs, strict=True):
-            if bus.sync_id is not None and data and not syncs:
+            if self._sync_id is not None and data and not syncs:
                 yield (
-                    f"bus {bus.name!r}: must carry SYNC (0x{bus.sync_id:03x}), which starts the "
+                    f"bus {bus.name!r}: must carry SYNC (0x{self._sync_id:03x}), which starts the "
                     f"cycles; got none in {data} frames"
                 )
         yield from self.jumps
@@ -293,14 +304,14 @@ class LogWatch:
             period_ns = float(np.median(periods)) if periods else float(self._period_ns)
             if abs(period_ns / self._period_ns - 1.0) > RATE_SHARE:
                 yield (
-                    f"bus {bus.name!r}: should have {bus.cycle_rate_hz:g} cycles a second, as the "
+                    f"bus {bus.name!r}: should have {self._rate_hz:g} cycles a second, as the "
                     f"topology says; got {1e9 / max(period_ns, 1.0):.4g}"
                 )
 
 
 def _nothing_valid(pipeline: Pipeline, cycles: int) -> str:
     """The fault of a log without a valid reading, with what the assembler and the units say."""
-    skin, counters = pipeline.topology, pipeline.counters
+    skin, counters = pipeline.topology, pipeline.assembler.counters
     why = [f"{count} {name} frames" for name in WRONG_FRAMES if (count := getattr(counters, name))]
     status = pipeline.decoder.reading.status[skin.feels] & int(INVALID)
     why += [f"{count} units flagged {str(flag.name).lower()}" for flag in INVALID

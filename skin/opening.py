@@ -117,7 +117,7 @@ def _nodes(topology: Topology, scene: Any, seed: int | None, sync: Sync) -> Simu
             return None
     except ValueError:  # an array
         raise OptionError(f"simulate: must be a scene; got {shown(scene)}") from None
-    if sync != "host" and topology.buses[0].sync_id is not None:
+    if sync != "host" and topology.sync_id is not None:
         raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
     from skin.sim.node import simulated_units
 
@@ -171,5 +171,5 @@ def _recording(
         raise OptionError(f"record: {name}: must end in one of {ends_known}")
     from skin.io.record.recorder import Recorder
 
-    pipeline.attach(recorder := Recorder(record, pipeline, ends))
+    pipeline.sinks.attach(recorder := Recorder(record, pipeline, ends))
     return recorder, None

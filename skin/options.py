@@ -48,7 +48,7 @@ class Options:
         Of the cross-talk of neighbours: 0 does not subtract it but adds it to sigma, 1 uses that of
         the last cycle, 2 is accurate.
     stencil : Stencil or None
-        Fields of the neighbours, as learned from the skin (`skin.calibrate.learn`); from magnet
+        Fields of the neighbours, as learned from the skin (`skin.calibrate.crosstalk`); from magnet
         theory if None. With ``sweeps=0`` only the field at rest is used.
     ambient : bool
         Estimate the ambient field and the zeros of untouched units, and subtract them.

@@ -10,28 +10,25 @@ stage to its arrays before the first cycle.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bus.assemble import Assembler
-from bus.cycle import ClosedBy, FrameCounters, RawCycle
+from bus.cycle import ClosedBy, RawCycle
 from skin.clock import Clock
 from skin.decode.decoder import Decoder
-from skin.errors import CountsError, check_kind, check_number
+from skin.errors import check_kind, check_number
 from skin.options import Options
-from skin.owned import Layout
-from skin.sinks import Ending, Sink, Sinks
-from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
+from skin.sinks import Ending, Sinks
+from skin.state import ARRAY_WANTS, UNIT_WANTS, State, arrays_in
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
     from skin.calibrate.zeros import Zeros
     from skin.contact.stream import ContactStream
     from skin.contact.unseen import Common
-    from skin.robot.joints import Joints
 
 __all__ = ["Pipeline"]
 
@@ -62,7 +59,7 @@ class Pipeline:
     deadline_s : float or None
         As given.
     sinks : Sinks
-        Sinks of the cycles; see `attach`.
+        Sinks of the cycles.
     zeros : Zeros or None
         Takes the zeros of units; None where all units have theirs.
     poses : tuple of ndarray, shape (3, n) and (3, 3, n)
@@ -72,11 +69,14 @@ class Pipeline:
         were set without joints.
     lists_contacts : bool
         Whether states have contacts.
+    contact_capacity : int
+        Contacts that a state can have.
     now : State
         The last cycle on the pipeline's own arrays: the same object in each, valid until the next.
     counts : ndarray, shape (c, n), int16
     status : ndarray, shape (n,), uint16
-        Inputs of the decoder: counts and flags of the last cycle, written by the assembler.
+        Inputs of the decoder: counts and flags of the last cycle, written by the assembler, or by
+        who calls `state` without it.
 
     Raises
     ------
@@ -116,44 +116,19 @@ class Pipeline:
         self.counts, self.status = self.assembler.counts, self.assembler.status
         self.decoder = self._make_decoder()
         self.contacts = self._make_contacts()
-        self._total = (UNWANTED, UNWANTED, UNWANTED, UNWANTED)
-        self._label = self._slip = UNWANTED
-        if self.contacts is not None:
-            reading = self.decoder.reading
-            self.contacts.bind(
-                reading.force, reading.force_sigma, reading.displacement_mm,
-                reading.displacement_sigma_mm, reading.temperature, reading.valid,
-                self._shared(),
-            )  # fmt: skip
-            self._show(self.contacts)
+        self.contact_capacity = 0 if self.contacts is None else self.contacts.capacity
         self.clock = Clock(round(1e9 / topology.cycle_rate_hz))
         self._inputs = self.decoder.inputs(self.counts, self.status)
-        absent: tuple[str, ...] = () if self.lists_contacts else ("contacts",)
-        absent += ("whole", "untracked") if self.contacts is None else ()
-        whole = [] if self.contacts is None else [self.contacts.records[-1:]]
-        others = {"sampled_ns": self.assembler.sampled_ns, "totals": self.assembler.totals}
-        self._array = Layout(self.shown | others | dict.fromkeys(absent), whole)
-        self._units = self.decoder.layout
-        shown: dict[str, Any] = dict(self.shown)
         self.now = State(
-            -1, 0, self.decoder.reading, ClosedBy.END, self.assembler.totals, **shown,
+            -1, 0, self.decoder.reading, ClosedBy.END, self.assembler.totals,
             sampled_ns=self.assembler.sampled_ns, topology=topology,
         )  # fmt: skip
-        if options.auto_tare and self._lacks_zeros():
-            from skin.calibrate.zeros import Zeros
-
-            self.zeros = Zeros(self.decoder, doubt_n2=self._doubt_n2)
-
-    def _lacks_zeros(self) -> bool:
-        """Whether units have no tare that the decoder needs."""
-        topology = self.topology
-        lacking = topology.feels & ~topology.tared
-        return bool(lacking.any()) and not self.decoder.want <= {"temperature", "sigma"}
-
-    @property
-    def _doubt_n2(self) -> np.ndarray | None:
-        """What the zeros leave open, where the wrench takes it."""
-        return None if self.contacts is None else self.contacts.model.poses["doubt"]
+        if self.contacts is not None:
+            self._bind_contacts(self.contacts)
+        self._of_units, self._of_array = arrays_in(self.now.units), arrays_in(self.now)
+        lacking = (topology.feels & ~topology.tared).any()
+        if options.auto_tare and lacking and not self.decoder.want <= {"temperature", "sigma"}:
+            self.zeros = self._make_zeros(tare=True)
 
     def retake_zeros(self) -> None:
         """Take the zeros of all units again, in the next second in which nothing touches them.
@@ -162,18 +137,8 @@ class Pipeline:
         it between two cycles, in the thread that runs them.
         """
         if self.zeros is None:
-            from skin.calibrate.zeros import Zeros
-
-            self.zeros = Zeros(self.decoder, tare=False, doubt_n2=self._doubt_n2)
+            self.zeros = self._make_zeros(tare=False)
         self.zeros.retake()
-
-    def attach(self, sink: Sink) -> None:
-        """Attach a sink to all cycles to come; see `skin.sinks.Attachable.attach`."""
-        self.sinks.attach(sink)
-
-    def detach(self, sink: Sink) -> None:
-        """Stop and detach a sink; see `skin.sinks.Attachable.detach`."""
-        self.sinks.detach(sink)
 
     # -- stages, bound once ------------------------------------------------------------------------
 
@@ -217,6 +182,13 @@ class Pipeline:
             most_n=topology.parameters["normal_max_n"],
         )  # fmt: skip
 
+    def _make_zeros(self, *, tare: bool) -> Zeros:
+        """What takes zeros; what these leave open goes into the wrench."""
+        from skin.calibrate.zeros import Zeros
+
+        doubt_n2 = None if self.contacts is None else self.contacts.model.poses["doubt"]
+        return Zeros(self.decoder, tare=tare, doubt_n2=doubt_n2)
+
     def _shared(self) -> Common | None:
         """Errors that units have in common: the ambient field, where it is estimated."""
         from skin.contact.unseen import common_field
@@ -232,66 +204,38 @@ class Pipeline:
             by_strength=decoder.estimator == "sine",
         )  # fmt: skip
 
-    def _show(self, stream: ContactStream) -> None:
-        """Keep the arrays of the stream that every state shows."""
-        want, total = self.options.quantities, stream.total
-        wrench: tuple[np.ndarray, np.ndarray] = (UNWANTED, UNWANTED)
-        centroid: tuple[np.ndarray, np.ndarray] = (UNWANTED, UNWANTED)
+    def _bind_contacts(self, stream: ContactStream) -> None:
+        """Let the stream read what is decoded, and `now` show its arrays that are wanted."""
+        want, now, total = self.options.quantities, self.now, stream.total
+        decoded = self.decoder.reading
+        stream.bind(
+            decoded.force, decoded.force_sigma, decoded.displacement_mm,
+            decoded.displacement_sigma_mm, decoded.temperature, decoded.valid, self._shared(),
+        )  # fmt: skip
         if "wrench" in want:
-            wrench = total.wrench, total.wrench_sigma
+            now.wrench, now.wrench_sigma = total.wrench, total.wrench_sigma
         if "centroid" in want:
-            centroid = total.centroid, total.centroid_covariance
-        self._total = (*wrench, *centroid)
+            now.centroid, now.centroid_covariance = total.centroid, total.centroid_covariance
         if "slip" in want:
-            self._slip = stream.unit_slip
-        self._label = stream.label
-        cycle = stream.data.cycle
-        self._whole, self._untracked = cycle["whole"].data, cycle["untracked"].data
-
-    @property
-    def contact_capacity(self) -> int:
-        """Contacts that a state can have."""
-        return 0 if self.contacts is None else self.contacts.capacity
-
-    @property
-    def shown(self) -> dict[str, np.ndarray]:
-        """Array quantities of each state, by the names of `State`: arrays that stay the same, None
-        for what is not wanted."""
-        names = ("wrench", "wrench_sigma", "centroid", "centroid_covariance", "label", "slip")
-        return dict(zip(names, (*self._total, self._label, self._slip), strict=True))
-
-    @property
-    def watched(self) -> bool:
-        """Whether sinks see each cycle."""
-        return bool(self.sinks.live)
+            now.slip = stream.unit_slip
+        now.label = stream.label
+        self._whole, self._untracked = (
+            stream.data.cycle[name].data for name in ("whole", "untracked")
+        )
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
         from skin.compiling import compile_calls
 
-        steps = None if self.contacts is None else self.contacts.bound
-        compile_calls([*([] if steps is None else steps.calls), *self.decoder.calls()])
+        calls = [] if self.contacts is None else self.contacts.calls
+        compile_calls([*calls, *self.decoder.calls()])
         self.decoder.warmup()
-        if steps is not None:
-            steps.ready()
-
-    def close(self) -> None:
-        """Stop all sinks."""
-        self.sinks.stop()
+        if self.contacts is not None:
+            self.contacts.warmup()
 
     # -- cycles ------------------------------------------------------------------------------------
 
-    @property
-    def counters(self) -> FrameCounters:
-        """Counts of frames by outcome, running totals."""
-        return self.assembler.counters
-
-    @property
-    def pending(self) -> bool:
-        """Whether a cycle is open; see `bus.assemble.Assembler.pending`."""
-        return self.assembler.pending
-
-    def feed(self, frames: np.ndarray) -> Iterator[State]:
+    def feed(self, frames: np.ndarray, *, own: bool = True) -> Iterator[State]:
         """Take frames of all buses, in their order, and yield a state for every cycle that closes.
 
         Consume the whole iterator: frames are taken only as it advances.
@@ -299,79 +243,35 @@ class Pipeline:
         Parameters
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
+        own : bool
+            Whether states have arrays of their own; `now` is yielded if not.
         """
-        self.hear(frames)
-        for cycle in self.assembler.feed(frames):
-            yield self.state(cycle)
-
-    def hear(self, frames: np.ndarray) -> None:
-        """Pass frames, shape (m,), to the sinks that want them before they are assembled."""
         if self.sinks.live and frames.size:
             self.sinks.tell("frames", frames)
+        make = self.state if own else self.step
+        for cycle in self.assembler.feed(frames):
+            yield make(cycle)
 
-    def expire(self, now_ns: int) -> State | None:
-        """The state of the open cycle if its time is over; see `bus.assemble.Assembler.expire`."""
-        since_ns = self.assembler.since_ns if self.sinks.live else None
-        cycle = self.assembler.expire(now_ns)
-        if self.sinks.live:
-            self._show_ending(Ending.EXPIRED, cycle, since_ns, now_ns)
-        return None if cycle is None else self.state(cycle)
-
-    def silence(self, now_ns: int) -> State | None:
-        """A state without data where no SYNC comes; see `bus.assemble.Assembler.silence`."""
-        since_ns = self.assembler.since_ns if self.sinks.live else None
-        cycle = self.assembler.silence(now_ns)
-        if self.sinks.live:
-            self._show_ending(Ending.SILENT, cycle, since_ns, now_ns)
-        return None if cycle is None else self.state(cycle)
-
-    def flush(self) -> State | None:
-        """The state of what is open at the end of a log; None if nothing is."""
-        cycle = self.assembler.flush()
-        if cycle is None:
-            return None
-        self.sinks.tell("closing", Ending.FLUSHED, 0)
-        return self.state(cycle)
-
-    def _show_ending(
-        self, event: Ending, cycle: RawCycle | None, since_ns: int | None, now_ns: int
-    ) -> None:
-        """Report to sinks a cycle that a clock has closed, or whose time it begins to measure."""
-        starts = since_ns is None and self.assembler.since_ns is not None
-        if cycle is not None or starts:
-            self.sinks.tell("closing", event, 0 if since_ns is None else now_ns - since_ns)
-
-    def __call__(self, cycle: RawCycle) -> State:
-        """The state of a cycle that the caller has assembled.
-
-        Its counts and flags are copied. Feed a pipeline either frames or cycles, not both.
+    def end(self, by: Ending, now_ns: int = 0) -> State | None:
+        """The state of a cycle that ends without a frame, if one does: `bus.assemble.Assembler` has
+        when it expires, is silent, or is flushed.
 
         Parameters
         ----------
-        cycle : RawCycle
-
-        Returns
-        -------
-        State
-
-        Raises
-        ------
-        CountsError
-            The cycle is not of this topology.
+        by : Ending
+        now_ns : int
+            The assembler's clock; a flush needs none.
         """
-        for name, own, given in (
-            ("counts", self.counts, cycle.counts), ("status", self.status, cycle.status),
-        ):  # fmt: skip
-            if given.dtype != own.dtype or given.shape != own.shape:
-                raise CountsError(
-                    f"{self.topology.name}: {name}: must be an array of {own.dtype}, shape "
-                    f"{own.shape}; got {given.dtype}, shape {given.shape}"
-                )
-            own[:] = given
-        self.assembler.totals[:] = cycle.totals
-        if cycle.sampled_ns.size:
-            self.assembler.sampled_ns[:] = cycle.sampled_ns
-        return self.state(cycle)
+        assembler, since_ns = self.assembler, self.assembler.since_ns
+        if by is Ending.FLUSHED:
+            cycle, elapsed_ns = assembler.flush(), 0
+        else:
+            cycle = (assembler.expire if by is Ending.EXPIRED else assembler.silence)(now_ns)
+            elapsed_ns = 0 if since_ns is None else now_ns - since_ns
+        starts = since_ns is None and assembler.since_ns is not None  # to measure its time
+        if self.sinks.live and (cycle is not None or starts):
+            self.sinks.tell("closing", by, elapsed_ns)
+        return None if cycle is None else self.state(cycle)
 
     def move(self, position: np.ndarray, rotation: np.ndarray, q: np.ndarray | None = None) -> None:
         """Set the poses of the units for the cycles to come, and the joints that they are of where
@@ -386,26 +286,6 @@ class Pipeline:
         if self.sinks.live:
             self.sinks.tell("moved", *self.poses)
 
-    @cached_property
-    def joints(self) -> Joints:
-        """The joints of the robot that carries the skin, made when they are first asked for.
-
-        Raises
-        ------
-        SkinError
-            The topology has no robot.
-        """
-        from skin.robot.joints import Joints
-
-        return Joints(self.topology)
-
-    def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
-        """Set joints, and the poses of the units by them, for the cycles to come; see
-        `skin.live.Skin.move_joints`."""
-        joints = self.joints
-        joints.move(q)
-        self.move(*joints.unit_poses, joints.q)
-
     def turn(self, attitude: np.ndarray) -> None:
         """Report the attitude of the skin in the world; see `skin.live.Skin.turn`."""
         ambient = self.decoder.ambient
@@ -418,22 +298,19 @@ class Pipeline:
 
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags are in `counts` and `status` already."""
-        now = self.step(cycle)
-        own = now.owned(self._units, self._array)
-        if self.contacts is not None and self.lists_contacts:
-            own.contacts = self.contacts.contacts
-        return own
-
-    def catch_up(self) -> None:
-        """Do what the last cycle has left to do for the zeros of units. A live loop calls it while
-        frames are on their way; else the next cycle does."""
-        if self.zeros is not None:
-            self.zeros.work()
+        now, contacts = self.step(cycle), self.contacts
+        kept = contacts.contacts if contacts is not None and self.lists_contacts else None
+        return now.owned(self._of_units, self._of_array, kept)
 
     def step(self, cycle: RawCycle) -> State:
-        """As `state`, but returns `now`, which the next cycle overwrites."""
-        self.catch_up()
-        now, clock, contacts = self.now, self.clock, self.contacts
+        """The cycle: time; counts to forces (`Decoder.step`: films of neighbours, laws of the units,
+        relaxation, ambient field); contacts and their slip (`ContactStream.step`); zeros; sinks.
+
+        As `state`, but returns `now`, which the next cycle overwrites.
+        """
+        now, clock, contacts, zeros = self.now, self.clock, self.contacts, self.zeros
+        if zeros is not None:
+            zeros.work()  # what the last cycle has left, unless the live loop has had the time
         clock.tick(cycle.number, cycle.stamp_ns)
         self.decoder.step(self._inputs, 1e-9 * clock.elapsed_ns)
         if contacts is not None:
@@ -441,8 +318,8 @@ class Pipeline:
             if self.lists_contacts:
                 now.contacts = contacts.now
             now.whole, now.untracked = bool(self._whole[0]), self._untracked[0]
-        if self.zeros is not None:
-            self.zeros.look(self.counts, self.status)
+        if zeros is not None:
+            zeros.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
         now.overruns = clock.overruns
         if self.sinks.live:

@@ -34,6 +34,7 @@ from skin.errors import OptionError, check_kind
 from skin.worker import RingBuffer, Worker
 
 if TYPE_CHECKING:
+    from bus.cycle import FrameCounters
     from skin.pipeline import Pipeline
     from skin.state import State
 
@@ -56,11 +57,11 @@ class Ending(IntEnum):
     """Reasons to end a cycle without a frame; the numbers of ``f3t_msgs/msg/CanFrames``."""
 
     EXPIRED = 1
-    """Deadline: `Pipeline.expire`."""
+    """Deadline: `Assembler.expire`."""
     SILENT = 2
-    """No SYNC: `Pipeline.silence`."""
+    """No SYNC: `Assembler.silence`."""
     FLUSHED = 3
-    """End of the log: `Pipeline.flush`."""
+    """End of the log: `Assembler.flush`."""
 
 
 class Sink:
@@ -135,12 +136,17 @@ class Attachable:
         OptionError
             It is not a sink, has none of the methods, or is attached already.
         """
-        self.pipeline.attach(sink)
+        self.pipeline.sinks.attach(sink)
         return sink
 
     def detach(self, sink: Sink) -> None:
         """Stop and detach a sink; does nothing where it is not attached."""
-        self.pipeline.detach(sink)
+        self.pipeline.sinks.detach(sink)
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Counts of frames by outcome, running totals."""
+        return self.pipeline.assembler.counters
 
     @property
     def sinks(self) -> list[SinkReport]:
@@ -401,7 +407,7 @@ class WorkerSink(Sink):
 
     def close(self) -> None:
         """Detach, and end the process after its backlog; may be called twice."""
-        self.pipeline.detach(self)
+        self.pipeline.sinks.detach(self)
         self._worker.close()
 
     def described_loss(self) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -10,13 +11,12 @@ import numpy as np
 from bus.cycle import ClosedBy, FrameCounters
 from bus.status import INVALID, Status
 from skin.errors import NotWantedError
-from skin.owned import Layout, Lazy
 from topology import Topology
 
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
 
-__all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "if_wanted"]
+__all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "arrays_in", "if_wanted"]
 
 UNIT_WANTS = (
     "temperature",
@@ -35,8 +35,8 @@ raises NotWantedError; the inputs of a wanted quantity are computed with it (a w
 slip needs contacts)."""
 
 UNWANTED: Any = None
-"""Placeholder of quantities that are not wanted, in blocks and within a pipeline. The types below
-are those of wanted quantities."""
+"""Placeholder of quantities that are not wanted, in blocks and within a pipeline; states of users
+lack them. The types below are those of wanted quantities."""
 
 _NEEDS = {
     "displacement_mm": ("displacement",),
@@ -53,16 +53,20 @@ _NEEDS = {
 """Names for `want` of quantities with other names."""
 
 
-class _Wanted(Lazy):
-    """A record that has the wanted quantities."""
+class _Wanted:
+    """A record that has the wanted quantities alone."""
 
     __slots__ = ()
 
-    def _refuse_unwanted(self, name: str) -> None:
-        wants = _NEEDS.get(name, (name,))
-        given = repr(wants[0]) if len(wants) == 1 else f"{{{', '.join(map(repr, wants))}}}"
-        expected = f"must be wanted to be read (want={given})"
-        raise NotWantedError(f"{name}: {expected}; got states without")
+    def __getattr__(self, name: str) -> Any:
+        """An attribute that is not there: refuses quantities that are not wanted."""
+        kind = type(self)
+        if name in kind.__slots__ or isinstance(getattr(kind, name, None), property):
+            wants = _NEEDS.get(name, (name,))
+            given = repr(wants[0]) if len(wants) == 1 else f"{{{', '.join(map(repr, wants))}}}"
+            expected = f"must be wanted to be read (want={given})"
+            raise NotWantedError(f"{name}: {expected}; got states without")
+        raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}")
 
 
 @dataclass(slots=True)
@@ -120,6 +124,10 @@ class Reading(_Wanted):
     displacement_sigma_mm: np.ndarray = UNWANTED
     field_ut: np.ndarray = UNWANTED
     test_ratio: np.ndarray = UNWANTED
+
+    def copy(self) -> Reading:
+        """The same reading with arrays of its own."""
+        return _copied(self, arrays_in(self))
 
     def __repr__(self) -> str:
         """Units, contacts and faults, in a line."""
@@ -260,7 +268,7 @@ class State(_Wanted):
     @property
     def coverage(self) -> float:
         """Share of the sensing area whose units are valid."""
-        return valid_share(self.topology, self.units.valid)
+        return float(valid_share(self.topology, self.units.valid))
 
     @property
     def slips(self) -> list[Contact]:
@@ -269,30 +277,33 @@ class State(_Wanted):
             return UNWANTED
         return [contact for contact in self.contacts if contact.onset_s == 0.0]
 
-    def owned(self, units: Layout, array: Layout) -> State:
-        """The same state with its own copy of the arrays of these layouts."""
-        own, reading = State.__new__(State), Reading.__new__(Reading)
-        reading.take(units)
-        own.take(array)
-        own.cycle, own.stamp_ns, own.units = self.cycle, self.stamp_ns, reading
-        own.closed_by = self.closed_by
+    def owned(
+        self, of_units: Mapping[str, np.ndarray], of_array: Mapping[str, np.ndarray],
+        contacts: list[Contact] | None,
+    ) -> State:  # fmt: skip
+        """The same state with copies of these of its arrays (see `arrays_in`), and with these
+        contacts."""
+        own = _copied(self, of_array)
+        own.units = _copied(self.units, of_units)
+        own.cycle, own.stamp_ns, own.closed_by = self.cycle, self.stamp_ns, self.closed_by
         own.overruns, own.topology = self.overruns, self.topology
-        if self.whole is not None:
-            own.whole, own.untracked = self.whole, self.untracked
+        if (whole := getattr(self, "whole", None)) is not None:
+            own.whole, own.untracked = whole, self.untracked
+        if contacts is not None:
+            own.contacts = contacts
         return own
 
     def copy(self) -> State:
         """The same state with writable arrays and contacts of its own."""
-        others: dict[str, Any] = {"units": _copied(self.units)}
-        if (contacts := if_wanted(self, "contacts")) is not None:
-            others["contacts"] = [contact.copy() for contact in contacts]
-        return _copied(self, **others)
+        contacts: list[Contact] | None = if_wanted(self, "contacts")
+        kept = None if contacts is None else [contact.copy() for contact in contacts]
+        return self.owned(arrays_in(self.units), arrays_in(self), kept)
 
 
-def valid_share(topology: Topology, valid: np.ndarray) -> float:
-    """Share of the sensing area whose units are valid."""
+def valid_share(topology: Topology, valid: np.ndarray) -> Any:
+    """Share of the sensing area whose units are valid, of a cycle or of each of several."""
     area = topology.area
-    return float(area.dot(valid) / area.dot(np.ones_like(valid)))
+    return (area * valid).sum(axis=-1) / area.sum()
 
 
 T = TypeVar("T", Reading, State)
@@ -303,16 +314,17 @@ def if_wanted(record: Reading | State, name: str) -> Any:
     return getattr(record, name, None)
 
 
-def _copied(record: T, **others: Any) -> T:
-    """The same record with arrays of its own, and `others` replaced."""
-    own = type(record).__new__(type(record))
-    if hasattr(record, "_layout"):
-        own.have(record._block, record._layout)
-    for field in fields(record):
-        if hasattr(record, field.name):
-            value = others.get(field.name, getattr(record, field.name))
-            is_own = field.name not in others and hasattr(value, "copy")
-            setattr(own, field.name, value.copy() if is_own else value)
+def arrays_in(record: Any) -> dict[str, np.ndarray]:
+    """The arrays that a record with slots has, by name."""
+    found = {name: getattr(record, name, None) for name in type(record).__slots__}
+    return {name: one for name, one in found.items() if isinstance(one, np.ndarray)}
+
+
+def _copied(record: T, arrays: Mapping[str, np.ndarray]) -> T:
+    """A record with copies of these arrays, and nothing else."""
+    own = object.__new__(type(record))
+    for name, array in arrays.items():
+        setattr(own, name, array.copy())
     return own
 
 

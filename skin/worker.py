@@ -2,9 +2,9 @@
 
 Work that must not delay a cycle (recording, publishing, the live view) has a process of its own,
 since a thread would share the interpreter's lock. The loop copies a record into the ring and
-continues; it never waits. Requests and answers go over a socket, one line of JSON each. When the
-loop's process ends, for any reason, the socket closes and the worker ends. The ring buffer is
-unnamed memory, so that nothing is left behind.
+continues; it never waits. Requests and answers go over a pipe, as JSON. When the loop's process
+ends, for any reason, the pipe closes and the worker ends. The ring buffer is unnamed memory, so
+that nothing is left behind.
 
 ::
 
@@ -18,10 +18,10 @@ import json
 import mmap
 import os
 import select
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -39,7 +39,7 @@ LINE = 64
 LONGEST_S = 60.0
 """Timeout of an answer [assumed: a worker imports and compiles before its first]."""
 SHORT = 8192
-"""Longest command in bytes: one that a writable socket takes whole [derived: it is writable with
+"""Longest command in bytes: one that a writable pipe takes whole [derived: it is writable with
 three quarters of its buffer free]."""
 ENDS_S = 10.0
 """Timeout of a worker to end, once asked to [assumed]."""
@@ -155,8 +155,7 @@ class Worker:
     ) -> None:
         *_, room, name = module.split(".")
         self._name, self._lock = room if name == "process" else name, Lock()
-        self._socket, theirs = socket.socketpair()
-        self._lines = self._socket.makefile("r", encoding="utf-8")
+        self._pipe, theirs = Pipe()
         root = str(Path(__file__).parents[1])
         paths = filter(None, (root, os.environ.get("PYTHONPATH")))
         with theirs:
@@ -168,10 +167,10 @@ class Worker:
                 start_new_session=True,  # Ctrl-C interrupts only the loop, which ends the worker
             )
         ring.close()
-        self._send(
-            {"dtype": ring.dtype.descr, "slots": ring.slots, "nice": niceness,
-             "request": request}
-        )  # fmt: skip
+        first = {
+            "dtype": ring.dtype.descr, "slots": ring.slots, "nice": niceness, "request": request
+        }  # fmt: skip
+        self._pipe.send_bytes(_packed(first))
 
     @property
     def process_id(self) -> int:
@@ -193,11 +192,14 @@ class Worker:
         """
         with self._lock:
             try:
-                self._send({"command": command} | values)
-                self._socket.settimeout(timeout_s)
-                line = self._lines.readline()
-            except (BrokenPipeError, ConnectionResetError):
-                line = ""
+                if not self._takes(timeout_s):
+                    raise TimeoutError("timed out")
+                self._pipe.send_bytes(_packed({"command": command} | values))
+                if not self._pipe.poll(timeout_s):
+                    raise TimeoutError("timed out")
+                line = self._pipe.recv_bytes()
+            except (EOFError, BrokenPipeError, ConnectionResetError):
+                line = b""
             except BaseException as error:  # an interrupt, too
                 self._process.kill()  # a late answer would be read as that of the next command
                 if not isinstance(error, OSError):
@@ -214,29 +216,29 @@ class Worker:
     def send(self, command: str, **values: Any) -> bool:
         """Send a command without an answer; never waits. False where the worker cannot take it: it
         has ended or has a backlog."""
-        line = _line({"command": command} | values)
+        line = _packed({"command": command} | values)
         with self._lock:
             try:
-                if len(line) > SHORT or not select.select([], [self._socket], [], 0)[1]:
+                if len(line) > SHORT or not self._takes(0.0):
                     return False
-                self._socket.sendall(line)
-            except (OSError, ValueError):
+                self._pipe.send_bytes(line)
+            except OSError:
                 return False
         return True
 
     def close(self, timeout_s: float = ENDS_S) -> None:
         """End the worker after its backlog; may be called twice."""
         with self._lock:
-            self._lines.close()
-            self._socket.close()
+            self._pipe.close()
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
 
-    def _send(self, message: dict[str, Any]) -> None:
-        self._socket.sendall(_line(message))
+    def _takes(self, timeout_s: float) -> bool:
+        """Whether the worker can be sent something within this time."""
+        return bool(select.select([], [self._pipe], [], timeout_s)[1])
 
 
 class WorkerEnd:
@@ -253,8 +255,7 @@ class WorkerEnd:
 
     def __init__(self) -> None:
         at, memory = (int(text) for text in sys.argv[1:])
-        self._socket = socket.socket(fileno=at)
-        self._rest = b""
+        self._pipe: Connection[Any, Any] = Connection(at)
         self.ended = False
         first = self.command(None)
         if first is None:
@@ -268,22 +269,18 @@ class WorkerEnd:
 
     def command(self, timeout_s: float | None = 0.0) -> dict[str, Any] | None:
         """The next command, or None at the timeout; None as timeout waits for ever."""
-        while b"\n" not in self._rest and not self.ended:
-            if not select.select([self._socket], [], [], timeout_s)[0]:
-                return None
-            try:
-                got = self._socket.recv(1 << 16)
-            except ConnectionResetError:
-                got = b""
-            self._rest += got
-            self.ended = not got
-        line, found, self._rest = self._rest.partition(b"\n")
-        return json.loads(line) if found else None
+        if self.ended or not self._pipe.poll(timeout_s):
+            return None
+        try:
+            return json.loads(self._pipe.recv_bytes())
+        except (EOFError, ConnectionResetError):
+            self.ended = True
+            return None
 
     def answer(self, **values: Any) -> None:
         """Answer the command; an ``error`` is raised in the loop's process."""
         try:
-            self._socket.sendall(_line(values))
+            self._pipe.send_bytes(_packed(values))
         except OSError:
             self.ended = True
 
@@ -326,16 +323,17 @@ class Service:
 
 def serve(end: WorkerEnd, service: Service) -> None:
     """Take records and execute commands until the loop has ended."""
-    ring = end.ring
+    ring, known = end.ring, service.commands
     while not service.is_done:
         ended = end.ended  # before its last records are read
         _read(ring, service, AT_ONCE)
         service.look()
-        command = end.command(0.0 if ended else service.rests_s(ring.waiting))
-        if command is not None:
+        given = end.command(0.0 if ended else service.rests_s(ring.waiting))
+        if given is not None:
             _read(ring, service, ring.waiting)
-            answer = _obey(service, **command)
-            if answer is not None:
+            if (name := given.pop("command")) not in known:
+                end.answer(error=f"command: must be one of {', '.join(known)}; got {name!r}")
+            elif (answer := known[name](**given)) is not None:
                 end.answer(**answer)
         elif ended and not (service.reads_to_end and ring.waiting):
             service.stop()
@@ -348,13 +346,6 @@ def _read(ring: RingBuffer, service: Service, most: int) -> None:
         most -= records.size
         service.take(records)
         ring.release(records.size)
-
-
-def _obey(service: Service, command: str, **values: Any) -> dict[str, Any] | None:
-    known = service.commands
-    if command not in known:
-        return {"error": f"command: must be one of {', '.join(known)}; got {command!r}"}
-    return known[command](**values)
 
 
 def run(make: Callable[[WorkerEnd], Service]) -> None:
@@ -375,5 +366,5 @@ def run(make: Callable[[WorkerEnd], Service]) -> None:
     serve(end, service)
 
 
-def _line(message: dict[str, Any]) -> bytes:
-    return json.dumps(message, allow_nan=False).encode() + b"\n"
+def _packed(message: dict[str, Any]) -> bytes:
+    return json.dumps(message, allow_nan=False).encode()

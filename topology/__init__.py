@@ -5,7 +5,7 @@ from topology.errors import TopologyError
 from topology.load import builtin, load
 from topology.model import CREEP_TERMS, MODELS, THETA_KNOTS, UnitModel
 from topology.robot import RobotModel, read_model
-from topology.schema import Bus
+from topology.schema import Bus, json_schema
 from topology.wire import CHANNELS, LAYOUTS, Signal, WireLayout
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "UnitModel",
     "WireLayout",
     "builtin",
+    "json_schema",
     "load",
     "read_model",
 ]

@@ -11,13 +11,16 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from topology.errors import MESSAGES, Issue, TopologyError, unknown_unit
-from topology.parameter_roles import SIGMAS
+from topology.errors import Issue, TopologyError, unknown_unit
+from topology.model import SIGMAS
 from topology.robot.model import RobotModel
 from topology.schema import Bus
 from topology.wire import WireLayout
 
-__all__ = ["Frames", "Topology", "seal"]
+__all__ = ["EXTENDED", "Frames", "Topology", "seal"]
+
+EXTENDED = 0x8000_0000
+"""Bit 31 of a SocketCAN identifier: it is a 29-bit one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,10 @@ class Topology:
         Name of the skin.
     path : Path or None
         The source file.
+    cycle_rate_hz : float
+        Cycles a second, on all buses.
+    sync_id : int or None
+        Identifier of SYNC on all buses; None where units send freely.
     buses : tuple of Bus
         The buses, in the order of the file.
     layouts : tuple of WireLayout
@@ -106,12 +113,12 @@ class Topology:
         The robot that carries the skin; `position` and `rotation` are those at its home.
     serials : tuple of str, length n or 0
         Serial number of each unit by its calibration file; "" without one.
-    notes : tuple of str
-        What the files have that is passed over.
     """
 
     name: str
     path: Path | None
+    cycle_rate_hz: float
+    sync_id: int | None
     buses: tuple[Bus, ...]
     layouts: tuple[WireLayout, ...]
     frames: Frames
@@ -134,7 +141,6 @@ class Topology:
     patch_links: tuple[str, ...] = ()
     robot: RobotModel | None = None
     serials: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Contents in a line."""
@@ -159,11 +165,6 @@ class Topology:
     def n(self) -> int:
         """Number of units."""
         return len(self.unit_names)
-
-    @property
-    def cycle_rate_hz(self) -> float:
-        """Cycle rate, the same on all buses of a skin."""
-        return self.buses[0].cycle_rate_hz
 
     @property
     def counts_only(self) -> np.ndarray:
@@ -214,8 +215,8 @@ class Topology:
             names = channel.split(",")
             if len(set(names)) != len(buses):
                 expected = f"one of its own for each bus ({', '.join(b.name for b in buses)})"
-                message = MESSAGES["value"].format(expected=expected, got=repr(channel))
-                raise TopologyError([Issue("value", self.name, 0, "channel", message)])
+                message = f"must be {expected}; got {channel!r}"
+                raise TopologyError([Issue(self.name, 0, "channel", message)])
             buses = tuple(replace(b, channel=name) for b, name in zip(buses, names, strict=True))
         return dataclasses.replace(self, buses=buses)
 

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from topology.address import EXTENDED
-from topology.arrays import Frames
+from topology.arrays import EXTENDED, Topology
 from topology.schema import Bus
-from topology.wire import WireLayout
 
 __all__ = ["BusLoad", "bus_load", "classic_bits", "fd_bits", "frame_seconds"]
 
@@ -95,37 +93,30 @@ class BusLoad:
     highest_rate_hz: float
 
 
-def bus_load(index: int, bus: Bus, frames: Frames, layouts: tuple[WireLayout, ...]) -> BusLoad:
+def bus_load(topology: Topology, index: int) -> BusLoad:
     """Worst-case load of a bus: SYNC and all data frames every cycle, heartbeats every second.
 
     Parameters
     ----------
+    topology : Topology
     index : int
-        Of the bus, as in `frames.bus`.
-    bus : Bus
-    frames : Frames
-        Of the skin.
-    layouts : tuple of WireLayout
-        Indexed by `frames.layout`.
+        Of the bus.
     """
+    bus, frames = topology.buses[index], topology.frames
     here = frames.bus == index
+    cycle_s = frame_seconds(SYNC_SIZE, False, bus) if topology.sync_id is not None else 0.0
     kinds = np.stack([frames.layout[here], (frames.can_id[here] & EXTENDED) != 0])
-    cycle_s = frame_seconds(SYNC_SIZE, False, bus) if bus.sync_id is not None else 0.0
-    for (layout, extended), number in zip(*_counts(kinds), strict=True):
-        wire = layouts[layout]
-        cycle_s += number * frame_seconds(wire.size, wire.fd, bus, bool(extended))
-    own = ~np.array([layout.counts_only for layout in layouts], bool)
+    values, number = np.unique(kinds, axis=1, return_counts=True)
+    for (layout, extended), count in zip(values.T.tolist(), number.tolist(), strict=True):
+        wire = topology.layouts[layout]
+        cycle_s += count * frame_seconds(wire.size, wire.fd, bus, bool(extended))
+    own = ~np.array([layout.counts_only for layout in topology.layouts], bool)
     senders = int(np.count_nonzero((frames.part[here] == 0) & own[frames.layout[here]]))
     heartbeats = senders * frame_seconds(HEARTBEAT_SIZE, False, bus)
     room = max(bus.max_load - heartbeats, 0.0)
     return BusLoad(
         frames=int(np.count_nonzero(here)),
         cycle_s=cycle_s,
-        load=cycle_s * bus.cycle_rate_hz + heartbeats,
+        load=cycle_s * topology.cycle_rate_hz + heartbeats,
         highest_rate_hz=room / cycle_s if cycle_s else float("inf"),
     )
-
-
-def _counts(kinds: np.ndarray) -> tuple[list[tuple[int, int]], list[int]]:
-    values, number = np.unique(kinds, axis=1, return_counts=True)
-    return [tuple(v) for v in values.T.tolist()], number.tolist()

@@ -13,92 +13,117 @@
     frequency_rest_hz = 4512.5
     field_amplitude_ut = 10980.0
 
-Other parameters stay those of the model; exceptions in the topology file (`[[units]]`) override
-both.
+Other parameters stay those of the model; `[[overrides]]` of the topology file stand above both.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from collections.abc import Collection
+from typing import Annotated, Literal
 
-from topology.calibration_schema import CalibrationFile
-from topology.check.models import given_parameters
-from topology.check.names import refer
+from msgspec import Meta, field
+
 from topology.files import missing
 from topology.read import open_source, read
-from topology.report import Report
+from topology.schema import Parameters, Patch, Table
 from topology.source import Key, Source
 
-__all__ = ["read_calibration"]
+__all__ = ["CalibrationFile", "Covariance", "Measured", "read_calibration"]
 
-NEIGHBOURS_INCLUDED = "tared in place, resting neighbours included"
-"""End of `bench` where the offsets of Bx and By include the field of resting neighbours, which
-every decoder subtracts: it would be subtracted twice."""
+_Share = Annotated[float, Meta(ge=-1e15, le=1e15)]
+
+
+class Covariance(Table, frozen=True, kw_only=True):
+    """Covariance of parameters that were fitted together."""
+
+    parameters: Annotated[tuple[str, ...], Meta(description='Names; "name[3]" is of a list')]
+    sigma: Annotated[tuple[_Share, ...], Meta(description="One sigma of each")]
+    correlation: Annotated[
+        tuple[Annotated[float, Meta(ge=-1.0, le=1.0)], ...],
+        Meta(description="Below the diagonal, row by row"),
+    ] = ()
+
+
+class Measured(Table, frozen=True, kw_only=True):
+    """Identity of a unit, its recordings, and the residuals of its laws."""
+
+    serial: Annotated[str, Meta(description="Serial number")] = ""
+    hash: Annotated[str, Meta(description="SHA-256 of the recordings")] = ""
+    range: Annotated[
+        dict[str, tuple[_Share, _Share]], Meta(description="Lowest and highest recorded value")
+    ] = field(default_factory=dict)
+    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = field(
+        default_factory=dict
+    )
+    kept: Annotated[
+        tuple[str, ...], Meta(description="Parameters and laws that stay as the model has them")
+    ] = ()
+    covariance: tuple[Covariance, ...] = ()
+
+
+class CalibrationFile(Table, frozen=True, kw_only=True):
+    """A calibration file: measured parameters of the units of one patch."""
+
+    format: Annotated[Literal[1], Meta(description="Version of the file format")]
+    patch: Annotated[str, Meta(description="Patch that it belongs to")]
+    date: Annotated[str, Meta(description="When it was measured")] = ""
+    bench: Annotated[str, Meta(description="Where and how it was measured")] = ""
+    tared: Annotated[
+        tuple[str, ...], Meta(description="Units whose zeros were taken in their places")
+    ] = ()
+    simulated: Annotated[
+        tuple[str, ...], Meta(description="Units whose zeros are those of simulated ones")
+    ] = ()
+    units: Annotated[
+        dict[str, Parameters], Meta(description="Unit (`r3c4`) to the parameters that differ")
+    ] = field(default_factory=dict)
+    measured: Annotated[
+        dict[str, Measured], Meta(description="Unit to how its parameters were measured")
+    ] = field(default_factory=dict)
 
 
 def read_calibration(
-    patch: str, units: tuple[str, ...], key: Key, source: Source, report: Report
-) -> tuple[Source | None, dict[int, dict[str, Any]], list[int], dict[int, str]]:
+    patch: Patch, units: Collection[str], key: Key, source: Source, is_real: bool
+) -> tuple[Source, CalibrationFile] | None:
     """Read the calibration file that a patch names.
 
     Parameters
     ----------
-    patch : str
-        Its name.
-    units : tuple of str
+    patch : Patch
+    units : collection of str
         Names of its units, without the patch's.
     key : Key
         The `calibration` of the patch in the topology file, whose value is a path relative to it.
     source : Source
         The topology file.
-    report : Report
-        Collects the errors.
+    is_real : bool
+        A bus leads out of this process, where zeros of simulated units mean nothing.
 
     Returns
     -------
-    source : Source or None
-        The calibration file.
-    parameters : dict of int to dict
-        Parameters by index of the unit in its patch.
-    tared : list of int
-        Units whose zeros were taken in place.
-    serials : dict of int to str
-        Serial numbers of the measured units.
+    (Source, CalibrationFile) or None
+        None where it cannot be read, and reported.
     """
-    given = source.data["patches"][key[1]]["calibration"]
-    path = source.path.parent / given
-    shown = str(Path(source.shown).parent / given)
+    path, shown = source.named_file(str(patch.calibration))
     if missing(path):
-        report.add("no-calibration", source, key, path=shown, file=source.shown)
-        return None, {}, [], {}
-    calibration = open_source(path, shown, report)
-    if calibration is None:
-        return None, {}, [], {}
-    table = read(CalibrationFile, calibration, report)
-    if report.sound(calibration, (), "patch") and table.patch != patch:
-        report.add("calibration-patch", calibration, ("patch",), patch=repr(patch),
-                   line=source.line(key), file=source.shown, got=repr(table.patch))  # fmt: skip
-    if report.sound(calibration, (), "bench") and table.bench.endswith(NEIGHBOURS_INCLUDED):
-        report.add("tared-with-neighbours", calibration, ("bench",))
-    if table.simulated and any(
-        isinstance(bus, dict) and bus.get("interface", "memory") != "memory"
-        for bus in source.data["buses"]
-    ):
-        report.add("simulated-zeros", calibration, ("simulated",), file=source.shown)
-    known = {name: index for index, name in enumerate(units)}
-    parameters, kind = {}, f"a unit of patch {patch!r}"
-    tared = [
-        known[name] for i, name in enumerate(table.tared)
-        if refer(name, kind, known, ("tared", i), calibration, report)
-    ]  # fmt: skip
-    for name, entry in table.units.items():
-        at = ("units", name)
-        if not refer(name, kind, known, at, calibration, report) or entry is None:
-            continue
-        given = given_parameters(entry, at, calibration, report)
-        if given:
-            parameters[known[name]] = given
-    serials = {known[name]: own.serial for name, own in table.measured.items()
-               if name in known and own is not None}  # fmt: skip
-    return calibration, parameters, tared, serials
+        got = f"none at {shown} (`skin tare {source.shown}` writes it)"
+        source.fault(key, "an existing file", got)
+        return None
+    calibration = open_source(path, shown, source.report)
+    table = None if calibration is None else read(CalibrationFile, calibration)
+    if calibration is None or table is None:
+        return None
+    if table.patch != patch.name:
+        place = f"line {source.line(key)} of {source.shown}"
+        expected = f"{patch.name!r}, the patch that names this file ({place})"
+        calibration.fault(("patch",), expected, repr(table.patch))
+    if table.simulated and is_real:
+        got = f"zeros of simulated units (remove this file: `skin tare {source.shown}` writes it)"
+        expected = f"left out where a bus is real, as in {source.shown}"
+        calibration.fault(("simulated",), expected, got)
+    kind = f"a unit of patch {patch.name!r}"
+    for index, name in enumerate(table.tared):
+        calibration.refer(name, kind, units, ("tared", index))
+    for name in table.units:
+        calibration.refer(name, kind, units, ("units", name))
+    return calibration, table

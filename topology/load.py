@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from topology.address import Address, to_frames
 from topology.arrays import Frames, Topology, seal
 from topology.budget import bus_load
-from topology.check.addresses import check_clashes
-from topology.check.patches import place_patches
-from topology.check.places import check_places
-from topology.draft import Draft
-from topology.errors import Issue, TopologyError, nearest
+from topology.check.tables import resolve_tables
+from topology.check.units import Units
+from topology.errors import Issue, Report, TopologyError, nearest
 from topology.files import check_path, missing
-from topology.neighbours import compressed_rows, nearest_distance, neighbour_pairs
-from topology.parts import Parts, resolve
+from topology.neighbours import compressed_rows, nearest_point, neighbour_pairs
 from topology.read import open_source, read
-from topology.report import Report
-from topology.schema import File, Patch
+from topology.schema import File
 from topology.source import Source
 from topology.wire import CHANNELS
 
@@ -76,20 +72,16 @@ def load(
     """
     report = Report()
     source = _open(file, report)
+    table = None if source is None else read(File, source)
     report.raise_if_any()
     assert source is not None  # otherwise the report has raised
-    parts = resolve(read(File, source, report), source, report)
-    draft = Draft(parts, place_patches(parts, report), report, allow_no_calibration)
-    known = draft.addressed
-    if not known.any():
-        report.raise_if_any()
-    _check_units(draft, parts, report)
-    address = Address(*(a[known] for a in vars(draft.address).values()))
-    frames = to_frames(address, tuple(draft.layouts))
-    if not allow_overload:
-        _check_load(frames, draft, parts, report)
+    assert table is not None
+    units = Units(resolve_tables(table, source), allow_no_calibration)
     report.raise_if_any()
-    return _finish(frames, draft, parts, tuple(report.notes))
+    topology = _assemble(units)
+    if not allow_overload:
+        _check_load(topology, source)
+    return topology
 
 
 def is_builtin(path: Path | None) -> bool:
@@ -105,104 +97,102 @@ def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
         return open_source(path, path.name, report)
     path = Path(file)
     if missing(path):
-        names = ", ".join(builtin)
         hint = nearest(path.stem, builtin, or_all=not path.suffix) if path.name == shown else ""
-        report.about_file("no-topology", shown, hint=hint, names=names)
-        return None
-    if kind := OTHER_KINDS.get(path.suffix.lower()):
-        report.about_file("other-kind", shown, kind=kind.format(file=path.name))
-        return None
-    return open_source(path, shown, report)
+        expected = f"a file or a ready-made topology ({', '.join(builtin)})"
+        report.about_file(shown, expected, "no such file", hint=hint)
+    elif kind := OTHER_KINDS.get(path.suffix.lower()):
+        report.about_file(shown, "a topology file (TOML)", kind.format(file=path.name))
+    else:
+        return open_source(path, shown, report)
+    return None
 
 
 def _no_path(text: str) -> TopologyError:
     where, _, message = text.partition(": ")
-    return TopologyError([Issue("no-topology", where, 0, "", message)])
+    return TopologyError([Issue(where, 0, "", message)])
 
 
-def _check_units(draft: Draft, parts: Parts, report: Report) -> None:
-    """Rules for all units together: unique places and addresses."""
-    fixed, known = np.flatnonzero(draft.fixed), np.flatnonzero(draft.addressed)
-    check_places(
-        draft.position[:, fixed],
-        draft.parameters["radius_m"][fixed],
-        [draft.names[unit] for unit in fixed],
-        [draft.tables[unit] for unit in fixed],
-        parts.source,
-        report,
-    )
-    check_clashes(
-        Address(*(a[known] for a in vars(draft.address).values())),
-        draft.layouts,
-        [claim for unit in known if (claim := draft.claims[unit]) is not None],
-        [bus.name if bus is not None else "" for bus in parts.file.buses or ()],
-        parts.source,
-        report,
-    )
-
-
-def _check_load(frames: Frames, draft: Draft, parts: Parts, report: Report) -> None:
+def _check_load(topology: Topology, source: Source) -> None:
     """A bus must carry its frames at its cycle rate, in the worst case of their bits."""
-    for key in parts.buses.values():
-        bus = parts.bus(key)
-        if not report.sound(parts.source, key):
-            continue
-        found = bus_load(int(key[1]), bus, frames, tuple(draft.layouts))
+    for index, bus in enumerate(topology.buses):
+        found, rate = bus_load(topology, index), topology.cycle_rate_hz
         if found.load > bus.max_load:
-            advice = f"at most {found.highest_rate_hz:.4g} Hz would do"
-            report.add("overload", parts.source, key, limit=bus.max_load, rate=bus.cycle_rate_hz,
-                       load=found.load, frames=found.frames, advice=advice)  # fmt: skip
+            expected = f"at most {bus.max_load:.1%} of the bus at {rate:g} Hz in worst-case bits"
+            got = f"{found.load:.1%} by {found.frames} data frames a cycle"
+            advice = f" (at most {found.highest_rate_hz:.4g} Hz would do)"
+            source.fault(("buses", index), expected, got, advice)
+    source.report.raise_if_any()
 
 
-def _finish(frames: Frames, draft: Draft, parts: Parts, notes: tuple[str, ...]) -> Topology:
-    n = len(draft.names)
+def _assemble(units: Units) -> Topology:
+    """The arrays of a topology, from units of which all is right."""
+    tables = units.tables
+    file = tables.file
+    n = len(units.names)
     reach = np.empty(n)
-    for index, placed in enumerate(draft.placed):
-        units = slice(draft.starts[index], draft.starts[index + 1])
-        alone = 2 * draft.parameters["radius_m"][units]
-        reach[units] = NEIGHBOUR_REACH * _typical(nearest_distance(placed.units.position), alone)
-    links = tuple(_link(placed.patch, parts) for placed in draft.placed)
+    for start, stop in pairwise(units.starts):
+        own = slice(start, stop)
+        alone = 2 * units.parameters["radius_m"][own]
+        distance, _ = nearest_point(units.position[:, own])
+        reach[own] = NEIGHBOUR_REACH * _typical(distance, alone)
     carriers = tuple(
-        link or placed.patch.frame for link, placed in zip(links, draft.placed, strict=True)
+        link or patch.frame for link, patch in zip(tables.links, file.patches, strict=True)
     )
     names = list(dict.fromkeys(carriers))
-    body = np.array([names.index(carrier) for carrier in carriers])[draft.patch]
-    start, index = compressed_rows(n, *neighbour_pairs(draft.position, reach, body))
-    scale, offset, wired = _scales(draft, parts)
+    body = np.array([names.index(carrier) for carrier in carriers])[units.patch]
+    start, index = compressed_rows(n, *neighbour_pairs(units.position, reach, body))
+    scale, offset, wired = _scales(units)
     topology = Topology(
-        name=parts.file.name,
-        path=parts.source.path,
-        buses=parts.file.buses,
-        layouts=tuple(draft.layouts),
-        frames=frames,
-        unit_names=tuple(draft.names),
-        patch_names=tuple(placed.patch.name for placed in draft.placed),
-        patch=draft.patch,
-        enabled=draft.enabled,
-        position=draft.position,
-        rotation=np.ascontiguousarray(draft.rotation),
-        area=np.pi * draft.parameters["radius_m"] ** 2,
-        parameters=draft.parameters,
-        calibrated=draft.calibrated,
-        tared=draft.tared,
+        name=file.name,
+        path=tables.source.path,
+        cycle_rate_hz=file.cycle_rate_hz,
+        sync_id=file.sync_id,
+        buses=file.buses,
+        layouts=tuple(units.layouts),
+        frames=_frames(units),
+        unit_names=tuple(units.names),
+        patch_names=tuple(patch.name for patch in file.patches),
+        patch=units.patch,
+        enabled=units.enabled,
+        position=units.position,
+        rotation=np.ascontiguousarray(units.rotation),
+        area=np.pi * units.parameters["radius_m"] ** 2,
+        parameters=units.parameters,
+        calibrated=units.calibrated,
+        tared=units.tared,
         scale=scale,
         offset=offset,
         wired=wired,
         neighbour_start=start,
         neighbour_index=index,
         patch_frames=carriers,
-        patch_links=links,
-        robot=parts.robot,
-        serials=tuple(draft.serials),
-        notes=notes,
+        patch_links=tables.links,
+        robot=tables.robot,
+        serials=tuple(units.serials),
     )
     seal(topology)
     return topology
 
 
-def _link(patch: Patch, parts: Parts) -> str:
-    """Link of a patch, its own or that of its frame; "" without one."""
-    return patch.link or parts.link_of_frame.get(patch.frame, "")
+def _frames(units: Units) -> Frames:
+    """The expected data frames, by bus and identifier."""
+    key = np.stack([units.bus, units.can_id, units.layout]).astype(np.int64)
+    groups, member = np.unique(key, axis=1, return_inverse=True)
+    member = member.reshape(-1)
+    slots = np.full((groups.shape[1], max(layout.units for layout in units.layouts)), -1, np.int32)
+    slots[member, units.slot] = np.arange(member.size)
+
+    parts = np.array([layout.parts for layout in units.layouts])[groups[2]]
+    frame = np.repeat(np.arange(parts.size), parts)
+    part = np.arange(frame.size) - np.repeat(np.cumsum(parts) - parts, parts)
+    has_ids = np.array([layout.ids > 1 for layout in units.layouts])[groups[2]]
+    return Frames(
+        bus=groups[0, frame].astype(np.int32),
+        can_id=(groups[1, frame] + part * has_ids[frame]).astype(np.uint32),
+        layout=groups[2, frame].astype(np.int32),
+        part=part.astype(np.int32),
+        units=slots[frame],
+    )
 
 
 def _typical(distance: np.ndarray, alone: np.ndarray) -> np.ndarray | float:
@@ -216,24 +206,23 @@ def _typical(distance: np.ndarray, alone: np.ndarray) -> np.ndarray | float:
     return min(np.median(distance), 4 * distance.min())
 
 
-def _scales(draft: Draft, parts: Parts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _scales(units: Units) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Scale and offset from counts, and presence, of each channel of each unit, shape (c, n)."""
-    slots = max(layout.units for layout in draft.layouts)
-    shape = (len(CHANNELS), len(draft.layouts), slots)
+    slots = max(layout.units for layout in units.layouts)
+    shape = (len(CHANNELS), len(units.layouts), slots)
     by_place = np.ones(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
-    for column, layout in enumerate(draft.layouts):
+    for column, layout in enumerate(units.layouts):
         for signal in layout.signals:
             if signal.name in CHANNELS:
                 row = CHANNELS.index(signal.name)
                 values = signal.scale, signal.offset, signal.bias, True
                 for table, value in zip(by_place, values, strict=True):
                     table[row, column, signal.slot] = value
-    place = draft.address.layout, draft.address.slot
-    scale, offset, bias, wired = (table[:, *place] for table in by_place)
-    of_model = np.array(draft.model)
-    for name, channels in parts.scales.items():
+    scale, offset, bias, wired = (table[:, units.layout, units.slot] for table in by_place)
+    of_model = np.array(units.model)
+    for name, channels in units.tables.scales.items():
         for channel, given in channels.items():
-            units = of_model == name
+            own = of_model == name
             row = CHANNELS.index(channel)
-            scale[row, units], offset[row, units] = given.scale, given.offset
+            scale[row, own], offset[row, own] = given.scale, given.offset
     return scale, offset + scale * bias, wired

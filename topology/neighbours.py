@@ -1,33 +1,22 @@
-"""Neighbours: pairs of near points, and the neighbour graph of a skin.
-
-All of it is one sweep: the points are ordered along a slanted line, and each is compared with the
-next, the next but one and so on, until the gap along the line alone is too large. On a surface this
-takes about n^1.5 comparisons, all of them in numpy, with memory for a few rows of n.
-"""
+"""Neighbours: pairs of near points, and the neighbour graph of a skin."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-__all__ = ["compressed_rows", "nearest_distance", "neighbour_pairs", "pairs_within"]
-
-# No row, column or diagonal of a regular patch is perpendicular to this line: few points share a
-# gap.
-_LINE = np.array([0.8017, 0.5153, 0.3029])
+__all__ = ["compressed_rows", "nearest_point", "neighbour_pairs", "pairs_within"]
 
 
-def _ordered(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    along = _LINE @ position / np.linalg.norm(_LINE)
-    order = np.argsort(along, kind="stable")
-    return order, along[order], np.ascontiguousarray(position[:, order])
+def _tree(position: np.ndarray) -> Any:
+    from scipy.spatial import KDTree  # heavy: not before it is needed
+
+    return KDTree(position.T)
 
 
-def pairs_within(
-    position: np.ndarray, radius: float
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Pairs of points at most `radius` apart, in batches.
+def pairs_within(position: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of points at most `radius` apart.
 
     Parameters
     ----------
@@ -36,29 +25,19 @@ def pairs_within(
     radius : float
         Metre.
 
-    Yields
-    ------
+    Returns
+    -------
     i, j : ndarray, shape (m,), int64
         Indices of the points, i < j; each pair comes once.
     distance : ndarray, shape (m,), float64
         Metre.
     """
-    order, along, points = _ordered(position)
-    first = np.arange(order.size)
-    for step in range(1, order.size):
-        first = first[: np.searchsorted(first, order.size - step)]
-        first = first[along[first + step] - along[first] <= radius]
-        if first.size == 0:
-            return
-        distance = np.linalg.norm(points[:, first + step] - points[:, first], axis=0)
-        near = distance <= radius
-        if near.any():
-            a, b = order[first[near]], order[first[near] + step]
-            yield np.minimum(a, b), np.maximum(a, b), distance[near]
+    i, j = _tree(position).query_pairs(radius, output_type="ndarray").T
+    return i, j, np.linalg.norm(position[:, i] - position[:, j], axis=0)
 
 
-def nearest_distance(position: np.ndarray) -> np.ndarray:
-    """Distance of each point to the nearest other one; inf for a single point.
+def nearest_point(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest other point of each.
 
     Parameters
     ----------
@@ -67,31 +46,23 @@ def nearest_distance(position: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (n,), float64
+    distance : ndarray, shape (n,), float64
+        Metre; inf for a single point.
+    index : ndarray, shape (n,), int64
+        n for a single point.
     """
-    order, along, points = _ordered(position)
-    best = np.full(order.size, np.inf)
-    for sign in (1, -1):
-        here = np.arange(order.size)
-        for step in range(1, order.size):
-            other = here + sign * step
-            inside = (other >= 0) & (other < order.size)
-            here, other = here[inside], other[inside]
-            open_ = np.abs(along[other] - along[here]) < best[here]
-            here, other = here[open_], other[open_]
-            if here.size == 0:
-                break
-            distance = np.linalg.norm(points[:, other] - points[:, here], axis=0)
-            best[here] = np.minimum(best[here], distance)
-    nearest = np.empty_like(best)
-    nearest[order] = best
-    return nearest
+    distance, index = _tree(position).query(position.T, k=2)
+    itself = index[:, 0] == np.arange(len(index))  # points in one place come in any order
+    return distance[:, 1], np.where(itself, index[:, 1], index[:, 0])
 
 
 def neighbour_pairs(
     position: np.ndarray, reach: np.ndarray, rigid: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Neighbours: points of one rigid body, nearer than the larger reach of the two.
+    """Neighbours: points of one rigid body, no farther apart than the larger reach of the two.
+
+    Each point is searched with its own reach: with the largest one for all, a single point of a
+    wide reach would make pairs of all others.
 
     Parameters
     ----------
@@ -107,11 +78,11 @@ def neighbour_pairs(
     i, j : ndarray, shape (m,), int64
         Each pair once, i < j.
     """
-    pairs = [
-        np.stack([i, j])[:, (rigid[i] == rigid[j]) & (distance <= np.maximum(reach[i], reach[j]))]
-        for i, j, distance in pairs_within(position, float(np.max(reach, initial=0.0)))
-    ]
-    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
+    found = _tree(position).query_ball_point(position.T, reach)
+    one = np.repeat(np.arange(len(found)), [len(others) for others in found])
+    two = np.concatenate([[], *found]).astype(np.int64)
+    pairs = np.stack([np.minimum(one, two), np.maximum(one, two)])
+    i, j = np.unique(pairs[:, (one != two) & (rigid[one] == rigid[two])], axis=1)
     return i, j
 
 

@@ -17,35 +17,48 @@ import msgspec
 import numpy as np
 
 from topology.arrays import Frames, Topology
-from topology.model import TABLES, UnitModel
+from topology.model import PARAMETERS, TABLES
 from topology.robot.model import RobotModel
 from topology.schema import Bus
 from topology.wire import CHANNELS, WireLayout
 
-__all__ = [
-    "TEXTS", "from_arrays", "is_calibration", "packed", "robot_of", "robot_text", "to_arrays",
-    "unpacked",
-]  # fmt: skip
+__all__ = ["TEXTS", "from_arrays", "is_calibration", "packed", "to_arrays", "unpacked"]
 
 TEXTS = "texts"
 FRAMES, PARAMETER = "frames_", "parameter_"
-OF_FRAMES = ("bus", "can_id", "layout", "part", "units")
-KINDS = {
-    "patch": "i4", "enabled": "?", "position": "f8", "rotation": "f8", "area": "f8",
-    "calibrated": "?", "tared": "?", "scale": "f8", "offset": "f8", "wired": "?",
-    "neighbour_start": "i4", "neighbour_index": "i4",
-    "frames_bus": "i4", "frames_can_id": "u4", "frames_layout": "i4", "frames_part": "i4",
-    "frames_units": "i4",
-}  # fmt: skip
-"""Types of all arrays but the parameters, which are f8."""
-PARAMETERS = tuple(field.name for field in msgspec.structs.fields(UnitModel))
+KINDS: dict[str, tuple[str, tuple[int | str, ...]]] = {
+    "patch": ("i4", ("n",)),
+    "enabled": ("?", ("n",)),
+    "position": ("f8", (3, "n")),
+    "rotation": ("f8", (3, 3, "n")),
+    "area": ("f8", ("n",)),
+    "calibrated": ("?", ("n",)),
+    "tared": ("?", ("n",)),
+    "scale": ("f8", (len(CHANNELS), "n")),
+    "offset": ("f8", (len(CHANNELS), "n")),
+    "wired": ("?", (len(CHANNELS), "n")),
+    "neighbour_start": ("i4", ("ends",)),
+    "neighbour_index": ("i4", ("neighbours",)),
+    "frames_bus": ("i4", ("frames",)),
+    "frames_can_id": ("u4", ("frames",)),
+    "frames_layout": ("i4", ("frames",)),
+    "frames_part": ("i4", ("frames",)),
+    "frames_units": ("i4", ("frames", "slots")),
+    **{
+        f"{PARAMETER}{name}": ("f8", (TABLES[name], "n") if name in TABLES else ("n",))
+        for name in PARAMETERS
+    },
+}
+"""Type and shape of each array; n units make ``ends = n + 1``, other lengths are free."""
 
 
 class _Texts(msgspec.Struct, forbid_unknown_fields=True):
     """Fields other than arrays."""
 
     name: str
-    path: str | None
+    path: Path | None
+    cycle_rate_hz: float
+    sync_id: int | None
     buses: tuple[Bus, ...]
     layouts: tuple[WireLayout, ...]
     unit_names: tuple[str, ...]
@@ -54,7 +67,6 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
     patch_links: tuple[str, ...] = ()
     robot: RobotModel | None = None
     serials: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
 
 
 def is_calibration(name: str) -> bool:
@@ -72,11 +84,13 @@ def to_arrays(topology: Topology) -> dict[str, np.ndarray]:
     """Arrays, by name; all other fields are one of them, as JSON. Options of a bus without a form
     in JSON become strings."""
     texts = {name: getattr(topology, name) for name in _Texts.__struct_fields__}
-    found: dict[str, Any] = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=_plain).decode())}
-    for name in KINDS:
-        frames = name.removeprefix(FRAMES)
-        found[name] = getattr(*((topology.frames, frames) if frames != name else (topology, name)))
-    return found | {f"{PARAMETER}{name}": value for name, value in topology.parameters.items()}
+    known = {
+        **vars(topology),
+        **{f"{FRAMES}{name}": value for name, value in vars(topology.frames).items()},
+        **{f"{PARAMETER}{name}": value for name, value in topology.parameters.items()},
+    }
+    found = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=_plain).decode())}
+    return found | {name: known[name] for name in KINDS}
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
@@ -97,14 +111,18 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
         texts = msgspec.json.decode(str(arrays[TEXTS]).encode(), type=_Texts, dec_hook=_own)
     except (msgspec.DecodeError, ValueError) as error:
         raise refuse(TEXTS, "buses, layouts and names of a topology", error) from None
-    n, known = len(texts.unit_names), {**KINDS, **{f"{PARAMETER}{p}": "f8" for p in PARAMETERS}}
-    shapes = _shapes(n, arrays)
-    for name, kind in known.items():
+    n = len(texts.unit_names)
+    lengths: dict[int | str, int] = {"n": n, "ends": n + 1}
+    for name, (kind, shape) in KINDS.items():
         found = arrays.get(name)
         if found is None:
             raise refuse(name, "there, as this version of f3t-skin has it", "none")
-        if found.dtype != np.dtype(kind) or found.shape != shapes[name]:
-            raise refuse(name, f"{np.dtype(kind)} of shape {shapes[name]}",
+        if found.ndim == len(shape):
+            for length, given in zip(shape, found.shape, strict=True):
+                lengths.setdefault(length, given if isinstance(length, str) else length)
+        sizes = tuple(lengths.get(length, length) for length in shape)
+        if found.dtype != np.dtype(kind) or found.shape != sizes:
+            raise refuse(name, f"{np.dtype(kind)} of shape {sizes}",
                          f"{found.dtype} of shape {found.shape}")  # fmt: skip
         if kind == "f8" and not np.isfinite(found).all():
             raise refuse(name, "finite", "a number that is not")
@@ -126,25 +144,20 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
         raise refuse("neighbour_start", "a graph of units", "none")
     for array in arrays.values():
         array.flags.writeable = False
-    of_units: dict[str, Any] = {name: arrays[name] for name in KINDS if not name.startswith(FRAMES)}
-    fields: dict[str, Any] = {name: getattr(texts, name) for name in texts.__struct_fields__}
-    fields["path"] = None if texts.path is None else Path(texts.path)
+    fields: dict[str, Any] = {
+        **{name: getattr(texts, name) for name in texts.__struct_fields__},
+        **{name: arrays[name] for name in KINDS if not name.startswith((FRAMES, PARAMETER))},
+    }
     return Topology(
         **fields,
-        frames=Frames(*(arrays[f"{FRAMES}{name}"] for name in OF_FRAMES)),
-        parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
-        **of_units,
+        frames=Frames(**_beginning(FRAMES, arrays)),
+        parameters=_beginning(PARAMETER, arrays),
     )
 
 
-def robot_text(robot: RobotModel) -> str:
-    """A robot as JSON, for another process; NaN is null."""
-    return msgspec.json.encode(robot, enc_hook=_plain).decode()
-
-
-def robot_of(text: str) -> RobotModel:
-    """The robot of such a text."""
-    return msgspec.json.decode(text.encode(), type=RobotModel, dec_hook=_own)
+def _beginning(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The known arrays whose names begin so, by the rest of their names."""
+    return {name.removeprefix(prefix): arrays[name] for name in KINDS if name.startswith(prefix)}
 
 
 def _robot_fault(texts: _Texts) -> str | None:
@@ -186,25 +199,6 @@ def _own(kind: type, value: Any) -> Any:
         raise ValueError("must be an array of numbers") from None
     array.setflags(write=False)
     return array
-
-
-def _shapes(n: int, arrays: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
-    """Shape of each array; the numbers of frames and of neighbours are free."""
-    f = arrays["frames_bus"].size if "frames_bus" in arrays else 0
-    units = arrays.get("frames_units", np.zeros((f, 1)))
-    slots = units.shape[1] if units.ndim == 2 else 1
-    channels = (len(CHANNELS), n)
-    near = arrays.get("neighbour_index", np.zeros(0)).size
-    of_units = {name: (n,) for name in ("patch", "enabled", "area", "calibrated", "tared")}
-    of_frames = {f"{FRAMES}{name}": (f,) for name in OF_FRAMES[:-1]}
-    parameters = {
-        f"{PARAMETER}{name}": (TABLES[name], n) if name in TABLES else (n,) for name in PARAMETERS
-    }
-    return {
-        **of_units, **of_frames, **parameters, "position": (3, n), "rotation": (3, 3, n),
-        "scale": channels, "offset": channels, "wired": channels, "neighbour_start": (n + 1,),
-        "neighbour_index": (near,), "frames_units": (f, slots),
-    }  # fmt: skip
 
 
 def packed(topology: Topology) -> str:

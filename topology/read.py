@@ -1,4 +1,9 @@
-"""From a file to structs; every invalid key is reported."""
+"""The shape of a file: its text as TOML, and its keys and values as a struct has them.
+
+This is the first of two looks at a file. Every unknown key, missing key and value of the wrong kind
+is reported, by the description of the struct alone. What a file means is looked at afterwards, and
+only if its shape is right: no rule meets a value that is not there.
+"""
 
 from __future__ import annotations
 
@@ -12,30 +17,25 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import inspect
 
-from topology.errors import nearest
+from topology.errors import Report, nearest
 from topology.files import TooLargeError, read_regular
-from topology.report import Report
 from topology.source import Key, Source
 
-__all__ = ["open_source", "read", "read_text"]
+__all__ = ["open_source", "read", "read_text", "show"]
 
 LARGEST_MB = 2
 """Larger files are refused before they are parsed; a thousand explicit units are 0.2 MB."""
-MOST_LINES = 200_000
-"""Maximum number of lines; a thousand explicit units are 5000 lines."""
-MOST_VALUES = 200_000
-"""Maximum number of commas; a thousand explicit units have 4000."""
 
 DEEPEST = 64
+"""Levels of values in each other: deeper ones would exhaust Python's stack later on."""
 MOST_PARTS = 8
-_TOO_DEEP = f"values nested over {DEEPEST} deep"
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_PARTS}}}")
 """A dotted key with more parts: the parser's time is quadratic in them."""
-_MANY_DIGITS = re.compile(rb"[0-9][0-9_]{4300}")
 INTEGER_BITS = 63
+_MANY_DIGITS = re.compile(r"\d[\d_]{4300}")
+"""An integer that Python refuses to parse."""
 
-_FLOAT = inspect.FloatType()
 _Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
 
@@ -49,202 +49,125 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
     shown : str
         Its name in messages.
     report : Report
-        Collects the errors.
-
-    Returns
-    -------
-    Source or None
+        Collects the faults.
     """
-    raw = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
+    raw = read_text(path, shown, report, LARGEST_MB)
     if raw is None:
         return None
+    line, reason = 0, ""
     try:
-        if (values := raw.count(b",")) > MOST_VALUES:
-            return report.about_file("too-many-values", shown, limit=MOST_VALUES, got=values)
         text = raw.decode("utf-8-sig")
-        if deep := _DEEP_KEY.search(text):
-            line = text.count("\n", 0, deep.start()) + 1
-            return report.about_file(
-                "syntax", shown, line, reason=f"a key of over {MOST_PARTS} parts"
-            )
-        source = Source(path, text, shown)
+        if (deep := _DEEP_KEY.search(text)) is None:
+            source = Source(path, text, shown, report)
+            if _is_shallow(source.data, DEEPEST):
+                return source
+            raise RecursionError
+        line, reason = text.count("\n", 0, deep.start()) + 1, f"a key of over {MOST_PARTS} parts"
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        return report.about_file("encoding", shown, line, byte=raw[error.start])
+        report.about_file(shown, "UTF-8 text", f"the byte {raw[error.start]:#04x}", line=line)
+        return None
     except tomllib.TOMLDecodeError as error:
-        line, reason = _syntax(str(error), raw)
-        return report.about_file("syntax", shown, line, reason=reason)
+        pattern = r"(.*) \(at (?:line (\d+), column \d+|end of document)\)"
+        found: Any = re.fullmatch(pattern, str(error), re.S)
+        line = int(found[2] or raw.rstrip().count(b"\n") + 1)
+        reason = found[1][0].lower() + found[1][1:]
     except RecursionError:
-        return report.about_file("syntax", shown, reason=_TOO_DEEP)
-    except ValueError:  # Python refuses integers of so many digits
-        digits = _MANY_DIGITS.search(raw)
-        line = raw.count(b"\n", 0, digits.start()) + 1 if digits else 0
-        return report.about_file("syntax", shown, line, reason="an integer of thousands of digits")
-    if not _shallow(source.data, DEEPEST):
-        return report.about_file("syntax", shown, reason=_TOO_DEEP)
-    return source
+        reason = "values nested too deep"
+    except ValueError:
+        digits = _MANY_DIGITS.search(text)
+        line = text.count("\n", 0, digits.start()) + 1 if digits else 0
+        reason = "an integer of thousands of digits"
+    report.about_file(shown, "TOML", reason, line=line)
+    return None
 
 
-def read_text(
-    path: Path, shown: str, report: Report, most_mb: int, most_lines: int
-) -> bytes | None:
-    """The bytes of a file of text, or None where it cannot be read or is too long, and reported.
-
-    Parameters
-    ----------
-    path, shown, report
-        See `open_source`.
-    most_mb, most_lines : int
-        Limits.
-    """
-    try:
-        raw = read_regular(path, most_mb * 1_000_000)
-    except TooLargeError as error:
-        return report.about_file("too-large", shown, limit=most_mb, size=error.size / 1e6)
-    except OSError as error:
-        return report.about_file("unreadable", shown, reason=error.strerror)
-    lines = raw.count(b"\n")
-    if lines > most_lines:
-        return report.about_file("too-many-lines", shown, limit=most_lines, got=lines)
-    return raw
-
-
-def _syntax(message: str, raw: bytes) -> tuple[int, str]:
-    """Line and reason of a message of `tomllib`."""
-    pattern = r"(.*) \(at (?:line (\d+), column \d+|end of document)\)"
-    found: Any = re.fullmatch(pattern, message, re.S)
-    last = raw.rstrip().count(b"\n") + 1
-    line = int(found[2]) if found[2] else last
-    return line, found[1][0].lower() + found[1][1:]
-
-
-def _shallow(node: Any, levels: int) -> bool:
+def _is_shallow(node: Any, levels: int) -> bool:
     if not isinstance(node, dict | list):
         return True
     items = node.values() if isinstance(node, dict) else node
-    return levels > 0 and all(_shallow(item, levels - 1) for item in items)
+    return levels > 0 and all(_is_shallow(item, levels - 1) for item in items)
 
 
-def read(struct: type[_Struct], source: Source, report: Report) -> _Struct:
-    """Convert a parsed file to a struct.
-
-    Every invalid key is reported. The rest is returned, so that further checks can run: an invalid
-    key has its default, or None, and `report.sound` excludes it.
-    """
+def read_text(path: Path, shown: str, report: Report, most_mb: int) -> bytes | None:
+    """The bytes of a file of text; None where it cannot be read or is too large, and reported."""
     try:
-        if _tame(source.data):
-            return msgspec.convert(source.data, struct)
-    except msgspec.ValidationError:
-        pass
-    return _Reader(source, report).table(inspect.type_info(struct), source.data, ())
+        return read_regular(path, most_mb * 1_000_000)
+    except TooLargeError as error:
+        report.about_file(shown, f"at most {most_mb} MB", f"{error.size / 1e6:.0f} MB")
+    except OSError as error:
+        report.about_file(shown, "a readable file", error.strerror)
+    return None
 
 
-def _tame(node: Any) -> bool:
-    """Whether all numbers are finite, and integers no longer than TOML has them."""
-    if isinstance(node, dict):
-        return all(map(_tame, node.values()))
-    if isinstance(node, list):
-        return all(map(_tame, node))
-    if isinstance(node, float):
-        return math.isfinite(node)
-    return not isinstance(node, int) or node.bit_length() <= INTEGER_BITS
+def read(struct: type[_Struct], source: Source) -> _Struct | None:
+    """A parsed file as a struct; None where a key or value is wrong, and all of them reported."""
+    before = len(source.report.issues)
+    _check(inspect.type_info(struct), source.data, (), source)
+    return msgspec.convert(source.data, struct) if len(source.report.issues) == before else None
 
 
-class _Reader:
-    """Converts a tree of values to a type, item by item."""
+def _check(info: inspect.Type, value: Any, key: Key, source: Source) -> None:
+    """Report what of a value is not as its type has it."""
+    info = _plain(info)
+    match info, value:
+        case inspect.StructType(), dict():
+            _check_table(info, value, key, source)
+        case inspect.UnionType(types=types), dict() if _is_tagged(info):
+            _check_tagged(types, value, key, source)
+        case inspect.UnionType(types=types), _ if kind := next(
+            (t for t in types if _python_type(t) is type(value)), None
+        ):
+            _check(kind, value, key, source)
+        case ((inspect.VarTupleType() | inspect.ListType()), list()) if (
+            (info.min_length or 0) <= len(value) <= (info.max_length or math.inf)
+        ):
+            for i, item in enumerate(value):
+                _check(info.item_type, item, (*key, i), source)
+        case inspect.TupleType(item_types=types), list() if len(value) == len(types):
+            for i, item in enumerate(value):
+                _check(types[i], item, (*key, i), source)
+        case inspect.DictType(), dict():
+            for name, item in value.items():
+                _check(info.value_type, item, (*key, name), source)
+        case inspect.AnyType(), dict():
+            for name, item in value.items():
+                _check(info, item, (*key, name), source)
+        case inspect.AnyType(), list():
+            for i, item in enumerate(value):
+                _check(info, item, (*key, i), source)
+        case _ if not _fits(info, value):
+            hint = _in_millimetres(info, value, key)
+            if isinstance(info, inspect.LiteralType) and isinstance(info.values[0], str):
+                hint = nearest(value, map(str, info.values), or_all=False)
+            name = str(key[-1])
+            source.fault(key, describe(info, name), show(value, name), hint)
 
-    def __init__(self, source: Source, report: Report) -> None:
-        self.source = source
-        self.report = report
 
-    def table(self, info: Any, data: dict[str, Any], key: Key) -> Any:
-        fields = {field.encode_name: field for field in info.fields}
-        values: dict[str, Any] = {}
-        for name, value in data.items():
-            if name in fields:
-                values[name] = self.value(fields[name].type, value, (*key, name))
-            elif name != info.tag_field:
-                hint = nearest(name, fields)
-                self.report.add("unknown-key", self.source, (*key, name), hint, name=repr(name))
-        for name, field in fields.items():
-            if name not in data and field.required:
-                expected = describe(field.type)
-                self.report.add(
-                    "missing-key", self.source, key, part=name, name=name, expected=expected
-                )
-            if values.get(name) is None:
-                values.pop(name, None)
-                if field.required:
-                    values[name] = None
-        return info.cls(**{fields[name].name: value for name, value in values.items()})
+def _check_table(info: inspect.StructType, data: dict[str, Any], key: Key, source: Source) -> None:
+    fields = {field.encode_name: field for field in info.fields}
+    for name, value in data.items():
+        if name in fields:
+            _check(fields[name].type, value, (*key, name), source)
+        elif name != info.tag_field:
+            source.fault((*key, name), "a known key", repr(name), nearest(name, fields))
+    for name, field in fields.items():
+        if name not in data and field.required:
+            source.lacks(key, name, describe(field.type, name))
 
-    def value(self, info: Any, value: Any, key: Key) -> Any:
-        """The converted value, or None where it is invalid (and reported)."""
-        info = _plain(info)
-        match info, value:
-            case inspect.UnionType(types=types), _ if not any(map(_is_table, types)):
-                for kind in types:
-                    if _shape(kind) is type(value):
-                        return self.value(kind, value, key)
-            case inspect.StructType(), dict():
-                return self.table(info, value, key)
-            case inspect.UnionType(), dict():
-                return self.tagged(info, value, key)
-            case inspect.VarTupleType(), list() if (
-                (info.min_length or 0) <= len(value) <= (info.max_length or math.inf)
-            ):
-                return self.all_of(
-                    tuple(self.value(info.item_type, v, (*key, i)) for i, v in enumerate(value)),
-                    info.item_type,
-                )
-            case inspect.TupleType(), list() if len(value) == len(info.item_types):
-                pairs = enumerate(zip(info.item_types, value, strict=True))
-                return self.all_of(
-                    tuple(self.value(kind, v, (*key, i)) for i, (kind, v) in pairs), _FLOAT
-                )
-            case inspect.DictType(), dict():
-                return {k: self.value(info.value_type, v, (*key, k)) for k, v in value.items()}
-            case inspect.AnyType(), dict() | list() if not _tame(value):
-                items = value.items() if isinstance(value, dict) else enumerate(value)
-                for part, item in items:
-                    self.value(info, item, (*key, part))
-                return None
-        if _fits(info, value):
-            return float(value) if isinstance(info, inspect.FloatType) else value
-        names: Any = info
-        hint = _in_millimetres(info, value, key)
-        if _has_names(info):
-            hint = nearest(value, names.values, or_all=False)
-        self.report.add("value", self.source, key, hint, expected=describe(info), got=show(value))
-        return None
 
-    def all_of(self, items: tuple[Any, ...], kind: inspect.Type) -> tuple[Any, ...] | None:
-        """Numbers are valid together or not at all; tables one by one."""
-        tables = isinstance(_plain(kind), inspect.StructType | inspect.UnionType)
-        return items if tables or None not in items else None
-
-    def tagged(self, info: Any, data: dict[str, Any], key: Key) -> Any:
-        """A table whose tag (`kind`) selects the struct."""
-        structs = {struct.tag: struct for struct in info.types}
-        tag = info.types[0].tag_field
-        given = data.get(tag)
-        if isinstance(given, str) and given in structs:
-            return self.table(structs[given], data, key)
-        expected = "one of " + ", ".join(map(repr, structs))
-        if tag in data:
-            self.report.add(
-                "value",
-                self.source,
-                (*key, tag),
-                nearest(given, structs, or_all=False),
-                expected=expected,
-                got=show(given),
-            )
-            for likely in difflib.get_close_matches(str(given), structs, n=1):
-                return self.table(structs[likely], data, key)
-        else:
-            self.report.add("missing-key", self.source, key, part=tag, name=tag, expected=expected)
-        return None
+def _check_tagged(types: Any, data: dict[str, Any], key: Key, source: Source) -> None:
+    """A table whose tag (`kind`) selects the struct."""
+    structs: dict[str, Any] = {struct.tag: struct for struct in types}
+    tag = types[0].tag_field
+    given = data.get(tag)
+    expected = "one of " + ", ".join(map(repr, structs))
+    if tag not in data:
+        source.lacks(key, tag, expected)
+    elif not isinstance(given, str) or given not in structs:
+        source.fault((*key, tag), expected, show(given), nearest(given, structs, or_all=False))
+    for likely in difflib.get_close_matches(str(given), structs, n=1):
+        _check_table(structs[likely], data, key, source)
 
 
 def _plain(info: inspect.Type) -> inspect.Type:
@@ -257,12 +180,12 @@ def _plain(info: inspect.Type) -> inspect.Type:
     return info
 
 
-def _is_table(info: inspect.Type) -> bool:
-    return isinstance(_plain(info), inspect.StructType)
+def _is_tagged(info: inspect.UnionType) -> bool:
+    return all(isinstance(_plain(kind), inspect.StructType) for kind in info.types)
 
 
-def _shape(info: inspect.Type) -> type | None:
-    """The parsed type of a value, as far as unions need it."""
+def _python_type(info: inspect.Type) -> type | None:
+    """Type of the parsed value of a kind that stands in a union with others."""
     match _plain(info):
         case inspect.StrType():
             return str
@@ -274,9 +197,10 @@ def _shape(info: inspect.Type) -> type | None:
 
 
 def _fits(info: inspect.Type, value: Any) -> bool:
+    """Whether a single value is valid."""
     match info:
         case inspect.AnyType():
-            return _tame(value)
+            return not _is_number(value) or _is_finite(value)
         case inspect.BoolType():
             return isinstance(value, bool)
         case inspect.LiteralType():
@@ -288,37 +212,41 @@ def _fits(info: inspect.Type, value: Any) -> bool:
                 and (info.pattern is None or re.search(info.pattern, value) is not None)
             )
         case inspect.IntType() | inspect.FloatType():
-            whole = isinstance(info, inspect.IntType)
             return (
-                isinstance(value, int if whole else int | float)
-                and not isinstance(value, bool)
-                and _tame(value)
-                and (info.gt is None or value > info.gt)
+                _is_number(value)
+                and _is_finite(value)
+                and (isinstance(value, int) or isinstance(info, inspect.FloatType))
                 and (info.ge is None or value >= info.ge)
-                and (info.lt is None or value < info.lt)
                 and (info.le is None or value <= info.le)
             )
     return False
 
 
-def _in_millimetres(info: Any, value: Any, key: Key) -> str:
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_finite(value: float) -> bool:
+    """Whether a number is finite, and an integer no longer than TOML has them."""
+    if isinstance(value, int):
+        return value.bit_length() <= INTEGER_BITS
+    return math.isfinite(value)
+
+
+def _in_millimetres(info: inspect.Type, value: Any, key: Key) -> str:
     """The end of a message about a length that would do if it were in millimetres."""
     name = next((part for part in reversed(key) if isinstance(part, str)), "")
-    if not name.endswith("_m") or not isinstance(info, inspect.FloatType):
+    if not name.endswith("_m") or not isinstance(info, inspect.FloatType) or info.le is None:
         return ""
-    if not isinstance(value, int | float) or not _tame(value):
+    if not _is_number(value) or not _is_finite(value) or not _fits(info, 1e-3 * value):
         return ""
-    if info.le is None or abs(value) <= info.le or not _fits(info, 1e-3 * value):
+    if abs(value) <= info.le:
         return ""
     return f"; in millimetres? {1e-3 * value:.4g} is that in metres"
 
 
-def _has_names(info: inspect.Type) -> bool:
-    return isinstance(info, inspect.LiteralType) and isinstance(info.values[0], str)
-
-
-def describe(info: inspect.Type) -> str:
-    """The valid values of a key, as text: "an integer from 1 to 64"."""
+def describe(info: inspect.Type, name: str = "") -> str:
+    """The valid values of a key of that name, as text: "an integer from 1 to 64"."""
     info = _plain(info)
     match info:
         case inspect.StrType(pattern=str()):
@@ -330,40 +258,43 @@ def describe(info: inspect.Type) -> str:
         case inspect.LiteralType():
             return " or ".join(map(repr, info.values))
         case inspect.IntType():
-            return "an integer" + _bounds(info)
+            return "an integer" + _bounds(info, "#x" if _is_identifier(name) else ".10g")
         case inspect.FloatType():
-            return "a finite number" + _bounds(info)
+            return "a finite number" + _bounds(info, ".10g")
         case inspect.TupleType():
             return f"a list of {len(info.item_types)} numbers"
         case inspect.VarTupleType():
-            item = _plain(info.item_type)
-            of = "tables" if isinstance(item, _TABLES) else "numbers"
-            if isinstance(item, inspect.StrType):
-                of = "names" if item.pattern or not info.max_length else "texts"
+            match _plain(info.item_type):
+                case inspect.StructType() | inspect.UnionType():
+                    of = "tables"
+                case inspect.StrType():
+                    of = "names"
+                case _:
+                    of = "numbers"
             least = " with one at least" if info.min_length else ""
-            return f"a list of {of}{least}" + (
-                f", {info.max_length} at most" if info.max_length else ""
-            )
-        case inspect.UnionType(types=types) if not any(map(_is_table, types)):
+            most = f", {info.max_length} at most" if info.max_length else ""
+            return f"a list of {of}{least}{most}"
+        case inspect.UnionType(types=types) if not _is_tagged(info):
             return " or ".join(map(describe, types))
         case inspect.AnyType():
             return "a finite value"
     return "a table"
 
 
-_TABLES = inspect.StructType | inspect.UnionType
+def _is_identifier(name: str) -> bool:
+    """Whether a key of that name is an identifier on a bus, which is written in hexadecimal."""
+    return name == "id" or name.endswith("_id")
 
 
-def _bounds(info: inspect.IntType | inspect.FloatType) -> str:
+def _bounds(info: inspect.IntType | inspect.FloatType, form: str) -> str:
     if info.ge is not None and info.le is not None:
-        return f" from {info.ge:.10g} to {info.le:.10g}"
-    named = {"greater than": info.gt, "at least": info.ge, "less than": info.lt, "at most": info.le}
-    words = [f"{name} {value:.10g}" for name, value in named.items() if value is not None]
-    return (" " + " and ".join(words)) if words else ""
+        return f" from {info.ge:{form}} to {info.le:{form}}"
+    named = {"at least": info.ge, "at most": info.le}
+    return "".join(f" {name} {value:{form}}" for name, value in named.items() if value is not None)
 
 
-def show(value: Any) -> str:
-    """A value as text for messages: as in TOML, and short.
+def show(value: Any, name: str = "") -> str:
+    """A value of a key of that name as text for messages: as in TOML, and short.
 
     Examples
     --------
@@ -373,12 +304,14 @@ def show(value: Any) -> str:
     match value:
         case bool():
             return str(value).lower()
-        case list():
+        case list() | tuple():
             return f"a list of {len(value)}"
         case dict():
             return "a table"
         case int() if value.bit_length() > INTEGER_BITS:
             return "an integer of more than 64 bits"
+        case int() if _is_identifier(name):
+            return f"{value:#x}"
         case str() | int() | float():
             text = repr(value)
             return text if len(text) <= 60 else text[:57] + "..."

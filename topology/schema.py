@@ -1,6 +1,6 @@
 """The topology file, format version 1, as frozen structs.
 
-A file is TOML. `topology.json_schema` describes it to editors; `topology/builtin/palm.toml` is the
+A file is TOML. `json_schema` describes it to editors; `topology/builtin/palm.toml` is the
 commented example. Lengths are metres and angles degrees, and every name says so.
 """
 
@@ -12,10 +12,9 @@ import msgspec
 from msgspec import Meta
 
 from topology.model import UnitModel
-from topology.wire import Factor, Signal
+from topology.wire import Factor, LayoutFields
 
 __all__ = [
-    "PARAMETERS",
     "Bus",
     "Cylinder",
     "Dome",
@@ -27,13 +26,14 @@ __all__ = [
     "List",
     "ListUnit",
     "Model",
-    "Overrides",
+    "Override",
+    "Parameters",
     "Patch",
     "Pose",
     "Robot",
     "Scale",
     "Table",
-    "UnitException",
+    "json_schema",
 ]
 
 Name = Annotated[
@@ -70,7 +70,7 @@ class Bus(Table, frozen=True, kw_only=True):
     interface: Annotated[
         str,
         Meta(description="`memory` (in-process), `socketcan`, or any interface of python-can"),
-    ] = "memory"
+    ]
     channel: Annotated[str, Meta(description="Channel of the interface, e.g. `can0`")] = ""
     bitrate: Annotated[int, Meta(ge=1000, le=1_000_000, description="Nominal bit rate, bit/s")] = (
         1_000_000
@@ -78,14 +78,6 @@ class Bus(Table, frozen=True, kw_only=True):
     data_bitrate: Annotated[
         Annotated[int, Meta(ge=1000, le=20_000_000)] | None,
         Meta(description="CAN FD data bit rate, bit/s; absent: classic CAN"),
-    ] = None
-    cycle_rate_hz: Annotated[
-        float,
-        Meta(ge=0.1, le=100_000, description="Cycles a second; the same on all buses of a skin"),
-    ] = 250.0
-    sync_id: Annotated[
-        Annotated[int, Meta(ge=0, le=0x7FF)] | None,
-        Meta(description="Identifier of SYNC; absent: units send freely"),
     ] = None
     max_load: Annotated[
         float, Meta(ge=0.01, le=1, description="Share of the bus that worst-case bits may fill")
@@ -149,17 +141,14 @@ class Scale(Table, frozen=True, kw_only=True):
     offset: Factor = 0.0
 
 
-PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__
-"""Names of the parameters of a unit, in the order of `UnitModel`."""
-
 if TYPE_CHECKING:
 
-    class Overrides(Table, frozen=True, kw_only=True):
+    class Parameters(Table, frozen=True, kw_only=True):
         """Replaced below, for type checkers, which do not know classes made at run time."""
 
 else:
-    Overrides = msgspec.defstruct(
-        "Overrides",
+    Parameters = msgspec.defstruct(
+        "Parameters",
         [
             (name, kind | None, None)
             for name, kind in get_type_hints(UnitModel, include_extras=True).items()
@@ -170,10 +159,10 @@ else:
         module=__name__,
     )
 
-Overrides.__doc__ = "Any parameters of `UnitModel`; an absent one (None) is left as it is."
+Parameters.__doc__ = "Any parameters of `UnitModel`; an absent one (None) is left as it is."
 
 
-class Model(Overrides, frozen=True, kw_only=True):
+class Model(Parameters, frozen=True, kw_only=True):
     """A user's unit model (`[[models]]`): a base and its differences."""
 
     name: Name
@@ -186,10 +175,9 @@ class Model(Overrides, frozen=True, kw_only=True):
     ] = msgspec.field(default_factory=dict)
 
 
-class Layout(Table, frozen=True, kw_only=True):
+class Layout(LayoutFields, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A user's wire layout (`[[layouts]]`): its bits, or a message of a DBC file."""
 
-    name: Annotated[str, Meta(description="Name of the layout")]
     size: Annotated[
         Annotated[int, Meta(ge=1, le=64)] | None,
         Meta(description="Bytes of each frame; a DBC says it itself"),
@@ -198,35 +186,17 @@ class Layout(Table, frozen=True, kw_only=True):
         bool | None,
         Meta(description="CAN FD frames; absent: what the DBC says, or false"),
     ] = None
-    units: Annotated[int, Meta(ge=1, le=32, description="Units that one frame carries")] = 1
-    parts: Annotated[int, Meta(ge=1, le=16, description="Frames that make one set of units")] = 1
-    pages: Annotated[
-        tuple[Annotated[int, Meta(ge=0, le=255)], ...],
-        Meta(description="First byte of each part, where all parts have one identifier"),
-    ] = ()
-    counts_only: Annotated[
-        bool,
-        Meta(description="Sensors of another kind: nothing is known of them but their counts"),
-    ] = False
-    sequence: Annotated[
-        Literal["sync", "own"],
-        Meta(
-            description="Whether the sequence number echoes the counter of SYNC, or counts the "
-            "sender's own frames; without SYNC it always does"
-        ),
-    ] = "sync"
-    signals: Annotated[
-        tuple[Signal, ...] | dict[str, str | tuple[str, ...]],
-        Meta(
-            description="Bits of each channel and field; with `dbc`, names of the signals in its "
-            "message by channel or field: one with `{slot}` (from 0) or `{slot+1}` in it, or a "
-            "list, where a frame carries several units"
-        ),
-    ] = ()
     dbc: Annotated[
         str | None, Meta(description="DBC file that has the layout, relative to this file")
     ] = None
     message: Annotated[str | None, Meta(description="Name of its message in the DBC file")] = None
+    dbc_signals: Annotated[
+        dict[str, str | tuple[str, ...]],
+        Meta(
+            description="Channel or field to the name of its signal in the message: one with "
+            "`{slot}` (from 0) or `{slot+1}` in it, or a list, where a frame carries several units"
+        ),
+    ] = msgspec.field(default_factory=dict)
 
 
 class _Patch(Table, frozen=True, kw_only=True, tag_field="kind"):
@@ -254,7 +224,10 @@ class _Patch(Table, frozen=True, kw_only=True, tag_field="kind"):
 class _Numbered(_Patch, frozen=True, kw_only=True):
     first_id: Annotated[
         Identifier,
-        Meta(description="Identifier of the first frame; the next frames follow one by one"),
+        Meta(
+            description="Identifier of the first frame; the next ones follow in the order of the "
+            "units: another number of them moves the identifiers of all behind"
+        ),
     ]
 
 
@@ -346,13 +319,13 @@ class List(_Patch, frozen=True, kw_only=True, tag="list"):
 Patch = Union[Grid, Hex, Cylinder, Dome, List]  # noqa: UP007 - evaluated by msgspec at run time
 
 
-class UnitException(Overrides, frozen=True, kw_only=True):
-    """Exceptions for one unit (`[[units]]`); any parameter of its model is allowed."""
+class Override(Parameters, frozen=True, kw_only=True):
+    """What differs for one unit (`[[overrides]]`); any parameter of its model is allowed."""
 
     unit: Annotated[str, Meta(description="Patch and unit, e.g. `palm/r3c4`")]
     enabled: Annotated[bool, Meta(description="False: the unit is left out everywhere")] = True
     model: Annotated[str | None, Meta(description="Another model than its patch's")] = None
-    xyz_m: Annotated[
+    offset_m: Annotated[
         Place, Meta(description="Moves it from its nominal place, patch frame, metres")
     ] = (0.0, 0.0, 0.0)
     id: Annotated[Identifier | None, Meta(description="Another frame than its turn gives")] = None
@@ -368,10 +341,43 @@ class File(Table, frozen=True, kw_only=True):
     format: Annotated[Literal[1], Meta(description="Version of the file format")]
     name: Annotated[Name, Meta(description="Name of the skin")]
     description: str = ""
+    cycle_rate_hz: Annotated[
+        float, Meta(ge=0.1, le=100_000, description="Cycles a second, on all buses")
+    ] = 250.0
+    sync_id: Annotated[
+        Annotated[int, Meta(ge=0, le=0x7FF)] | None,
+        Meta(description="Identifier of SYNC on all buses; absent: units send freely"),
+    ] = None
     robot: Robot | None = None
     buses: Annotated[tuple[Bus, ...], Meta(min_length=1, max_length=256)]
     frames: Annotated[tuple[Frame, ...], Meta(max_length=2000)] = ()
     models: Annotated[tuple[Model, ...], Meta(max_length=1000)] = ()
     layouts: Annotated[tuple[Layout, ...], Meta(max_length=1000)] = ()
     patches: Annotated[tuple[Patch, ...], Meta(min_length=1, max_length=2000)]
-    units: tuple[UnitException, ...] = ()
+    overrides: tuple[Override, ...] = ()
+
+
+def json_schema(struct: type[msgspec.Struct] = File) -> dict[str, Any]:
+    """JSON Schema of a topology file (or of a `CalibrationFile`), for editors of TOML.
+
+    Examples
+    --------
+    >>> json_schema()["$ref"]
+    '#/$defs/File'
+    """
+    schema = _without_null(msgspec.json.schema(struct))
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _without_null(node: Any) -> Any:
+    """TOML has no null: an optional key is one that may be absent."""
+    if isinstance(node, list):
+        return [_without_null(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    node = {key: _without_null(value) for key, value in node.items() if value is not None}
+    choices = [item for item in node.get("anyOf", ()) if item != {"type": "null"}]
+    if len(choices) == 1:
+        del node["anyOf"]
+        node = {**choices[0], **node}
+    return node

@@ -9,9 +9,12 @@ from __future__ import annotations
 import bisect
 import re
 import tomllib
+from collections.abc import Collection, Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+from topology.errors import Issue, Report, nearest
 
 __all__ = ["Key", "Source"]
 
@@ -31,7 +34,7 @@ _SCALAR = re.compile(r"[^,\]}\n#]+")
 
 
 class Source:
-    """A parsed file with the lines of its keys.
+    """A parsed file with the lines of its keys, and what is wrong with them.
 
     Parameters
     ----------
@@ -41,11 +44,14 @@ class Source:
         TOML, as parsed by `tomllib`.
     shown : str
         The file's name in messages.
+    report : Report
+        Collects the faults.
     """
 
-    def __init__(self, path: Path, text: str, shown: str) -> None:
+    def __init__(self, path: Path, text: str, shown: str, report: Report) -> None:
         self.path = path
         self.shown = shown
+        self.report = report
         self.text = text.replace("\r\n", "\n")
         self.data: dict[str, Any] = tomllib.loads(self.text)
 
@@ -73,6 +79,40 @@ class Source:
             if isinstance(part, int) and isinstance(name, str):
                 words.append(repr(name))
         return " ".join(words)
+
+    def fault(self, key: Key, expected: str, got: object, hint: str = "") -> None:
+        """Report that the value at `key` "must be `expected`; got `got`"."""
+        self.report.about_file(
+            self.shown, expected, got, line=self.line(key), where=self.where(key), hint=hint
+        )
+
+    def lacks(self, table: Key, name: str, expected: str) -> None:
+        """Report that a table has no key of that name."""
+        message = f"must have the key {name}, {expected}; got none"
+        self.report.enter(Issue(self.shown, self.line(table), self.where(table), message))
+
+    def refer(self, name: str, kind: str, known: Collection[str], key: Key) -> bool:
+        """Whether a name is one of the known ones; reported, with the nearest one, if not."""
+        if name not in known:
+            self.fault(key, f"the name of {kind}", repr(name), nearest(name, known))
+        return name in known
+
+    def unique(
+        self, table: str | Key, names: Iterable[str], reserved: Collection[str] = ()
+    ) -> None:
+        """Report names of an array of tables that are built in, or there twice."""
+        first: dict[str, Key] = {}
+        for index, name in enumerate(names):
+            key = (*((table,) if isinstance(table, str) else table), index, "name")
+            if name in reserved:
+                self.fault(key, "another name than the built-in ones", repr(name))
+            elif first.setdefault(name, key) != key:
+                got = f"{name!r}, also at line {self.line(first[name])}"
+                self.fault(key, "a name used once", got)
+
+    def named_file(self, file: str) -> tuple[Path, str]:
+        """A file that this one names, relative to it: its path, and its name in messages."""
+        return self.path.parent / file, str(Path(self.shown).parent / file)
 
 
 def _step(node: Any, part: str | int) -> Any:

@@ -7,11 +7,9 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 
-from topology.address import EXTENDED
-from topology.arrays import Topology
+from topology.arrays import EXTENDED, Topology
 from topology.budget import bus_load
-from topology.check.places import overlapping
-from topology.neighbours import nearest_distance
+from topology.neighbours import nearest_point, neighbour_pairs
 
 __all__ = ["FAR_M", "BusSummary", "PatchSummary", "Summary", "summary"]
 
@@ -28,8 +26,6 @@ class BusSummary(msgspec.Struct, frozen=True, kw_only=True):
     channel: str
     bitrate: int
     data_bitrate: int | None
-    cycle_rate_hz: float
-    sync_id: int | None
     units: int
     frames: int
     """Data frames a cycle."""
@@ -63,6 +59,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     path: str | None
+    cycle_rate_hz: float
+    sync_id: int | None
     units: int
     disabled: int
     frames: int
@@ -90,6 +88,8 @@ def summary(topology: Topology) -> Summary:
     return Summary(
         name=topology.name,
         path=str(topology.path) if topology.path is not None else None,
+        cycle_rate_hz=topology.cycle_rate_hz,
+        sync_id=topology.sync_id,
         units=topology.n,
         disabled=int(np.count_nonzero(~topology.enabled)),
         frames=len(topology.frames),
@@ -111,7 +111,7 @@ def _bus_of(topology: Topology) -> np.ndarray:
 
 def _bus(topology: Topology, index: int, bus_of: np.ndarray) -> BusSummary:
     bus, frames = topology.buses[index], topology.frames
-    found = bus_load(index, bus, frames, topology.layouts)
+    found = bus_load(topology, index)
     ids = frames.can_id[frames.bus == index] & ~np.uint32(EXTENDED)
     return BusSummary(
         name=bus.name,
@@ -119,8 +119,6 @@ def _bus(topology: Topology, index: int, bus_of: np.ndarray) -> BusSummary:
         channel=bus.channel,
         bitrate=bus.bitrate,
         data_bitrate=bus.data_bitrate,
-        cycle_rate_hz=bus.cycle_rate_hz,
-        sync_id=bus.sync_id,
         units=int(np.count_nonzero(bus_of == index)),
         frames=found.frames,
         ids=(int(ids.min()), int(ids.max())) if ids.size else None,
@@ -136,7 +134,7 @@ def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> PatchSummary:
     units = np.flatnonzero(topology.patch == index)
     frames = topology.frames
     carrying = np.isin(frames.units, units).any(axis=1)
-    nearest = nearest_distance(topology.position[:, units])
+    nearest, _ = nearest_point(topology.position[:, units])
     ids = frames.can_id[carrying] & ~np.uint32(EXTENDED)
     return PatchSummary(
         name=topology.patch_names[index],
@@ -151,14 +149,13 @@ def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> PatchSummary:
 
 def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str]:
     """What may be meant, but is worth a second look."""
-    yield from topology.notes
     for name, gap in _far_away(topology):
         yield (
             f"{name} is {gap:.3g} m from all else of the skin and from the "
             f"{'origin' if topology.robot is None else 'links'}: lengths are metres, not mm"
         )
     outward = -topology.rotation[:, 2]
-    overlaps = overlapping(topology.position, outward, topology.parameters["radius_m"])
+    overlaps = _overlapping(topology.position, outward, topology.parameters["radius_m"])
     if overlaps:
         yield f"faces overlap between {overlaps} pairs of units, by their radius_m"
     for index in np.unique(topology.patch[topology.counts_only]):
@@ -172,6 +169,19 @@ def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str
     for bus in buses:
         if bus.units == 0:
             yield f"bus {bus.name!r} carries no unit"
+
+
+def _overlapping(position: np.ndarray, normal: np.ndarray, radius: np.ndarray) -> int:
+    """Number of pairs of units whose round faces run into each other.
+
+    Two faces that are tilted by 2 a to each other meet where their planes do, which is
+    distance / (2 cos a) from either centre.
+    """
+    i, j = neighbour_pairs(position, 2 * radius, np.zeros(radius.size))
+    distance = np.linalg.norm(position[:, i] - position[:, j], axis=0)
+    half_tilt = np.sqrt(np.clip((1 + np.sum(normal[:, i] * normal[:, j], axis=0)) / 2, 0, 1))
+    room = distance >= (radius[i] + radius[j]) * half_tilt * (1 - 1e-6)
+    return int(np.count_nonzero(~room))
 
 
 def _far_away(skin: Topology) -> Iterator[tuple[str, float]]:

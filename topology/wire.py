@@ -21,6 +21,7 @@ __all__ = [
     "SMALLEST_SCALE",
     "UNIT_FIELDS",
     "Factor",
+    "LayoutFields",
     "Signal",
     "WireLayout",
 ]
@@ -83,17 +84,10 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return low, low + (1 << self.length) - 1
 
 
-class WireLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One data frame, or the `parts` frames of one set of units, and the signals in it.
-
-    Parts have consecutive ids, or, where there are `pages`, one id and another first byte each.
-    The crc, where there is one, is CRC-16/CCITT-FALSE over the CAN id (two bytes, low first) and
-    then every byte of the frame that is not the crc itself.
-    """
+class LayoutFields(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a wire layout has in a file, too."""
 
     name: Annotated[str, Meta(description="Name of the layout")]
-    size: Annotated[int, Meta(ge=1, le=64, description="Bytes of each frame")]
-    fd: Annotated[bool, Meta(description="CAN FD frames")] = False
     units: Annotated[int, Meta(ge=1, le=32, description="Units that one frame carries")] = 1
     parts: Annotated[int, Meta(ge=1, le=16, description="Frames that make one set of units")] = 1
     pages: Annotated[
@@ -111,7 +105,21 @@ class WireLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             "sender's own frames; without SYNC it always does"
         ),
     ] = "sync"
-    signals: tuple[Signal, ...] = ()
+    signals: Annotated[
+        tuple[Signal, ...], Meta(description="Bits of each channel and field of a frame")
+    ] = ()
+
+
+class WireLayout(LayoutFields, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One data frame, or the `parts` frames of one set of units, and the signals in it.
+
+    Parts have consecutive ids, or, where there are `pages`, one id and another first byte each.
+    The crc, where there is one, is CRC-16/CCITT-FALSE over the CAN id (two bytes, low first) and
+    then every byte of the frame that is not the crc itself.
+    """
+
+    size: Annotated[int, Meta(ge=1, le=64, description="Bytes of each frame")]
+    fd: Annotated[bool, Meta(description="CAN FD frames")] = False
 
     @property
     def ids(self) -> int:

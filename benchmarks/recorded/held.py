@@ -44,10 +44,11 @@ SOURCE_RIGHT = 0.95
 """Of the source's trained classifier, about."""
 TEXT = """format = 1
 name = "fingers"
+cycle_rate_hz = 100
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
-cycle_rate_hz = 100
 """ + "".join(
     f"""[[patches]]
 name = "{name}"

@@ -2,9 +2,9 @@
 
 A unit of another maker has no film and no capacitor that our laws describe. Its law is a polynomial
 of each channel; its order, from a straight line up, is the one that `cross_validated` chooses on
-the first half of the recording, from which `least_squares` fits it. The error is that of the second
-half. A law without memory cannot follow hysteresis: `hysteresis_rms` is half of the difference of
-the force on the way in and out at the same place of the probe.
+the first half of the recording, from which it is fitted by least squares. The error is that of the
+second half. A law without memory cannot follow hysteresis: `hysteresis_rms` is half of the
+difference of the force on the way in and out at the same place of the probe.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.recorded.eflesh import Probe
-from skin.calibrate.cross_validation import cross_validated, folds_of
-from skin.physics.least_squares import Fit, least_squares
+from skin.calibrate.fit import cross_validated, folds_of
 
 __all__ = ["force_of", "per_mm"]
 
@@ -57,14 +56,12 @@ def _matrix(channels: np.ndarray, order: int) -> np.ndarray:
     return np.concatenate([np.ones((len(channels), 1)), *powers], axis=1)
 
 
-def _fit(channels: np.ndarray, force: np.ndarray, order: int) -> Fit:
-    count = channels.shape[1]
-    names = ["offset", *(f"channel {c} ^{p}" for p in range(1, order + 1) for c in range(count))]
-    return least_squares(_matrix(channels, order), force, 1.0, names)
+def _fit(channels: np.ndarray, force: np.ndarray, order: int) -> np.ndarray:
+    return np.linalg.lstsq(_matrix(channels, order), force, rcond=None)[0]
 
 
-def _predicted(channels: np.ndarray, fit: Fit, order: int) -> np.ndarray:
-    return _matrix(channels, order) @ fit.values
+def _predicted(channels: np.ndarray, fit: np.ndarray, order: int) -> np.ndarray:
+    return _matrix(channels, order) @ fit
 
 
 def _hysteresis(probe: Probe) -> float:

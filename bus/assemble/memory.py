@@ -170,15 +170,15 @@ class Shown(NamedTuple):
 def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memory:
     """The state of an assembler before the first frame."""
     n, frames = topology.n, len(topology.frames)
-    is_free = all(bus.sync_id is None for bus in topology.buses)
+    is_free = topology.sync_id is None
     state = np.zeros(1, STATE)
     state["is_free"] = state["is_open"] = is_free
     state["number"] = state["synced"] = 0 if is_free else -1
     state["stamp"] = -1 if is_free else 0
     state["period"] = max(1, round(1e9 / topology.cycle_rate_hz))
     state["stale_cycles"] = stale_cycles
-    identifiers = (-1 if bus.sync_id is None else bus.sync_id for bus in topology.buses)
-    syncs = np.array([(identifier, -1, -1) for identifier in identifiers], SYNC)
+    identifier = -1 if topology.sync_id is None else topology.sync_id
+    syncs = np.array([(identifier, -1, -1)] * len(topology.buses), SYNC)
     sources = np.zeros(frames, SOURCE)
     sources["heard"] = sources["back"] = sources["taken_at"] = -1
     sources["sent_at"] = sources["came_at"] = -1

@@ -33,10 +33,9 @@ from msgspec import Meta
 
 from bus.errors import FaultScriptError
 from topology import Topology
-from topology.errors import MESSAGES, TopologyError, nearest
+from topology.errors import Report, TopologyError, nearest
 from topology.files import check_path, missing
 from topology.read import open_source, read, show
-from topology.report import Report
 
 __all__ = [
     "ERRORS",
@@ -264,14 +263,14 @@ def load_script(path: str | Path, topology: Topology | None = None) -> FaultScri
     report, path = Report(), Path(path)
     script = None
     if missing(path):
-        report.about_file("no-file", str(path), path=path)
+        report.about_file(str(path), "an existing file", f"none at {path}")
     else:
         with suppress(TopologyError):  # more than a report holds
             source = open_source(path, str(path), report)
             if source is not None:
-                script = read(FaultScript, source, report)
-                for i, key, hint, values in () if report.issues else problems(script, topology):
-                    report.add("value", source, ("faults", i, key), hint, **values)
+                script = read(FaultScript, source)
+                for i, key, hint, values in problems(script, topology) if script else ():
+                    source.fault(("faults", i, key), **values, hint=hint)
     if script is None or report.issues:
         raise FaultScriptError("\n".join(map(str, report.issues)))
     return script
@@ -286,7 +285,7 @@ def check_script(script: FaultScript, topology: Topology | None) -> None:
         They do not fit; every problem is listed.
     """
     lines = [
-        f"faults[{i}] {key}: {MESSAGES['value'].format(**values)}{hint}"
+        f"faults[{i}] {key}: must be {values['expected']}; got {values['got']}{hint}"
         for i, key, hint, values in problems(script, topology)
     ]
     if lines:

@@ -6,24 +6,30 @@ laws, or is what a decoder without terms shows. Fitted is ``F = g (F_e + sum_j w
 g belongs to the elastic law: it is 1 where that was measured on faces that were held for long.
 
 Terms overlap, so that data alone would determine them badly. Each has a prior: that of a soft
-silicone, which relaxes by some per cent in a decade of time. As few are taken as predict stretches
-of the recording that they were not fitted to; what holds do not determine of slow ones stays with
-the prior, and is in sigma. Terms that are faster than the samples are as large as the others' mean.
+silicone, which relaxes by some per cent in a decade of time. What holds do not determine stays with
+it, and is in sigma; where terms predict no better than none, there is none.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from bus.compiled.jit import compiled
-from skin.calibrate.bench.posterior import KEPT
-from skin.calibrate.cross_validation import FOLDS, cross_validated, folds_of
+from skin.calibrate.fit import (
+    FOLDS,
+    KEPT,
+    Fit,
+    check_levels,
+    check_samples,
+    cross_validated,
+    fit_law,
+    folds_of,
+    noise_of,
+    rms,
+)
 from skin.errors import ScanError, check_choice
-from skin.physics.least_squares import Fit, check_levels, check_samples, robust_sigma
 from topology import CREEP_TERMS
 
 __all__ = ["CreepFit", "fit_creep", "unrelaxed"]
@@ -31,25 +37,24 @@ __all__ = ["CreepFit", "fit_creep", "unrelaxed"]
 TIMES_S = (0.1, 100.0)
 """Between these terms lie evenly, as decades go [assumed]: faster ones are over before anybody
 looks, slower ones are drift."""
-RELATIVE = 0.12
-"""Weights of all terms together, and one sigma of each its share of it [assumed: silicones relax by
-2 to 8 % in a decade]."""
+WEIGHT = 0.04
+"""Of a term, and one sigma of it [assumed: silicones relax by 2 to 8 % in a decade]."""
 GAIN_SIGMA = 0.1
 """Of the gain about 1 [assumed]."""
 GAIN_MOST = 2.0
 """A gain that is larger, or smaller than its inverse, indicates another unit, axis or scale."""
 SAMPLES_A_TERM = 5.0
-"""Samples within the time of a term that is determined [assumed]: a step between two of them is
-taken for a ramp."""
-FRESH_S = 1.0
-"""Age of a load up to which the samples' interval counts: later, nothing is fast [derived]."""
-HELD_SHARE = 0.25
-"""Of the range of F_e: within it a face is held [assumed: more than it creeps]."""
-OUTLIER_SIGMAS = 3.0
-"""Residuals beyond count as their size, not as its square [assumed]."""
+"""Samples within the time of a term that they resolve [assumed]: a step between two of them is
+taken for a ramp, so that what is over by the next one looks like a part of the step."""
+MOVED = 5.0
+"""Sigmas of the noise, by more than which a face that moves does so from sample to sample."""
 SAMPLES_LEAST = 30
-BINS = 13
-"""Ages of a load at which misfits are looked at."""
+LONGEST = 500.0
+"""Of a stretch of time over that of a term: its exponentials must be numbers [numeric]."""
+MIDDLES_S = np.geomspace(*TIMES_S, 2 * CREEP_TERMS + 1)[1::2]
+DECADE = np.log(TIMES_S[1] / TIMES_S[0]) / CREEP_TERMS
+LOGS = np.log(MIDDLES_S).tolist()
+NAMES = [f"{what} {k}" for what in ("weight", "log_s") for k in range(CREEP_TERMS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +71,11 @@ class CreepFit:
     gain, gain_sigma : float
         By which the stiffnesses of the elastic law are to be multiplied.
     determined : tuple of bool, length CREEP_TERMS
-        Of each decade: whether the data leave its term less than `KEPT` of its prior variance.
+        Of each term: whether the data leave its weight less than `KEPT` of its prior variance.
     scores : tuple of float
-        Error in stretches that were left out, N, without a term, with one, and so on.
+        Error in stretches that were left out, N, without terms and with them.
+    rms_n : float
+        Of what is left of the force.
     """
 
     fit: Fit
@@ -76,39 +83,12 @@ class CreepFit:
     gain_sigma: float
     determined: tuple[bool, ...]
     scores: tuple[float, ...]
+    rms_n: float
 
     @property
     def weights(self) -> np.ndarray:
         """w_j, shape (CREEP_TERMS,)."""
         return self.fit.values[:CREEP_TERMS]
-
-
-class _Data(NamedTuple):
-    """A recording of t samples; `begins` where a face has rested before.
-
-    Noise in what the terms are driven by would count as relaxation that is undone at once: it is
-    the quieter one, `by_force` or by the elastic force, and the other is predicted.
-    """
-
-    time_s: np.ndarray
-    begins: np.ndarray
-    elastic: np.ndarray
-    force: np.ndarray
-    by_force: bool
-    sigma: float
-
-
-class _Found(NamedTuple):
-    """Gain, weights and logarithms of times, those that are too fast at the end, with their
-    covariance."""
-
-    values: np.ndarray
-    covariance: np.ndarray
-
-    def terms(self) -> np.ndarray:
-        """Weights and times, shape (2, j)."""
-        weight, log_s = self.values[1:].reshape(2, -1)
-        return np.stack([weight, np.exp(log_s)])
 
 
 def fit_creep(
@@ -150,44 +130,76 @@ def fit_creep(
     runs = np.zeros(time.size, int) if run is None else np.asarray(run)
     check_samples(SAMPLES_LEAST, time_s=time_s, run=runs)
     begins = np.diff(runs, prepend=runs[0] - 1) != 0
-    back = (np.diff(time, prepend=-np.inf) <= 0.0) & ~begins
-    if back.any():
-        at = int(np.argmax(back))
+    back = np.flatnonzero((np.diff(time, prepend=-np.inf) <= 0.0) & ~begins)
+    if back.size:
+        at = int(back[0])
         raise ScanError(f"time_s[{at}]: must be above {time[at - 1]:g}; got {time[at]:g}")
     check_levels("elastic_n", elastic, 2, 10.0 * sigma_n)
     gain = float(force @ elastic / (elastic @ elastic))
     if not 1.0 / GAIN_MOST < gain < GAIN_MOST:
         raise ScanError(f"force_n: must be 0.5 to 2 times elastic_n; got {gain:.3g} times (another "
                         "unit, axis, sign or scale)")  # fmt: skip
-    noise = [_noise(values, begins) for values in (force, elastic)]
-    by_force = noise[0] < noise[1]
-    data = _Data(time, begins, elastic, force, by_force, max(sigma_n, *noise))
-    kept_s, span = _decades(data)
+    starts = np.flatnonzero(begins)
+    sigma = max(sigma_n, noise_of(force), noise_of(elastic))
+    # what is held may be sampled seldom
+    interval_s = np.diff(time, prepend=np.nan)
+    interval_s[begins] = np.nan
+    moves = np.abs(np.diff(elastic, prepend=0.0)) > MOVED * sigma
+    stepped = moves & ~begins
+    between_s = float(np.nanmedian(interval_s[stepped] if stepped.any() else interval_s))
+    resolved = MIDDLES_S >= SAMPLES_A_TERM * between_s
+    prior = {"gain": (1.0, GAIN_SIGMA)} | dict.fromkeys(NAMES[:CREEP_TERMS], (WEIGHT, WEIGHT))
+    prior |= {
+        name: (mean, 0.5 * DECADE) for name, mean in zip(NAMES[CREEP_TERMS:], LOGS, strict=True)
+    }
+
+    def tied(at: dict[str, Any]) -> dict[str, Any]:
+        """Materials relax alike from decade to decade: terms that the samples do not resolve weigh
+        as much as the others on average."""
+        mean = sum(at[NAMES[k]] for k in np.flatnonzero(resolved)) / max(resolved.sum(), 1)
+        return at | {NAMES[k]: mean for k in np.flatnonzero(~resolved)}
+
+    def residual(at: dict[str, Any]) -> np.ndarray:
+        if len(at) == 1:
+            return (force - at["gain"] * elastic) / sigma
+        weights, log_s = np.array([tied(at)[name] for name in NAMES]).reshape(2, -1)
+        relaxes = weights @ _memory(time, elastic, np.exp(log_s), starts)
+        return (force - at["gain"] * (elastic + relaxes)) / sigma
+
+    def fitted(has_terms: bool, chosen: np.ndarray) -> Fit:
+        known = prior if has_terms else {"gain": prior["gain"]}
+        return fit_law(lambda at: [residual(at)[chosen]], known)
+
     folds = np.cumsum(begins) - 1
     if folds[-1] < FOLDS - 1:
         folds = folds_of(time.size)
-    orders = range(CREEP_TERMS - kept_s.size + 1)
 
-    def error(order: int, training: np.ndarray) -> np.ndarray:
-        found = _solve(data, order, kept_s, span, training)
-        missed = _residual(found.values, data)[~training] / data.sigma
-        return np.minimum(missed**2, OUTLIER_SIGMAS**2)
+    def error(has_terms: bool, training: np.ndarray) -> np.ndarray:
+        fit = fitted(has_terms, training)
+        at = dict(zip(fit.names, fit.values.tolist(), strict=True))
+        return np.minimum(residual(at)[~training] ** 2, 9.0)
 
-    order, scores = cross_validated(orders, folds, error)
-    whole = _solve(data, orders[-1], kept_s, span)
-    found = whole if order == orders[-1] else _solve(data, order, kept_s, span)
-    left = _left(found, whole, data)
-    if _relaxation(found) < left:
-        found = _solve(data, 0, kept_s[:0], span)
-        left = _left(found, whole, data)
-    spread = [np.diag(each.covariance)[1 : 1 + orders[-1]]
-              for each in (whole, _prior(orders[-1], span))]  # fmt: skip
-    slow = np.argsort(whole.terms()[1, : orders[-1]])
-    determined = [False] * kept_s.size + (spread[0] <= KEPT * spread[1])[slow].tolist()
-    means = tuple((data.sigma * np.sqrt(scores.mean(axis=1))).tolist())
+    has_terms, scores = cross_validated((False, True), folds, error)
+    every = np.ones(time.size, bool)
+    whole = fitted(True, every)
+    values = tied(dict(zip(whole.names, whole.values.tolist(), strict=True)))
+    taken = whole = replace(whole, values=np.array(list(values.values())))
+    # from a step on, what is unknown of its relaxation, and how large that is
+    unknown2, relaxes = whole.unknown(_relaxing) ** 2, _relaxing(values) - values["gain"]
+    if not has_terms or rms(relaxes) ** 2 < unknown2:
+        taken = fitted(False, every)
+        unknown2 += rms(_relaxing(values) - taken["gain"]) ** 2
+    left_n = sigma * residual(dict(zip(taken.names, taken.values.tolist(), strict=True)))
+    # each decade of a load's age counts alike, however many samples it has
+    last = np.maximum.accumulate(np.where(moves | begins, np.arange(time.size), 0))
+    share = np.nan_to_num(interval_s / np.maximum(time - time[last], 1e-12))[1:] * ~moves[1:]
+    common = np.average(left_n[1:] * left_n[:-1], weights=share) / np.mean(elastic**2)
+    unknown2 += max(float(common), 0.0)
+    determined = whole.of(NAMES[:CREEP_TERMS]).left <= KEPT
     return CreepFit(
-        _parameters(found, data, law, left), float(found.values[0]),
-        float(np.sqrt(found.covariance[0, 0])), tuple(determined), means,
+        _parameters(taken, law, float(np.sqrt(unknown2)), time.size), taken["gain"],
+        float(taken.sigma[taken.names.index("gain")]), tuple(determined.tolist()),
+        tuple((sigma * np.sqrt(scores.mean(axis=1))).tolist()), rms(left_n),
     )  # fmt: skip
 
 
@@ -202,187 +214,55 @@ def unrelaxed(fit: CreepFit, time_s: np.ndarray, elastic_n: np.ndarray) -> np.nd
     elastic_n : ndarray, shape (t,)
         As of `fit_creep`; the face has rested before.
     """
-    times_s = np.maximum(fit.fit.values[CREEP_TERMS : 2 * CREEP_TERMS], 1e-9)
-    data = _Data(time_s, np.arange(time_s.size) == 0, elastic_n, elastic_n, False, 1.0)
-    memory, _ = _followed(np.concatenate([[1.0], fit.weights, np.log(times_s)]), data)
-    return fit.gain * fit.weights @ memory
+    times_s = np.maximum(fit.fit.values[CREEP_TERMS : 2 * CREEP_TERMS], 1e-3)
+    return fit.gain * fit.weights @ _memory(time_s, elastic_n, times_s, np.zeros(1, int))
 
 
-def _noise(values: np.ndarray, begins: np.ndarray) -> float:
-    """One-sigma from one sample to the next, N, which the few that are steps do not move."""
-    steps = np.diff(values)[~begins[1:]]
-    return robust_sigma(steps) / float(np.sqrt(2.0))
+def _memory(
+    time_s: np.ndarray, elastic_n: np.ndarray, times_s: np.ndarray, starts: np.ndarray
+) -> np.ndarray:
+    """h_j of each sample, shape (j, t): what fades of the steps before, by a ramp from sample to
+    sample, ``h = sum over steps d of m d exp(-age / times_s)``; zero where a run begins."""
+    out = np.zeros((times_s.size, time_s.size))
+    for first, end in zip(starts, np.append(starts[1:], time_s.size), strict=True):
+        at, step = time_s[first:end], np.diff(elastic_n[first:end], prepend=elastic_n[first])
+        for j, lag_s in enumerate(times_s):
+            lag = np.maximum(np.diff(at, prepend=at[0]) / lag_s, 1e-12)
+            gained, h = -np.expm1(-lag) / lag * step, 0.0
+            # cumulative sums of what has faded by the end of a stretch
+            stretch = np.floor((at - at[0]) / (LONGEST * lag_s)).astype(int)
+            for part in np.split(np.arange(at.size), np.flatnonzero(np.diff(stretch)) + 1):
+                age = (at[part] - at[part[0]]) / lag_s
+                before = h * np.exp(-lag[part[0]])
+                out[j, first + part] = np.exp(-age) * (
+                    before + np.cumsum(gained[part] * np.exp(age))
+                )
+                h = out[j, first + part[-1]]
+    return out
 
 
-def _follow_python(data, gain, weight, times_s, memory, other):
-    """h_j of each sample, shape (j, t), and what it shows of `other`: force from displacement, or,
-    where that is the noisier one, the elastic force from the force."""
-    h, kept, m = np.zeros(weight.size), np.zeros(weight.size), np.zeros(weight.size)
-    elastic = step_s = 0.0
-    for i in range(data.time_s.size):
-        over, sharper, before = 0.0, 0.0, elastic
-        last_s = step_s
-        step_s = 0.0 if data.begins[i] else data.time_s[i] - data.time_s[i - 1]
-        if abs(step_s - last_s) > 1e-6 * last_s:
-            for j in range(weight.size):
-                lag = max(step_s / times_s[j], 1e-300)
-                kept[j], m[j] = np.exp(-lag), -np.expm1(-lag) / lag
-        for j in range(weight.size):
-            if data.begins[i]:
-                h[j], m[j] = 0.0, 0.0
-            h[j] *= kept[j]
-            over += weight[j] * h[j]
-            sharper += weight[j] * m[j]
-        if data.by_force:
-            elastic = (data.force[i] / gain - over + sharper * before) / (1.0 + sharper)
-        else:
-            elastic = data.elastic[i]
-        for j in range(weight.size):
-            h[j] += m[j] * (elastic - before)
-            memory[j, i] = h[j]
-        borne = gain * (elastic + over + sharper * (elastic - before))
-        other[i] = elastic if data.by_force else borne
-
-
-_follow = compiled(_follow_python)
-
-
-def _followed(values: np.ndarray, data: _Data) -> tuple[np.ndarray, np.ndarray]:
-    """h_j of each sample, shape (j, t), and the residual of what is predicted, N."""
-    weight, times_s = _Found(values, values).terms()
-    memory, other = np.empty((weight.size, data.time_s.size)), np.empty(data.time_s.size)
-    _follow(data, values[0], weight, times_s, memory, other)
-    return memory, (data.elastic if data.by_force else data.force) - other
-
-
-def _residual(values: np.ndarray, data: _Data) -> np.ndarray:
-    return _followed(values, data)[1]
-
-
-def _prior(order: int, span: tuple[float, float] = TIMES_S) -> _Found:
-    """Gain, weights and times between two, before any data, independent of each other."""
-    times_s = np.geomspace(*span, 2 * order + 1)[1::2]
-    decades = np.log(TIMES_S[1] / TIMES_S[0]) / CREEP_TERMS
-    share = RELATIVE / CREEP_TERMS * np.log(span[1] / span[0]) / decades / max(order, 1)
-    wide = 0.5 * np.log(span[1] / span[0]) / max(order, 1)
-    sigma = [GAIN_SIGMA, *[share] * order, *[wide] * order]
-    values = np.concatenate([[1.0], [share] * order, np.log(times_s)])
-    return _Found(values, np.diag(np.square(sigma)))
-
-
-def _ages(data: _Data) -> np.ndarray:
-    """How long each sample's load has been held, s."""
-    ages, began_s, held = np.empty_like(data.time_s), 0.0, 0.0
-    moved = HELD_SHARE * np.ptp(data.elastic)
-    for i, (time_s, elastic) in enumerate(zip(data.time_s, data.elastic, strict=True)):
-        if data.begins[i] or abs(elastic - held) > moved:
-            began_s, held = time_s, elastic
-        ages[i] = time_s - began_s
-    return ages
-
-
-def _decades(data: _Data) -> tuple[np.ndarray, tuple[float, float]]:
-    """Times of the prior's terms that are faster than the samples, and between which the others
-    lie."""
-    fresh = (_ages(data) < FRESH_S) & ~data.begins
-    intervals_s = np.diff(data.time_s, prepend=0.0)[fresh if fresh.any() else ~data.begins]
-    interval_s = float(np.median(intervals_s))
-    times_s = _prior(CREEP_TERMS).terms()[1]
-    kept_s = times_s[times_s < SAMPLES_A_TERM * interval_s]
-    edges = np.geomspace(*TIMES_S, CREEP_TERMS + 1)
-    return kept_s, (float(edges[kept_s.size % CREEP_TERMS]), TIMES_S[1])
-
-
-def _solve(
-    data: _Data, order: int, kept_s: np.ndarray, span: tuple[float, float],
-    chosen: np.ndarray | slice = slice(None),
-) -> _Found:  # fmt: skip
-    """The likeliest gain and terms, given the samples that are chosen, and terms that are kept."""
-    prior = _prior(order, span)
-    spread = np.sqrt(np.diag(prior.covariance))
-    # from what is fitted to all terms: those that are kept are as large as the others' mean
-    terms, fitted = order + kept_s.size, CREEP_TERMS - kept_s.size
-    spreading = np.zeros((1 + 2 * terms, 1 + 2 * order))
-    spreading[np.r_[0 : 1 + order, 1 + terms : 1 + terms + order], np.arange(1 + 2 * order)] = 1.0
-    spreading[1 + order : 1 + terms, 1 : 1 + order] = 1.0 / max(fitted, 1)
-    fixed = np.zeros(1 + 2 * terms)
-    fixed[1 + terms + order :] = np.log(kept_s)
-
-    def joined(values: np.ndarray) -> np.ndarray:
-        return spreading @ values + fixed
-
-    def missed(values: np.ndarray) -> np.ndarray:
-        data_part = _residual(joined(values), data)[chosen] / data.sigma
-        return np.concatenate([data_part, (values - prior.values) / spread])
-
-    least = np.concatenate([[-np.inf], np.zeros(order), np.full(order, np.log(span[0]))])
-    most = np.concatenate([np.full(1 + order, np.inf), np.full(order, np.log(span[1]))])
-    best = least_squares(
-        missed, prior.values, bounds=(least, most), loss="soft_l1", f_scale=OUTLIER_SIGMAS,
-        x_scale=spread, ftol=1e-6, xtol=1e-4,
-    )  # fmt: skip
-    rows = best.jac[: -prior.values.size]
-    chi2 = max(float(np.mean(best.fun[: len(rows)] ** 2)), 1.0)
-    own = np.linalg.inv(rows.T @ rows / chi2 + np.linalg.inv(prior.covariance))
-    # each kept term differs from that mean, and in its time, as much as the prior says
-    known = np.diag(_prior(CREEP_TERMS).covariance)
-    more = np.zeros(1 + 2 * terms)
-    more[1 + order : 1 + terms], more[1 + terms + order :] = known[1], known[-1]
-    return _Found(joined(best.x), spreading @ own @ spreading.T + np.diag(more))
-
-
-def _relaxation(found: _Found) -> float:
-    """What a step relaxes by, root mean square from 0.1 to 100 s. Terms that say less of it than
-    they leave unknown are further from the truth than none."""
-    weight, times_s = found.terms()
-    fading = np.exp(-np.geomspace(*TIMES_S, 31) / times_s[:, np.newaxis])
-    return float(np.sqrt(np.mean((found.values[0] * (weight @ fading)) ** 2)))
-
-
-def _left(found: _Found, whole: _Found, data: _Data) -> float:
-    """One-sigma of the relaxation of a step, on average from 0.1 to 100 s.
-
-    It is what all terms that could be determined leave unknown, by how much fewer differ from them,
-    and what neither follows: noise differs from sample to sample, a misfit does not.
-    """
+def _relaxing(at: dict[str, Any]) -> np.ndarray:
+    """What a step of 1 bears from 0.1 to 100 s after it, shape (31,)."""
     at_s = np.geomspace(*TIMES_S, 31)
-
-    def step(which: _Found) -> tuple[np.ndarray, np.ndarray]:
-        (weight, times_s), gain = which.terms(), which.values[0]
-        fading = np.exp(-at_s / times_s[:, np.newaxis])
-        slower = weight[:, np.newaxis] * fading * at_s / times_s[:, np.newaxis]
-        relaxed = 1.0 + weight @ fading
-        return gain * relaxed, np.vstack([relaxed, gain * fading, gain * slower])
-
-    (wanted, slopes), (taken, _) = step(whole), step(found)
-    unknown = np.einsum("pt,pq,qt->t", slopes, whole.covariance, slopes)
-    memory, residual = _followed(found.values, data)
-    relaxing = np.vstack([data.elastic, memory])
-    # each age of a load counts alike, however many samples it has
-    bins = np.digitize(_ages(data)[1:], np.geomspace(*TIMES_S, BINS))
-    product, count = (
-        np.bincount(bins, weights) for weights in (residual[1:] * residual[:-1], None)
-    )  # fmt: skip
-    common = np.mean(product[count > 0] / count[count > 0])
-    misfit = common / np.mean(np.max(relaxing**2, axis=0))
-    return float(np.sqrt(np.mean(unknown + (wanted - taken) ** 2) + max(misfit, 0.0)))
+    fading = sum(at[f"weight {k}"] * np.exp(-at_s / np.exp(at[f"log_s {k}"]))
+                 for k in range(CREEP_TERMS))  # fmt: skip
+    return at["gain"] * (1.0 + fading)
 
 
-def _parameters(found: _Found, data: _Data, law: str, left: float) -> Fit:
-    """Terms by their times as parameters of a unit; those that are not needed are zeros."""
-    weight, times_s = found.terms()
-    count, residual = weight.size, _residual(found.values, data)
-    order = np.argsort(times_s)
-    place = np.r_[0:count, CREEP_TERMS : CREEP_TERMS + count]
-    jacobian = np.zeros((2 * CREEP_TERMS + 1, found.values.size))
-    jacobian[place, 1 + np.r_[order, count + order]] = np.r_[np.ones(count), times_s[order]]
-    covariance = jacobian @ found.covariance @ jacobian.T
-    covariance[-1, -1] = left**2 / (2.0 * residual.size)
-    values = np.zeros(2 * CREEP_TERMS + 1)
-    values[place], values[-1] = np.r_[weight[order], times_s[order]], left
+def _parameters(fit: Fit, law: str, unknown: float, samples: int) -> Fit:
+    """Terms by their times as parameters of a unit; zeros where there is none."""
     names = [f"{law}_creep_{what}[{k}]" for what in ("relative", "s") for k in range(CREEP_TERMS)]
-    return Fit(
-        (*names, f"{law}_creep_sigma_relative"), values, covariance,
-        float(np.sqrt(np.mean(residual**2))), float(np.mean((residual / data.sigma) ** 2)),
-        residual.size,
-    )  # fmt: skip
+    count, values = 2 * CREEP_TERMS, np.zeros(2 * CREEP_TERMS + 1)
+    covariance = np.zeros((count + 1, count + 1))
+    if len(fit.names) > 1:
+        terms = fit.of(NAMES)
+        order = np.argsort(terms.values[CREEP_TERMS:])
+        order = np.append(order, CREEP_TERMS + order)
+        values[:count] = terms.values[order]
+        values[:CREEP_TERMS] = np.maximum(values[:CREEP_TERMS], 0.0)
+        values[CREEP_TERMS:count] = np.exp(values[CREEP_TERMS:count])
+        scale = np.append(np.ones(CREEP_TERMS), values[CREEP_TERMS:count])
+        covariance[:count, :count] = terms.covariance[np.ix_(order, order)] * np.outer(scale, scale)
+    values[-1], covariance[-1, -1] = unknown, unknown**2 / (2.0 * samples)
+    return Fit((*names, f"{law}_creep_sigma_relative"), values, covariance,
+               np.zeros(count + 1), fit.rms, samples)  # fmt: skip

@@ -1,11 +1,10 @@
-"""Tare: what untouched units read is their zero, as an explicit action that is saved.
+"""Tare: what untouched units read is their zero.
 
 Of every unit it takes the frequency at rest and the offsets of the lateral field, in place: with
 the chip's own offset, that of its assembly as far as calibration does not know it (`film_x_mm`),
-and the ambient field of the moment. From then on
-`skin.decode.ambient.Ambient` reports the *change* of the ambient field since the tare, so that
-nothing is subtracted twice; what it had followed before belongs to the calibration before, and is
-not restored on this one.
+and the ambient field of the moment. From then on `skin.decode.ambient.Ambient` reports the *change*
+of the ambient field since the tare, so that nothing is subtracted twice; what it had followed
+before belongs to the calibration before, and is not restored on this one.
 
 What resting neighbours add is left out: decoders take it off themselves, by magnet theory or by
 the stencil that they are given. What a stencil has beyond theory stands with the zeros
@@ -23,26 +22,60 @@ import dataclasses
 import datetime
 import os
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.special import ndtri
 
-from skin.calibrate.read import as_fit, named_file, read_calibration
-from skin.calibrate.untouched import Readings
-from skin.calibrate.write import OfUnits, calibration_of, write_calibration
-from skin.errors import CountsError, OptionError, ScanError, SkinError
-from skin.physics.least_squares import Fit
+from bus.status import INVALID, Status
+from skin.calibrate.files import (
+    OfUnits,
+    calibration_file,
+    calibration_files,
+    read_calibration,
+    write_calibration,
+)
+from skin.calibrate.fit import Fit, as_fit
+from skin.errors import CountsError, OptionError, ScanError
+from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, film_at_rest_ut, inverse_map
 from skin.physics.stencil import neighbours_at_rest
-from topology import CHANNELS, Topology
-from topology.files import check_over, missing
-from topology.load import is_builtin
+from topology import CHANNELS, Topology, UnitModel
+from topology.files import missing
+from topology.gel import gel_temperature
 
-__all__ = ["Tare", "calibration_files", "chosen", "tare"]
+__all__ = ["LEAST_CYCLES", "Readings", "Tare", "chosen", "lowest_hz", "rest_hz2", "tare"]
 
 HOW = "tared in place, resting neighbours left out"
 TARED = re.compile(r"(; )?tared in place, resting neighbours [a-z ]+$")
+LEAST_CYCLES = 100
+"""Good readings that a mean needs [assumed]."""
+NOISY = 2.0
+"""Noise over that of the model that no working unit has [assumed]."""
+MOVED_SIGMAS = 5.0
+"""Difference of the means of both halves that chance does not make [assumed]."""
+WARMED_C = 0.5
+"""Change of temperature between both halves, °C [assumed]."""
+DRIFTED_HZ = 60.0
+"""How far the frequency at rest drifts, 0.1 N [assumed]. A unit as made may be off by its spread as
+well: a press of 0.25 N that stands still passes for rest there, on that unit alone."""
+BY_CHANCE = 1e-3
+"""Share of untouched skins some of whose units are lower together than counts as rest [assumed].
+Units differ from each other independently, so a load on many shows in their mean."""
+DRIFTED_UT = 200.0
+"""The same of the lateral field [assumed: as `skin.decode.ambient` follows it]."""
+SPREAD = np.sqrt(3.0)
+"""Sigmas to the ends of an even spread."""
+OFFSET_UT, OFFSET_BLIND_UT = 1000.0, 2000.0
+"""Lateral field beyond which a unit is sheared: in addition to what resting neighbours add, and
+where that is not known, which on a fingertip is 1.2 mT [derived]. 1000 µT are 0.6 mm at rest
+[assumed]."""
+
+QUARTERS = 4
+GEL, FREQUENCY, BX, BY, BZ, CHIP = range(len(CHANNELS))
+Blame = Callable[..., None]
+"""Takes a mask of units, and of a unit's index what is wrong with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +205,7 @@ class Tare:
         files = calibration_files(self.topology, self.taken, out)
         beyond_ut = self.beyond_ut()
         for patch, path in files.items():
-            source = _own_file(self.topology, patch)
+            source = calibration_file(self.topology, patch)
             source = None if source is None or missing(source) else source
             before, units = read_calibration(source)
             here = self.topology.patch == self.topology.patch_names.index(patch)
@@ -213,7 +246,7 @@ class Tare:
         }
         if beyond_ut[:, i].any() or any(name in fit.names for fit in known for name in stencil):
             values |= stencil
-        return as_fit(values, int(self.cycles[i]))
+        return as_fit(values)
 
 
 def chosen(topology: Topology, leave_out: Collection[str] = ()) -> np.ndarray:
@@ -226,63 +259,6 @@ def chosen(topology: Topology, leave_out: Collection[str] = ()) -> np.ndarray:
     if not taken.any():
         raise OptionError("leave_out: must leave a unit to be tared; got all of them")
     return taken
-
-
-def calibration_files(
-    topology: Topology, taken: np.ndarray, out: str | os.PathLike[str] | None = None
-) -> dict[str, Path]:
-    """The calibration file of each patch that has a tared unit.
-
-    Parameters
-    ----------
-    topology : Topology
-    taken : ndarray, shape (n,), bool
-        Units that are tared.
-    out : str or path, optional
-        A file where one patch is tared, or a folder for a file of each; if not given, the files
-        that the topology names, or ``<topology>.<patch>.calibration.toml`` next to it.
-
-    Raises
-    ------
-    SkinError
-        None is given, a patch names none, and the topology has no file or is a ready-made one.
-    FileExistsError
-        A file is there that is no calibration file of these units.
-    """
-    files = _calibration_files(topology, taken, out)
-    for patch, path in files.items():
-        units = {name.removeprefix(f"{patch}/") for name in topology.unit_names}
-        check_over(path, calibration_of(patch, units))
-    return files
-
-
-def _calibration_files(
-    topology: Topology, taken: np.ndarray, out: str | os.PathLike[str] | None
-) -> dict[str, Path]:
-    patches = [topology.patch_names[i] for i in np.unique(topology.patch[taken])]
-    if out is not None:
-        path = Path(out)
-        alone = len(patches) == 1 and not path.is_dir()
-        return {patch: path if alone else path / f"{patch}.toml" for patch in patches}
-    files = {}
-    for patch in patches:
-        file = _own_file(topology, patch)
-        if file is None:
-            raise SkinError(
-                f"{topology.name}: patch {patch!r}: must have a calibration file to be written to "
-                "(--output FILE), as no file of yours names one; got none"
-            )
-        files[patch] = file
-    return files
-
-
-def _own_file(topology: Topology, patch: str) -> Path | None:
-    """The calibration file that the topology names for a patch, or else that next to it; None for
-    ready-made topologies, whose folder is not the user's."""
-    named = named_file(topology, patch)
-    if named is not None or topology.path is None or is_builtin(topology.path):
-        return named
-    return topology.path.with_name(f"{topology.path.stem}.{patch}.calibration.toml")
 
 
 def tare(
@@ -324,16 +300,13 @@ def tare(
     _check("counts", counts, np.int16, (len(CHANNELS), topology.n))
     flags = np.zeros(counts.shape[::2], np.uint16) if status is None else status
     _check("status", flags, np.uint16, (topology.n,), len(counts))
-    readings = Readings(topology, counts, flags, rest_ut)
-    faults = [
-        f"{topology.unit_names[i]}: {fault}"
-        for i in np.flatnonzero(taken) for fault in readings.look(int(i)).faults
-    ]  # fmt: skip
+    readings = Readings(topology)
+    readings.add_all(counts, flags)
+    faults, _ = readings.faults(taken, rest_ut)
     if faults:
-        raise ScanError("\n".join(faults))
-    there_ut = np.zeros((3, topology.n)) if rest_ut is None else rest_ut
-    found = Tare(topology, taken, *readings.zeros(taken), there_ut)
-    return found.leaving_out(neighbours_at_rest(topology)) if rest_ut is None else found
+        raise ScanError("\n".join(f"{topology.unit_names[i]}: {fault}"
+                                  for i, each in faults.items() for fault in each))  # fmt: skip
+    return readings.zeros(taken, neighbours_at_rest(topology) if rest_ut is None else rest_ut)
 
 
 def _check(
@@ -346,3 +319,306 @@ def _check(
     got = f"{array.dtype}, shape {array.shape}" if isinstance(array, np.ndarray) else type(array)
     wanted = ", ".join(map(str, ("t" if cycles is None else cycles, *shape)))
     raise CountsError(f"{name}: must be an array of {kind.__name__}, shape ({wanted}); got {got}")
+
+
+# -- what untouched units read --------------------------------------------------------------------
+
+
+class Readings:
+    """What units read over some cycles: sums of their good readings in four quarters of the time.
+
+    Parameters
+    ----------
+    topology : Topology
+        With the calibration that it has.
+    """
+
+    def __init__(self, topology: Topology) -> None:
+        self.topology, n = topology, topology.n
+        self._count = np.zeros((QUARTERS, n), np.int64)
+        self._sum, self._square = np.zeros((2, QUARTERS, len(CHANNELS), n), np.int64)
+        self._log_ua, self._flags = np.zeros((QUARTERS, n)), np.zeros(n, np.uint16)
+
+    def add(self, counts: np.ndarray, status: np.ndarray, quarter: int) -> None:
+        """Add cycles of a quarter: counts, shape (t, c, n), int16, and flags, shape (t, n)."""
+        good = status & int(INVALID) == 0
+        whole = np.where(good[:, np.newaxis], counts, 0).astype(np.int64)
+        self._count[quarter] += good.sum(axis=0)
+        self._sum[quarter] += whole.sum(axis=0)
+        self._square[quarter] += np.square(whole).sum(axis=0)
+        self._flags |= np.bitwise_or.reduce(status & int(INVALID), axis=0)
+        scale, offset = self.topology.scale[GEL], self.topology.offset[GEL]
+        log_ua = np.log(np.maximum(scale * counts[:, GEL] + offset, 1e-9))
+        self._log_ua[quarter] += np.where(good, log_ua, 0.0).sum(axis=0)
+
+    def add_all(self, counts: np.ndarray, status: np.ndarray) -> None:
+        """Add a whole recording."""
+        for quarter, part in enumerate(np.array_split(np.arange(len(counts)), QUARTERS)):
+            self.add(counts[part], status[part], quarter)
+
+    # -- means ------------------------------------------------------------------------------------
+
+    @property
+    def count(self) -> np.ndarray:
+        """Good readings of each unit, shape (n,)."""
+        return self._count.sum(axis=0)
+
+    def means(self, parts: int) -> np.ndarray:
+        """Physical values of the channels in halves, quarters or the whole, shape (parts, c, n);
+        NaN where there is no good reading."""
+        topology, n = self.topology, self.topology.n
+        count = self._count.reshape(parts, -1, n).sum(axis=1)[:, np.newaxis]
+        total = self._sum.reshape(parts, -1, len(CHANNELS), n).sum(axis=1)
+        seen = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        return topology.scale * seen + topology.offset
+
+    def noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Scatter of the readings, and one-sigma of their mean, shape (c, n)."""
+        n, step = np.maximum(self.count, 2), np.abs(self.topology.scale)
+        total, square = self._sum.sum(axis=0), self._square.sum(axis=0)
+        spread = step * np.sqrt((n * square - total**2) / (n * (n - 1.0)))
+        # where the noise is below a step, so is what a mean can resolve
+        coarse = np.where(spread < 0.5 * step, step / np.sqrt(12.0), 0.0)
+        return spread, np.hypot(spread / np.sqrt(n), coarse)
+
+    def gel_c(self, parts: int) -> np.ndarray:
+        """Temperature by the geometric mean of gel currents, shape (parts, n)."""
+        p, n = self.topology.parameters, self.topology.n
+        count = self._count.reshape(parts, -1, n).sum(axis=1)
+        log_ua = self._log_ua.reshape(parts, -1, n).sum(axis=1)
+        log_ua = np.where(count > 0, log_ua / np.maximum(count, 1), np.nan)
+        return gel_temperature(p, np.exp(log_ua) / p["gel_current_20c_ua"])
+
+    def _warm(self) -> tuple[np.ndarray, np.ndarray]:
+        """Temperature of chips and films, °C, shape (n,); of what is not on the wire, that of the
+        other."""
+        p, wired = self.topology.parameters, self.topology.wired
+        chip, gel = self.means(1)[0, CHIP], self.gel_c(1)[0]
+        film = np.where(wired[CHIP], chip, p["film_reference_c"])
+        return (np.where(wired[CHIP], chip, np.where(wired[GEL], gel, p["hall_reference_c"])),
+                np.where(wired[GEL], gel, film))  # fmt: skip
+
+    def _gain(self) -> np.ndarray:
+        """Of the chips, times the strength of films, for their temperatures, shape (n,)."""
+        p, (chip, film) = self.topology.parameters, self._warm()
+        gain = 1.0 + p["hall_gain_per_k"] * (chip - p["hall_reference_c"])
+        return gain * (1.0 + p["film_drift_per_k"] * (film - p["film_reference_c"]))
+
+    def offsets_ut(self) -> np.ndarray:
+        """Mean field at the chips' reference temperatures, shape (3, n), without the lateral one of
+        the films themselves."""
+        topology, p = self.topology, self.topology.parameters
+        lateral = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
+        own = self._gain() * np.vstack([lateral, np.zeros(topology.n)])
+        drift = np.stack([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
+        above = self._warm()[0] - p["hall_reference_c"]
+        return self.means(1)[0, BX : BZ + 1] - drift * above - own
+
+    @property
+    def fall_hz(self) -> np.ndarray:
+        """By how much units are lower than at rest, shape (n,)."""
+        return self.topology.parameters["frequency_rest_hz"] - self.means(1)[0, FREQUENCY]
+
+    # -- verdict ----------------------------------------------------------------------------------
+
+    def faults(
+        self,
+        which: np.ndarray,
+        rest_ut: np.ndarray | None,
+        *,
+        expected_ut: np.ndarray | None = None,
+        least_hz: np.ndarray | None = None,
+    ) -> tuple[dict[int, list[str]], np.ndarray]:
+        """Why units cannot be tared.
+
+        Parameters
+        ----------
+        which : ndarray, shape (n,), bool
+        rest_ut : ndarray, shape (3, n), optional
+            As of `tare`.
+        expected_ut : ndarray, shape (3, n), optional
+            Field of resting neighbours in theory, where nobody said that the skin is untouched:
+            then a lateral field that units as made do not have indicates shear, not only one that
+            no unit has.
+        least_hz : ndarray, shape (n,), optional
+            Frequency below which a unit is pressed; `lowest_hz` of the topology if not given.
+
+        Returns
+        -------
+        faults : dict of int to list of str
+            Of units that cannot.
+        is_pressed : ndarray, shape (n,), bool
+            Whether something presses them.
+        """
+        topology, count, few = self.topology, self.count, self.count < LEAST_CYCLES
+        pressed, found = np.zeros(topology.n, bool), {i: [] for i in np.flatnonzero(which).tolist()}
+        for i in np.flatnonzero(which & few).tolist():
+            seen = Status(int(self._flags[i]))
+            why = f" ({seen.name})" if seen else ""
+            found[i].append(f"must have {LEAST_CYCLES} good readings or more; got {count[i]}{why}")
+
+        def blame(wrong: np.ndarray, text: Callable[[int], str], *, presses: bool = False) -> None:
+            for i in np.flatnonzero(which & ~few & wrong).tolist():
+                found[i].append(text(i))
+                pressed[i] |= presses
+
+        self._blame_moves(blame)
+        there_ut, room_ut = np.zeros((3, topology.n)), np.full(topology.n, OFFSET_BLIND_UT)
+        if rest_ut is not None:
+            there_ut, room_ut = rest_ut, np.full(topology.n, OFFSET_UT)
+        if expected_ut is not None:
+            there_ut = expected_ut
+            room_ut = np.minimum(room_ut, _spread_ut(topology, expected_ut))
+        low_hz = lowest_hz(topology) if least_hz is None else least_hz
+        self._blame_loads(blame, there_ut, room_ut, low_hz)
+        self._blame_noise(blame)
+        return {i: each for i, each in found.items() if each}, pressed
+
+    def _usual(self) -> list[tuple[str, int, np.ndarray, np.ndarray, str]]:
+        """Of each channel that is tared: name, number, noise of the model and with steps, unit."""
+        p, step = self.topology.parameters, np.abs(self.topology.scale)
+        return [
+            (name, channel, p[key], np.hypot(p[key], step[channel] / np.sqrt(12.0)), unit)
+            for name, channel, key, unit in (
+                ("frequency", FREQUENCY, "frequency_noise_hz", "Hz"),
+                ("bx", BX, "field_noise_ut", "µT"), ("by", BY, "field_noise_ut", "µT"),
+            )
+        ]  # fmt: skip
+
+    def _blame_moves(self, blame: Blame) -> None:
+        """Means of halves and quarters that differ by more than chance has it."""
+        for name, channel, _, usual, unit in self._usual():
+            before = np.zeros(self.topology.n, bool)
+            for part, parts in (("half", 2), ("quarter", 4)):
+                means = self.means(parts)[:, channel]
+                ends = np.stack([np.argmin(np.nan_to_num(means, nan=np.inf), axis=0),
+                                 np.argmax(np.nan_to_num(means, nan=-np.inf), axis=0)])  # fmt: skip
+                first, last = np.take_along_axis(means, np.sort(ends, axis=0), axis=0)
+                room = MOVED_SIGMAS * usual * np.sqrt(2.0 * parts / np.maximum(self.count, 1))
+                moved = last - first
+                wrong = (np.abs(moved) > room) & ~before
+                before |= wrong
+                blame(wrong, lambda i, moved=moved, name=name, unit=unit, part=part:
+                      f"{name}: must hold still; moved by {moved[i]:.3g} {unit} from {part} to "
+                      f"{part}", presses=True)  # fmt: skip
+
+    def _blame_loads(
+        self, blame: Blame, rest_ut: np.ndarray, room_ut: np.ndarray, least_hz: np.ndarray
+    ) -> None:
+        """A press, a pull or shear, given the field of resting neighbours, shape (3, n), how far
+        the lateral field may be from that, and the lowest frequency at rest, shape (n,)."""
+        p, mean = self.topology.parameters, self.means(1)[0]
+        most_hz = p["frequency_rest_hz"] + _room_hz(p)
+        room, middle = 0.5 * (most_hz - least_hz), 0.5 * (most_hz + least_hz)
+        blame(np.abs(mean[FREQUENCY] - middle) > room, lambda i:
+              f"frequency: must be within {room[i]:.4g} Hz of {middle[i]:.6g} Hz where nothing "
+              f"presses or pulls; got {mean[FREQUENCY, i]:.6g} Hz", presses=True)  # fmt: skip
+        for name, channel, there in (("bx", BX, rest_ut[0]), ("by", BY, rest_ut[1])):
+            blame(np.abs(mean[channel] - there) > room_ut, lambda i, name=name, channel=channel,
+                  there=there: f"{name}: must be within {room_ut[i]:g} µT of {there[i]:.4g} µT "
+                  f"where nothing shears; got {mean[channel, i]:.4g} µT", presses=True)  # fmt: skip
+
+    def _blame_noise(self, blame: Blame) -> None:
+        """What indicates a unit that does not work as its model, and one that warms up."""
+        spread, step = self.noise()[0], np.abs(self.topology.scale)
+        for name, channel, nominal, usual, unit in self._usual():
+            seen = spread[channel]
+            blame(seen > NOISY * usual, lambda i, name=name, seen=seen, usual=usual, unit=unit:
+                  f"{name}: must have noise of {usual[i]:.3g} {unit}, twice that at most; got "
+                  f"{seen[i]:.3g} {unit}")  # fmt: skip
+            blame((seen == 0.0) & (nominal > step[channel]), lambda i, name=name, usual=usual,
+                  unit=unit: f"{name}: must have noise of {usual[i]:.3g} {unit}; got readings all "
+                  "alike")  # fmt: skip
+        warmed = np.diff(self.gel_c(2), axis=0)[0]
+        blame(self.topology.wired[GEL] & (np.abs(warmed) > WARMED_C), lambda i:
+              f"temperature: must be steady; changed by {warmed[i]:.2g} °C from half to half"
+              )  # fmt: skip
+
+    def pressed_together(
+        self, which: np.ndarray, near: tuple[np.ndarray, np.ndarray]
+    ) -> dict[int, str]:
+        """Units that seem at rest one by one, but are lower together than by `BY_CHANCE`: those
+        near one, those of a patch, or all.
+
+        The most powerful test of one load on all of them is the mean of the falls, weighted by
+        their variances: sum(f_i / s_i^2) / sqrt(sum(1 / s_i^2)), f_i being normal with s_i, which
+        has the spread of units as made, or what a bench has left of it, and of their drift.
+
+        Parameters
+        ----------
+        which : ndarray, shape (n,), bool
+            Units that were looked at.
+        near : tuple of ndarray, shape (m,)
+            Pairs of units that are near each other.
+        """
+        topology, units = self.topology, np.arange(self.topology.n)
+        weight = np.where(which, 1.0 / rest_hz2(topology), 0.0)
+        share = weight * np.where(which, self.fall_hz, 0.0)
+        own, other = (np.concatenate([*pair, units]) for pair in (near, near[::-1]))
+        groups = ((own, other), (topology.patch, units), (np.zeros_like(units), units))
+        found: dict[int, str] = {}
+        for group, unit in groups:
+            fall, total = (np.bincount(group, each[unit]) for each in (share, weight))
+            tests = len(groups) * max(np.count_nonzero(total), 1)
+            room = -ndtri(BY_CHANCE / tests) / np.sqrt(np.maximum(total, 1e-30))
+            mean = fall / np.maximum(total, 1e-30)
+            count = np.bincount(group, which[unit])
+            for i in np.flatnonzero((mean > room)[group] & which[unit]):
+                g = group[i]
+                found.setdefault(int(unit[i]), (
+                    f"frequency: must be within {room[g]:.3g} Hz of rest in the mean of "
+                    f"{count[g]:.0f} units together where nothing presses; got {mean[g]:.3g} Hz "
+                    "less (if nothing does: skin tare)"
+                ))  # fmt: skip
+        return found
+
+    def zeros(self, taken: np.ndarray, rest_ut: np.ndarray) -> Tare:
+        """The zeros of these units, shape (n,), bool; `rest_ut` as of `Tare`."""
+        topology, p = self.topology, self.topology.parameters
+        mean, sigma = self.means(1)[0], self.noise()[1]
+        offset, own_ut = self.offsets_ut(), axial_at_rest_ut(topology)
+        beyond = offset[2] - p["hall_offset_z_ut"]
+        # a tare leaves no spread of offsets in the sigma, and Bz keeps its own
+        spread = np.where(topology.calibrated, 0.0, UnitModel().field_sigma_ut)
+        own = axial_sigma_ut(topology, np.maximum(p["field_sigma_ut"], spread))
+        # a press for which the change of the frequency at rest may stand, and an earlier tare
+        moved_mm = (mean[FREQUENCY] - p["frequency_rest_hz"]) / p["frequency_slope_hz_per_mm"]
+        pressed = own_ut * p["field_growth_per_mm"] * moved_mm
+        axial_sigma = np.maximum(np.sqrt(own**2 + sigma[BZ] ** 2 + pressed**2),
+                                 p["axial_rest_sigma_ut"])  # fmt: skip
+
+        def of(values: np.ndarray, seen: np.ndarray | bool = True) -> np.ndarray:
+            return np.where(taken & seen, values, np.nan)
+
+        wired = topology.wired[BZ]
+        return Tare(
+            topology, taken, of(mean[FREQUENCY]), of(sigma[FREQUENCY]),
+            of(offset[:2] - rest_ut[:2]), of(sigma[BX : BY + 1]), of(beyond - rest_ut[2], wired),
+            of(beyond / self._gain() - own_ut, wired), of(axial_sigma, wired),
+            np.where(taken, self.count, 0), rest_ut,
+        )  # fmt: skip
+
+
+def rest_hz2(topology: Topology) -> np.ndarray:
+    """Variance of the frequency at rest of each unit, by its spread and its drift, shape (n,)."""
+    return topology.parameters["frequency_sigma_hz"] ** 2 + DRIFTED_HZ**2 / 3.0
+
+
+def lowest_hz(topology: Topology) -> np.ndarray:
+    """Frequency below which a unit is pressed, shape (n,): farther off than by drift and spread."""
+    return topology.parameters["frequency_rest_hz"] - _room_hz(topology.parameters)
+
+
+def _room_hz(p: dict[str, np.ndarray]) -> np.ndarray:
+    return DRIFTED_HZ + SPREAD * p["frequency_sigma_hz"]
+
+
+def _spread_ut(topology: Topology, rest_ut: np.ndarray) -> np.ndarray:
+    """How far a lateral axis may be from the field of neighbours at rest, µT, shape (n,): drift,
+    and three sigmas of offset, of where the film sits, and of what neighbours add."""
+    p = topology.parameters
+    per_mm = film_at_rest_ut(topology)[2] / p["field_vertical_ratio"]
+    per_mm = per_mm * p["field_wavenumber_rad_per_mm"]
+    stray = p["stray_sigma_relative"] * np.abs(rest_ut[:2]).max(axis=0)
+    sigma = np.sqrt(p["field_sigma_ut"] ** 2 + (per_mm * p["field_angle_sigma_mm"]) ** 2 + stray**2)
+    return DRIFTED_UT + 3.0 * sigma

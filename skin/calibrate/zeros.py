@@ -19,13 +19,11 @@ as pulled later was pressed: its zero is taken again.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.calibrate.tare import Tare
-from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings, lowest_hz, rest_hz2
+from skin.calibrate.tare import LEAST_CYCLES, QUARTERS, Readings, lowest_hz, rest_hz2
 from skin.decode.ambient_kernels import LOADED_SIGMAS
 from skin.decode.limits import PULL_SIGMAS, STEP_SIGMA
 from skin.physics.elastic import Elastic
@@ -42,8 +40,6 @@ WINDOW_S = 1.2
 """A second, and time for a heartbeat of every board."""
 SPARE = 1.2
 """Cycles of a window over those that a mean needs: some are lost [assumed]."""
-UNITS_A_CYCLE = 2
-"""Units that are looked at in one cycle, while its frames are on the wire: 0.6 ms [measured]."""
 LONGEST_WAIT_S = 60.0
 """Between two looks at a unit that was refused [assumed]."""
 NEAR_M = 0.03
@@ -61,6 +57,9 @@ FREQUENCY = CHANNELS.index("frequency")
 
 class Zeros:
     """Takes the zeros of the units that a decoder reads, while it runs.
+
+    It records a window (`look`), judges it while frames are on the wire (`work`), and then glances
+    at loads from time to time until the next window.
 
     Parameters
     ----------
@@ -103,15 +102,14 @@ class Zeros:
         self._glance = max(round(GLANCE_S * rate), 1)
         noise, step = topology.parameters["frequency_noise_hz"], topology.scale[FREQUENCY]
         self._sigma_hz = np.hypot(noise, step * STEP_SIGMA)
-        self.active, self.idle = False, FOREVER
-        self._last: tuple[np.ndarray, np.ndarray] | None = None  # views, written each cycle
-        self._records = self._owes = False
         rest_ut = decoder.rest_ut
         self._rest_ut = neighbours_at_rest(topology) if rest_ut is None else rest_ut
         self._near = near(topology, NEAR_M)
-        self._steps: Iterator[int] | None = None
+        self.active, self.idle, self._owes = False, FOREVER, False
+        self._readings: Readings | None = None  # of a window, while one is recorded
+        self._left = 0  # cycles of the window, or until the next one
         if self._pending.any():
-            self._begin()
+            self._record()
 
     def report(self) -> dict[str, Any]:
         """What was taken, for people and for JSON."""
@@ -121,116 +119,77 @@ class Zeros:
         """Look at all units from the next cycle on, and tare those that nothing touches. Others
         keep the zeros that they have; of those that were never tared it goes on as before. The
         caller says that nothing rests on the skin: units that are lower together are believed."""
-        topology = self._decoder.topology
-        self._pending = topology.feels
+        self._pending = self._decoder.topology.feels
         self.taken, self.refused = [], {}
         self._wait, self._is_told = self._cycles, True
-        self._begin()
+        self._record()
 
     def look(self, counts: np.ndarray, status: np.ndarray) -> None:
         """Look at a cycle: counts, shape (c, n), and flags, shape (n,); `work` does the rest."""
-        self._last = counts, status
         if self.idle:
             self.idle -= 1
-        elif self._records:
-            self._step()
-        else:
+            return
+        if self._readings is None:
             self._owes = True
+            return
+        quarter = QUARTERS * (self._cycles - self._left) // self._cycles
+        self._readings.add(counts[np.newaxis], status[np.newaxis], quarter)
+        if self._decoder.ambient is not None:
+            self._followed_ut += self._decoder.ambient.field_at_chips_ut / self._cycles
+        self._left -= 1
+        self._owes = self._left == 0
 
     def work(self) -> None:
         """Do what the last look has left, up to some milliseconds, before the next cycle."""
-        if self._owes:
-            self._step()
-
-    def _step(self) -> None:
-        """Go on by one step."""
+        if not self._owes:
+            return
         self._owes = False
-        wait = None if self._steps is None else next(self._steps, None)
-        if wait is None:
-            self._steps = None
-        self.idle = FOREVER if wait is None else wait
+        if self._readings is not None:
+            self._tare(self._readings)
+            self._watch()
+        elif self._glances():
+            self._wait = min(2 * self._wait, self._longest)
+            self._record()
 
-    # -- window by window -------------------------------------------------------------------------
+    # -- windows, and what lies between them -------------------------------------------------------
 
-    def _begin(self) -> None:
-        """Begin with the next cycle. The window's memory is written now: no cycle waits for it."""
-        n = self._filed.n
-        self._records, self._owes = True, False
-        self.active, self.idle = True, 0
-        self._steps = self._windows(
-            np.full((self._cycles, len(CHANNELS), n), 0, np.int16),
-            np.full((self._cycles, n), 0, np.uint16),
-        )
+    def _record(self) -> None:
+        """Begin a window with the next cycle."""
+        self._readings, self._left = Readings(self._filed), self._cycles
+        self._followed_ut = np.zeros((3, self._filed.n))
+        self.active, self.idle, self._owes = True, 0, False
 
-    def _windows(self, counts: np.ndarray, status: np.ndarray) -> Iterator[int]:
-        """One step a cycle, until nothing is left to be taken or given up; yields how many cycles
-        after the next one need no step. The window is recorded into `counts`, shape (t, c, n), and
-        `status`, shape (t, n)."""
-        while True:
-            self.active = bool(self._pending.any())
-            if not self.active:
-                if not self._of_run.any():
-                    return
-                yield from self._watch(FOREVER)
-                continue
-            ambient, followed = self._decoder.ambient, np.zeros((3, self._filed.n))
-            for t in range(self._cycles):
-                if self._last is not None:
-                    counts[t], status[t] = self._last
-                if ambient is not None:
-                    followed += ambient.field_at_chips_ut / self._cycles
-                self._records = t + 1 < self._cycles
-                yield 0
-            # a rise is measured by what is known without the zeros of this run, a fall by both
-            least_hz = np.maximum(lowest_hz(self._filed), lowest_hz(self._decoder.topology))
-            readings = Readings(
-                self._filed, counts, status, self._rest_ut, expected_ut=self._rest_ut,
-                least_hz=least_hz,
-            )  # fmt: skip
-            looks = {}
-            for k, i in enumerate(np.flatnonzero(self._pending).tolist()):
-                looks[i] = readings.look(i)
-                if k % UNITS_A_CYCLE:
-                    yield 0
-            if not self._is_told:
-                alone = np.zeros(self._filed.n, bool)
-                alone[[i for i, look in looks.items() if not look.faults]] = True
-                found = readings.pressed_together(alone, self._near)
-                looks |= {i: Look([why], True) for i, why in found.items()}
-            yield from self._tare(readings, looks, followed)
-            self._is_told = False
-            if self._pending.any():
-                yield from self._watch(self._wait)
-                self._wait = min(2 * self._wait, self._longest)
+    def _watch(self) -> None:
+        """Let cycles pass until the next window, if there is any."""
+        self._readings, self.active = None, bool(self._pending.any())
+        self._first_hz, self._was_above = self._load_hz(), np.zeros(self._filed.n, bool)
+        self._left, self._soonest = self._wait, self._wait // SOONER
+        if not self.active:
+            self._left = FOREVER if self._of_run.any() else 0
+        self.idle = min(self._glance, self._left) - 1 if self._left else FOREVER
 
-    def _watch(self, cycles: int) -> Iterator[int]:
-        """Let cycles pass, until a load is taken away of a unit whose zero is to be taken, and of
-        those near it. A zero above which a unit stays was taken under a load: it is given up."""
-        first, was_above = self._load_hz(), np.zeros(self._filed.n, bool)
-        ambient = self._decoder.ambient
+    def _glances(self) -> bool:
+        """Whether the next window begins: after the wait, or when a load is taken away of a unit
+        whose zero is to be taken, and of those near it. A zero above which a unit stays was taken
+        under a load: it is given up."""
+        passed = min(self._glance, self._left)
+        self._left, self._soonest = self._left - passed, self._soonest - passed
+        self.idle = min(self._glance, self._left) - 1
+        load, ambient = self._load_hz(), self._decoder.ambient
         most_hz = self._sigma_hz * (PULL_SIGMAS if ambient is None else RISEN_SIGMAS)
-        least_hz, filed_hz = LOADED_SIGMAS * self._sigma_hz, self._filed.parameters[REST]
-        rest_hz, soonest = lowest_hz(self._filed), self._wait // SOONER
-        while cycles > 0:
-            self._records, wait = False, min(self._glance, cycles)
-            cycles -= wait
-            yield wait - 1
-            load = self._load_hz()
-            above = (load < -most_hz) & self._of_run
-            above &= self._beside(load > least_hz) < 0  # there an elastomer bulges
-            # what is higher than any unit at rest was not pressed when it was tared
-            now_hz = self._decoder.topology.parameters[REST] - load
-            above &= now_hz <= 2.0 * filed_hz - rest_hz
-            if (lost := above & was_above).any():
-                self._give_up(lost, -load)
-            was_above = above
-            lifted = (first - load > least_hz) & (now_hz >= rest_hz)
-            lifted &= self._beside(now_hz < rest_hz) < 0
-            soonest -= wait
-            if (self._pending & (lifted & (soonest <= 0) | lost)).any():
-                break
-        self._records = True
-        yield 0
+        least_hz, rest_hz = LOADED_SIGMAS * self._sigma_hz, lowest_hz(self._filed)
+        above = (load < -most_hz) & self._of_run
+        above &= self._beside(load > least_hz) < 0  # there an elastomer bulges
+        # what is higher than any unit at rest was not pressed when it was tared
+        now_hz = self._decoder.topology.parameters[REST] - load
+        above &= now_hz <= 2.0 * self._filed.parameters[REST] - rest_hz
+        if (lost := above & self._was_above).any():
+            self._give_up(lost, -load)
+        self._was_above = above
+        lifted = (self._first_hz - load > least_hz) & (now_hz >= rest_hz)
+        lifted &= self._beside(now_hz < rest_hz) < 0
+        soon = lifted & (self._soonest <= 0)
+        return self._left <= 0 or bool((self._pending & (soon | lost)).any())
 
     def _load_hz(self) -> np.ndarray:
         """By how much frequencies are lower than at rest, shape (n,); NaN where unknown."""
@@ -262,42 +221,51 @@ class Zeros:
         gone = {names[i] for i in np.flatnonzero(lost)}
         self.taken = [name for name in self.taken if name not in gone]
 
-    def _tare(
-        self, readings: Readings, looks: dict[int, Look], followed_ut: np.ndarray
-    ) -> Iterator[int]:
-        """Tare the units that nothing touches; report the others. Another step a cycle."""
-        topology, names = self._decoder.topology, self._filed.unit_names
-        faults = {i: look.faults[0] for i, look in looks.items() if look.faults}
-        pressed = np.zeros(topology.n, bool)
-        pressed[[i for i, look in looks.items() if look.is_pressed]] = True
-        if pressed.any():
-            near_by = self._beside(pressed)
-            for unit in np.flatnonzero((near_by >= 0) & self._pending).tolist():
-                fault = f"must have nothing pressed near it; got {names[near_by[unit]]}"
-                faults.setdefault(unit, fault)
+    def _tare(self, readings: Readings) -> None:
+        """Tare the units that nothing touches; report the others."""
+        topology, names, ambient = (
+            self._decoder.topology,
+            self._filed.unit_names,
+            self._decoder.ambient,
+        )
+        # a rise is measured by what is known without the zeros of this run, a fall by both
+        least_hz = np.maximum(lowest_hz(self._filed), lowest_hz(topology))
+        found, pressed = readings.faults(
+            self._pending, self._rest_ut, expected_ut=self._rest_ut, least_hz=least_hz
+        )
+        faults = {i: each[0] for i, each in found.items()}
+        if not self._is_told:
+            alone = self._pending.copy()
+            alone[list(faults)] = False
+            together = readings.pressed_together(alone, self._near)
+            faults |= together
+            pressed[list(together)] = True
+        near_by = self._beside(pressed)
+        for unit in np.flatnonzero((near_by >= 0) & self._pending).tolist():
+            faults.setdefault(
+                unit, f"must have nothing pressed near it; got {names[near_by[unit]]}"
+            )
         taken = self._pending.copy()
         taken[list(faults)] = False
-        refused = {names[i]: fault for i, fault in sorted(faults.items())}
         self._pending &= taken | ~topology.tared  # who has a zero is asked for it once
-        if not taken.any():
-            self.refused = refused
-            return
-        yield 0
-        zeros = readings.zeros(taken)
-        yield 0
-        if self._decoder.ambient is not None:
-            # once others determine the ambient field it is not part of a zero
-            is_first = not topology.tared.any()
-            known_ut = np.zeros_like(followed_ut) if is_first else followed_ut
-            zeros = zeros._replace(
-                offset_ut=zeros.offset_ut - known_ut[:2],
-                axial_rest_ut=zeros.axial_rest_ut - known_ut[2],
-            )
-            self._decoder.ambient.forget(taken, field=is_first)
-        self._apply(Tare(topology, taken, *zeros, self._rest_ut))
-        self._set_doubt(taken, np.nan if self._is_told else readings.fall_hz)
-        self.taken += [names[i] for i in np.flatnonzero(taken)]
-        self.refused = refused  # with those that were taken, for whoever looks between cycles
+        if taken.any():
+            zeros = dataclasses.replace(readings.zeros(taken, self._rest_ut), topology=topology)
+            if ambient is not None:
+                # once others determine the ambient field it is not part of a zero
+                is_first = not topology.tared.any()
+                known_ut = np.zeros_like(self._followed_ut) if is_first else self._followed_ut
+                zeros = dataclasses.replace(
+                    zeros, offset_ut=zeros.offset_ut - known_ut[:2],
+                    axial_rest_ut=zeros.axial_rest_ut - known_ut[2],
+                )  # fmt: skip
+                ambient.forget(taken, field=is_first)
+            self._decoder.retare(zeros.applied(self._decoder.rest_beyond_ut))
+            self._pending &= ~taken
+            self._of_run |= taken
+            self._set_doubt(taken, np.nan if self._is_told else readings.fall_hz)
+            self.taken += [names[i] for i in np.flatnonzero(taken)]
+        self._is_told = False
+        self.refused = {names[i]: fault for i, fault in sorted(faults.items())}
 
     def _set_doubt(self, which: np.ndarray, fall_hz: np.ndarray | float) -> None:
         """Note what was taken for zero of some units, NaN for what is known to be one, and write
@@ -321,9 +289,3 @@ class Zeros:
         for one, other in (self._near, self._near[::-1]):
             found[one[pressed[other]]] = other[pressed[other]]
         return found
-
-    def _apply(self, found: Tare) -> None:
-        """Let the decoder have new zeros."""
-        self._decoder.retare(found.applied(self._decoder.rest_beyond_ut))
-        self._pending &= ~found.taken
-        self._of_run |= found.taken

@@ -101,7 +101,7 @@ def plan(file: options.File, /, *, json: options.Json = False) -> int:
     any of force (N), displacement (mm) and temperature (°C); the laws of a missing quantity stay
     those of the model, and are listed. docs/guides/calibrate.md has the formats.
     """
-    from skin.calibrate.bench.plan import steps
+    from skin.calibrate.bench.file import steps
     from topology import load
 
     loaded = load(file)
@@ -166,9 +166,10 @@ def crosstalk(
     import numpy as np
 
     from skin.calibrate.bench.file import KINDS
-    from skin.calibrate.bench.neighbours import Touched, learn_stencil
     from skin.calibrate.bench.series import read_counts
-    from skin.calibrate.tare import calibration_files, chosen
+    from skin.calibrate.crosstalk import Touched, learn_stencil
+    from skin.calibrate.files import calibration_files
+    from skin.calibrate.tare import chosen
     from skin.cli.tare import refused
     from skin.compiling import announce
     from skin.errors import ScanError

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["check"]
 
 TABLES = {
-    "buses": ("name", "units", "frames", "ids", "cycle_ms", "cycle_rate_hz", "load", "max_load",
+    "buses": ("name", "units", "frames", "ids", "cycle_ms", "load", "max_load",
               "highest_rate_hz"),
     "patches": ("name", "units", "disabled", "layouts", "buses", "ids", "nearest_mm"),
     "joints": ("name", "lower", "upper"),
@@ -60,8 +60,8 @@ def check(
     import msgspec
 
     from skin.errors import OptionError
-    from topology.json_schema import json_schema
     from topology.load import builtin, load
+    from topology.schema import json_schema
     from topology.summary import summary
 
     if schema == "topology":
@@ -85,11 +85,11 @@ def check(
         written = [
             asdict(one) | {"path": str(one.path.resolve())} for one in write_dbc(loaded, dbc)
         ]
-    found = summary(loaded)
+    found, rate = summary(loaded), f"{loaded.cycle_rate_hz:g} Hz"
     robot = None if loaded.robot is None else _seat(loaded, loaded.robot)
     too_dense = _too_dense(loaded)
     problems = [
-        f"bus {bus.name!r} cannot carry {bus.cycle_rate_hz:g} Hz: worst-case load {bus.load:.1%}, "
+        f"bus {bus.name!r} cannot carry {rate}: worst-case load {bus.load:.1%}, "
         f"limit {bus.max_load:.1%}"
         for bus in found.buses if not bus.ok
     ] + too_dense + (robot["problems"] if robot else [])  # fmt: skip
@@ -100,7 +100,7 @@ def check(
     if json:
         print(json_text.dumps(report))
     else:
-        print(f"{found.name}: {found.units} units, {found.frames} frames a cycle")
+        print(f"{found.name}: {found.units} units, {found.frames} frames a cycle, {rate}")
         parts = report if robot is None else report | {
             "joints": robot["joints"], "seats": robot["patches"],
         }  # fmt: skip

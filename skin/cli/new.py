@@ -34,6 +34,8 @@ HEAD = """\
 
 format = 1
 name = {quoted}
+cycle_rate_hz = 250
+sync_id = 0x080  # of SYNC; absent: units send freely
 
 [[buses]]
 name = "main"
@@ -41,8 +43,6 @@ interface = "socketcan"  # "memory": simulated units only; or an interface of py
 channel = "can0"
 bitrate = 1_000_000  # bit/s
 data_bitrate = 5_000_000  # bit/s, CAN FD; a classic bus has no such line
-cycle_rate_hz = 250
-sync_id = 0x080  # of SYNC; absent: units send freely
 """
 PATCH = """
 [[patches]]
@@ -54,7 +54,7 @@ pitch_m = {pitch_m}  # distance of neighbouring units
 pose = {{ xyz_m = [{x_m:.4g}, 0.0, 0.0], rpy_deg = [0, 0, 0] }}  # of its middle; z out of it
 bus = "main"
 layout = "f3t-fd64"  # what the bits of a frame mean; on a classic bus "f3t-classic"
-first_id = {first_id:#05x}  # of its first frame; others follow
+first_id = {first_id:#05x}  # of its first frame; others follow: more rows move them all
 calibration = "{calibration}"
 """
 STUB = """\

@@ -196,7 +196,7 @@ def check_folder(option: str, path: Path | None, over: Kind | None = None) -> No
 def named_in_file(topology: Topology, files: Mapping[str, Path]) -> dict[str, dict[str, str]]:
     """Of a report: ``files`` that were written, and ``lines`` that the topology file lacks to use
     them, which are said, too; both by patch."""
-    from skin.calibrate.read import named_file
+    from skin.calibrate.files import named_file
     from topology.load import is_builtin
 
     path, lines = topology.path, {}

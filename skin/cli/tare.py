@@ -42,7 +42,8 @@ def tare(
         tare simulated units, which nothing touches, in this process
     """
     import skin
-    from skin.calibrate.tare import calibration_files, chosen
+    from skin.calibrate.files import calibration_files
+    from skin.calibrate.tare import chosen
     from skin.calibrate.tare import tare as take
     from skin.compiling import announce
     from skin.errors import OptionError, ScanError

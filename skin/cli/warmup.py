@@ -26,7 +26,7 @@ def warmup(
 
     Parameters
     ----------
-    clear : bool
+    clear
         Only remove all kernels of this user.
     """
     from bus.compiled import cache

@@ -23,7 +23,7 @@ class Kept(NamedTuple):
     records: np.ndarray  # CONTACT
     slots: np.ndarray  # SLOT
     members: np.ndarray  # int32
-    slips: np.ndarray | None  # MEMBER; None where slip is not wanted
+    slips: np.ndarray | None  # LIST, along `members`; None where slip is not wanted
 
     def copy(self, slots: int | None = None, members: int | None = None) -> Kept:
         """The first so many of each, or all, on memory of their own."""

@@ -11,7 +11,7 @@ import numpy as np
 from bus.compiled.jit import compiled, jitable
 from skin.contact.model import ADDED, WAYPOINTS
 from skin.contact.record import TORSION_BLIND, UNSEEN, UNTOUCHED, WEAK
-from skin.contact.shape import ROUND, add, add_faces, arm, cross, orient, shifted
+from skin.contact.shape import ROUND, add, add_faces, add_first, arm, cross, orient, shifted
 from skin.contact.shock import follow_shocks
 from skin.contact.unseen import add_apart, add_around, add_shared, add_unseen, spread_shared
 
@@ -33,17 +33,25 @@ def _clear(row, data):
 
 
 @jitable
+def _screw(p, pose, axis):
+    """Wrench of a unit force along an axis of a unit."""
+    e = pose["rotation"][:, axis]
+    turn = cross(p, e)
+    return e[0], e[1], e[2], turn[0], turn[1], turn[2]
+
+
+@jitable
 def _add_unit(i, u, pose, data):
     """Add a unit to the sums of a contact: its load, its wrench and its temperature."""
     s, z, area, p = data.sums[0], pose["rotation"][:, 2], pose["area"], pose["position"]
-    load, warmth, shared = u["force"][2], u["temperature"], (0.0, 0.0, 0.0)
+    load, warmth, shared = u["force"][2], u["temperature"], (0.0, 0.0)
     depth = 1e-3 * u["displacement"][2] if data.cycle[0]["has_depth"] else 0.0
     depth = depth if np.isfinite(depth) else 0.0
     s["units"] += 1.0
     s["area"] += area
     if load > s["peak"] * area:
         s["peak"], s["peak_unit"] = load / area, i
-    add(s["load"], load, p)
+    add_first(s["load"], load, p)
     add(s["noise"], u["force_sigma"][2] ** 2, p)
     # touched point: the position, and from there along z as deep as pressed
     add(s["touched"], load, (p[0] + depth * z[0], p[1] + depth * z[1], p[2] + depth * z[2]))
@@ -51,18 +59,18 @@ def _add_unit(i, u, pose, data):
         if s["hot_unit"] < 0.0 or warmth > s["hot"]:
             s["hot"], s["hot_unit"] = warmth, i
         add(s["warm"], area, p)
-        add(s["warmth"], area * warmth, p)
+        add_first(s["warmth"], area * warmth, p)
     if data.cycle[0]["has_field"]:
         shared = add_shared(u, pose, data.gain[0])
-    for axis in range(3):
-        e, force = pose["rotation"][:, axis], u["force"][axis]
-        variance = max(u["force_sigma"][axis] ** 2 - shared[axis], 0.0)
-        turn = cross(p, e)
-        screw = e[0], e[1], e[2], turn[0], turn[1], turn[2]
-        for a in range(6):
-            s["wrench"][a] += force * screw[a]
-            for b in range(6):
-                s["wrench_covariance"][a, b] += variance * screw[a] * screw[b]
+    e0, e1, e2 = _screw(p, pose, 0), _screw(p, pose, 1), _screw(p, pose, 2)
+    f, sigma = u["force"], u["force_sigma"]
+    v0, v1 = max(sigma[0] ** 2 - shared[0], 0.0), max(sigma[1] ** 2 - shared[1], 0.0)
+    v2 = sigma[2] ** 2
+    for a in range(6):
+        s["wrench"][a] += f[0] * e0[a] + f[1] * e1[a] + f[2] * e2[a]
+        w0, w1, w2 = v0 * e0[a], v1 * e1[a], v2 * e2[a]
+        for b in range(6):
+            s["wrench_covariance"][a, b] += w0 * e0[b] + w1 * e1[b] + w2 * e2[b]
     for a in range(3):
         s["load_z"][a] += load * z[a]
         s["load_x"][a] += load * pose["rotation"][a, 0]
@@ -80,15 +88,6 @@ def _add_to_total(data):
         total["peak"], total["peak_unit"] = s["peak"], s["peak_unit"]
     if s["hot_unit"] >= 0.0 and (total["hot_unit"] < 0.0 or s["hot"] > total["hot"]):
         total["hot"], total["hot_unit"] = s["hot"], s["hot_unit"]
-
-
-@jitable
-def _add_faces_to_total(data):
-    s, total = data.sums[0], data.sums[1]
-    for a in range(3):
-        for b in range(3):
-            total["face"][a, b] += s["face"][a, b]
-            total["face_torque"][a, b] += s["face_torque"][a, b]
 
 
 @jitable
@@ -266,12 +265,8 @@ def describe_python(model, data):
             for i in members:
                 _add_unit(i, units[i], model.poses[i], data)
             add_around(k, members, model, data)
-            _add_to_total(data)
         else:
             continue
-        if data.cycle[0]["has_field"]:
-            spread_shared(data.gain[row], settings["rest_ut2"], data, s["wrench_covariance"])
-        record["load_sigma"] = np.sqrt(s["noise"]["sum"] + s["unseen"]["sum"] + s["missed"])
         if s["units"] > 0.0:
             record["flags"] = 0
             record["load"], record["area"] = s["load"]["sum"], s["area"]
@@ -282,7 +277,10 @@ def describe_python(model, data):
             _temperatures(s, record)
         if row == 0:
             add_faces(s, record, members, model, units)
-            _add_faces_to_total(data)
+            _add_to_total(data)
+        if data.cycle[0]["has_field"]:
+            spread_shared(data.gain[row], settings["rest_ut2"], data, s["wrench_covariance"])
+        record["load_sigma"] = np.sqrt(s["noise"]["sum"] + s["unseen"]["sum"] + s["missed"])
         if s["hidden"] > 0.0:
             record["flags"] |= UNSEEN
         _total_wrench(s, record, settings["origin"])

@@ -6,13 +6,13 @@ the numpy type, and the quantities of all outputs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from enum import IntEnum, IntFlag
 from typing import Any, Generic, NamedTuple, TypeVar, overload
 
 import numpy as np
 
-__all__ = ["Field", "Quantity", "declared", "hidden"]
+__all__ = ["Field", "Quantity", "declared", "detail", "hidden"]
 
 T = TypeVar("T")
 
@@ -69,41 +69,39 @@ class Field(Generic[T]):
         Without it the field is for kernels only.
     unit : str or tuple of str
         Of measure, of all columns or of each.
-    shape : tuple of int
-        Of an array.
-    dtype : type of numpy, optional
-        By default bool, float64 or int32.
-    leaves : bool
-        Whether it is an output of tables, arrays and messages; an array where it has `columns`.
     columns : sequence of str
-        Of tables.
+        Of tables, for an array.
     message
         See `Quantity`; by default a float of 32 bits, an integer of its type, or an array.
+    dtype : type of numpy, optional
+        By default bool, float64 or int32.
     values : function, optional
         Records, shape (k,) or one, to as many numbers: it is then no field of the record.
+    shape : tuple of int, optional
+        Of an array: as many as columns if not given.
+    leaves : bool
+        Whether it is an output of tables, arrays and messages.
     """
 
     name = ""
 
     def __init__(
         self, kind: type[T], doc: str = "", unit: str | tuple[str, ...] = "", *,
-        shape: tuple[int, ...] = (), dtype: Any = None, leaves: bool = True,
-        columns: Iterable[str] = (), message: str = "",
-        values: Callable[[Any], Any] | None = None,
+        columns: Sequence[str] = (), message: str = "", dtype: Any = None,
+        values: Callable[[Any], Any] | None = None, shape: tuple[int, ...] | None = None,
+        leaves: bool = True,
     ) -> None:  # fmt: skip
         default = {bool: np.bool_, float: np.float64, np.ndarray: np.float64}.get(kind, np.int32)
-        self.kind, self.shape, self.values = kind, shape, values
+        self.kind, self.values, self.leaves = kind, values, leaves
+        self.shape = (len(columns),) * bool(columns) if shape is None else shape
         self.dtype = np.dtype(default if dtype is None else dtype)
         self.__doc__, self._unit, self._columns, self._message = doc, unit, tuple(columns), message
-        self._leaves = bool(doc) and (bool(self._columns) if shape else leaves)
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def quantity(self) -> Quantity | None:
-        """Its output quantity, if it has one."""
-        if not self._leaves:
-            return None
+    def quantity(self) -> Quantity:
+        """Its output quantity."""
         words: tuple[str, ...] = ()
         if issubclass(self.kind, IntEnum) and not issubclass(self.kind, IntFlag):
             words = tuple(one.name.lower() for one in self.kind)
@@ -127,14 +125,18 @@ class Field(Generic[T]):
         return value if self.shape else kind(value.item())
 
 
+def detail(kind: type[T], doc: str, shape: tuple[int, ...] = ()) -> Field[T]:
+    """A field of contacts that is no output."""
+    return Field(kind, doc, shape=shape, leaves=False)
+
+
 def hidden(dtype: Any, shape: tuple[int, ...] = ()) -> Field[Any]:
     """A field for kernels only."""
-    return Field(float, dtype=dtype, shape=shape)
+    return Field(float, dtype=dtype, shape=shape, leaves=False)
 
 
 def declared(owner: type) -> tuple[np.dtype, tuple[Quantity, ...]]:
     """The numpy type of the record that a class declares, and its output quantities, in order."""
     members = [one for one in vars(owner).values() if isinstance(one, Field)]
     fields = [(one.name, one.dtype, one.shape) for one in members if one.values is None]
-    found = [one.quantity() for one in members]
-    return np.dtype(fields, align=True), tuple(one for one in found if one is not None)
+    return np.dtype(fields, align=True), tuple(one.quantity() for one in members if one.leaves)

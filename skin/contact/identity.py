@@ -89,7 +89,8 @@ def _share(parts, begin, nearby, model, data):
     units that a slot owned once, and neighbours of such units.
     """
     units, slots, end = data.units, data.slots, begin
-    slots["mark"][:] = -1
+    for slot in range(data.cycle[0]["in_use"]):
+        slots[slot]["mark"] = -1
     for part in range(parts):
         if nearby and (slots[part]["slot_of"] >= 0 or slots[part]["parent"] >= 0):
             continue
@@ -275,14 +276,12 @@ def _keep(parts, count, model, data):
     """Assign slots to the clusters that go on, by the first `count` pairs; free those of contacts
     that were lost for too long."""
     slots, contacts, cycle = data.slots, data.contacts, data.cycle[0]
-    for slot in range(slots.size):
-        slots[slot]["part_of"] = -1
     for part in range(parts):
         slots[part]["slot_of"] = -1
     freed = False
     for slot in range(cycle["in_use"]):
         record = contacts[slot]
-        record["event"] = 0
+        slots[slot]["part_of"], record["event"] = -1, 0
         lost_ns = cycle["now_ns"] - record["seen_ns"]
         if record["track"] == LOST and lost_ns > model.settings[0]["memory_ns"]:
             record["track"] = FREE
@@ -304,7 +303,7 @@ def _go_on(parts, model, data):
         record["seen_ns"] = cycle["now_ns"]
         record["cycles"] += 1
         record["begin"], record["end"] = data.lists[part]["begin"], data.lists[part + 1]["begin"]
-    for slot in range(slots.size):
+    for slot in range(cycle["in_use"]):
         slots[slot]["mark"] = 0
     for slot in range(cycle["in_use"]):
         if contacts[slot]["track"] == ABSORBED:

@@ -8,22 +8,24 @@ from the origin of its frame loses no digits.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skin.contact.record import CONTACT, UNTOUCHED
 from skin.contact.slip.parameters import SlipSettings
-from skin.contact.slip.state import MEMBER, SLIP, SLIP_UNIT
+from skin.contact.slip.state import SLIP, SLIP_UNIT
 from skin.errors import SkinError
 from skin.physics.force_law import TERMS
 from topology.pose import pose_fault
 
 __all__ = [
     "ADDED", "CYCLE", "LIST", "PAIR", "POSE", "SETTINGS", "SLOT", "SUMS", "UNIT", "WAYPOINTS",
-    "ContactData", "ContactModel", "Readings", "check_poses", "checked_graph", "contact_capacity",
-    "contact_data", "contact_model", "neighbour_graph", "no_readings", "set_poses",
+    "ContactData", "ContactModel", "DescribeData", "FindData", "Readings", "SlipData",
+    "check_poses", "checked_graph", "contact_capacity", "contact_data", "contact_model",
+    "neighbour_graph", "no_readings", "part_of", "set_poses",
 ]  # fmt: skip
 
 LEAST_CAPACITY, UNITS_EACH = 16, 16
@@ -65,7 +67,6 @@ POSE = _record(
     ("area", _F),  # m²
     ("feels", _F),  # 0 for a unit that is never heard
     ("most", _F),  # N that it can bear
-    ("doubt", _F),  # N², of a load that it stands for; see `skin.contact.unseen`
     # how its tangential force follows its field; see `skin.contact.unseen`
     ("body", _I),  # whose ambient field it is
     ("axes", _F, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
@@ -107,6 +108,10 @@ LIST = _record(
     ("loaded", _I),  # units above the gate, in order
     ("queue", _I),  # scratch
     ("begin", _I),  # where each cluster begins in `members`
+    # of the units of contacts, along `members`: see `SLIP_UNIT`
+    ("began", _L),
+    ("noise_ratio", _F),
+    ("noisy", _F),
 )
 """Places of lists of units."""
 
@@ -159,6 +164,7 @@ PAIR = _record(
 )
 """A cluster and a slot that have units in common."""
 
+FIRST = _record(("sum", _F), ("first", _F, (3,)))
 MOMENTS = _record(("sum", _F), ("first", _F, (3,)), ("second", _F, (3, 3)))
 """Σ w, Σ w p and Σ w p p' of weights w at places p, m about the middle of the array."""
 SUMS = _record(
@@ -166,7 +172,7 @@ SUMS = _record(
     ("units", _F),
     ("area", _F),  # m²
     ("silent_area", _F),  # of silent neighbours
-    ("load", MOMENTS),  # N
+    ("load", FIRST),  # N
     ("touched", MOMENTS),  # the same at the touched points
     ("noise", MOMENTS),  # N², variances of the loads
     ("load_z", _F, (3,)),  # load times axis z of the unit
@@ -175,18 +181,18 @@ SUMS = _record(
     ("wrench_covariance", _F, (6, 6)),
     ("missed", _F),  # N², of the light loads, which are in no wrench
     ("warm", MOMENTS),  # areas with a temperature
-    ("warmth", MOMENTS),  # area times temperature
+    ("warmth", FIRST),  # area times temperature
+    ("face", _F, (3, 3)),  # N² m², of the places of load on the faces
+    ("face_torque", _F, (3, 3)),  # N² m², of the torque by the same places
     ("peak", _F),  # Pa
     ("peak_unit", _F),
     ("hot", _F),  # degree Celsius
     ("hot_unit", _F),
     ("light_units", _F),
-    ("light", MOMENTS),  # N, loads below the gate, of heard neighbours
+    ("light", FIRST),  # N, loads below the gate, of heard neighbours
     ("light_noise", MOMENTS),  # N², their variances
     ("unseen", MOMENTS),  # N², squares of the possible loads of silent units
     ("hidden", _F),  # 1 where a silent unit makes the contact not whole
-    ("face", _F, (3, 3)),  # N² m², of the places of load on the faces
-    ("face_torque", _F, (3, 3)),  # N² m², of the torque by the same places
     ("step_variance", _F),  # m², of a step of the centre from one cycle to the next
     ("vectors", _F, (3, 3)),  # scratch: principal axes
     ("moments", _F, (3, 3)),  # scratch: second moments along these
@@ -236,11 +242,23 @@ class ContactData(NamedTuple):
     sums: np.ndarray  # (2,), SUMS: of the contact at hand, and of all
     columns: np.ndarray  # (2, c), float64: the same memory as a matrix
     covariance_ut2: np.ndarray  # (g, 3, 3): of the ambient field of each body
-    gain: np.ndarray  # (2, g, 2, 6, 3): the wrench of each of these sums per µT of the field of
-    # each body, and of that which its Bz at rest was learnt in; scratch
+    gain: np.ndarray  # (2, g, 2, 3, 6): the wrench of each of these sums per µT along each axis of
+    # the field of each body, and of that which its Bz at rest was learnt in; scratch
     slips: np.ndarray  # (n,), SLIP_UNIT; none where slip is not wanted
     all: np.ndarray  # (1,), SLIP
-    told: np.ndarray  # (n,), MEMBER: of the units of the contacts, along `members`
+
+
+FindData = namedtuple("FindData", "units label slip members lists slots contacts cycle pairs")
+DescribeData = namedtuple(
+    "DescribeData", "units members slots contacts cycle sums columns covariance_ut2 gain"
+)
+SlipData = namedtuple("SlipData", "units label slip members lists slots contacts cycle slips all")
+"""What each kernel works on: a call takes 20 ns for every array that it is given."""
+
+
+def part_of(data: ContactData, kind: type[Any]) -> Any:
+    """The arrays of `ContactData` that a kernel works on."""
+    return kind(*(getattr(data, name) for name in kind._fields))
 
 
 def contact_model(
@@ -359,12 +377,8 @@ def contact_capacity(n: int) -> int:
 
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     """Arrays for the readings of n units, all valid."""
-    force, force_sigma, moved, moved_sigma, field, field_moved = np.zeros((6, 3, n), dtype)
-    temperature, residue = np.zeros((2, n), dtype)
-    valid = np.ones(n, bool)
-    return Readings(
-        force, force_sigma, moved, moved_sigma, temperature, valid, field, field_moved, residue
-    )
+    of_units, (temperature, residue) = np.zeros((6, 3, n), dtype), np.zeros((2, n), dtype)
+    return Readings(*of_units[:4], temperature, np.ones(n, bool), *of_units[4:], residue)
 
 
 def contact_data(
@@ -383,6 +397,5 @@ def contact_data(
         np.zeros(n + 1, LIST), np.zeros(slots, SLOT), contacts, cycle,
         np.zeros(2 * n + edges, PAIR), sums,
         sums.view(np.float64).reshape(sums.size, -1), np.zeros((0, 3, 3)),
-        np.zeros((2, 0, 2, 6, 3)), np.zeros(n * slip, SLIP_UNIT), np.zeros(1, SLIP),
-        np.zeros(n * slip, MEMBER),
+        np.zeros((2, 0, 2, 3, 6)), np.zeros(n * slip, SLIP_UNIT), np.zeros(1, SLIP),
     )  # fmt: skip

@@ -9,7 +9,7 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
-from skin.contact.field import Field, declared, hidden
+from skin.contact.field import Field, declared, detail, hidden
 
 __all__ = ["AXES", "CONTACT", "LOADS", "LOAD_UNITS", "NEW", "QUANTITIES", "UNTOUCHED", "Event",
            "Fields", "Flag", "SlipState", "TrackState", "UnitKind", "UnitSlip"]  # fmt: skip
@@ -119,20 +119,20 @@ class Fields:
     """Fields of the record of a contact, in order.
 
     Metre, newton, newton metre, pascal, second; skin frame unless stated. A field that is added
-    here is an attribute of `skin.contact.contact.Contact`, and a column, an array and a field of
-    messages in every output: ``python -m tests.house draw`` renews their list in
-    docs/reference/columns.md.
+    here is an attribute of `skin.contact.contact.Contact`, and, unless it is a `detail`, a column,
+    an array and a field of messages in every output: ``python -m tests.house draw`` renews their
+    list in docs/reference/columns.md.
     """
 
     __slots__ = ()
     record: np.void
     """All of its numbers, of `CONTACT`."""
 
-    # -- identity: written by track
+    # -- identity: written by find_contacts
     id = Field(int, "Identity, constant while the contact lasts; never used again.", dtype=np.int64)
     parent = Field(int, "Identity of the contact that it split from, 0.", dtype=np.int64)
     track = hidden(np.int32)  # TrackState
-    event = Field(Event, "Events in this cycle.", leaves=False)
+    event = detail(Event, "Events in this cycle.")
     born = _happened(Event.BORN, "Whether this is its first cycle.")
     resumed = _happened(Event.RESUMED, "Whether it is back after it was lost or absorbed.")
     merged = _happened(Event.MERGED, "Whether another contact was absorbed by it.")
@@ -140,168 +140,107 @@ class Fields:
     into = hidden(np.int32)  # record that absorbed this one, -1
     begin = hidden(np.int32)  # units: members[begin:end]
     end = hidden(np.int32)
-    flags = Field(Flag, "Limitations of its numbers.", leaves=False)  # written by describe
-    units = Field(
-        int,
-        "How many units it has.",
-        values=lambda found: found["end"] - found["begin"],
-        message="uint16",
-    )
+    flags = detail(Flag, "Limitations of its numbers.")  # written by describe
+    units = Field(int, "How many units it has.", message="uint16",
+                  values=lambda found: found["end"] - found["begin"])  # fmt: skip
     cycles = hidden(np.int64)
     born_ns = hidden(np.int64)
     seen_ns = hidden(np.int64)
     # -- load: written by describe
-    whole = Field(
-        bool,
-        "Whether no silent unit may bear some of its load.",
-        values=lambda found: found["flags"] & int(Flag.UNSEEN) == 0,
-    )
+    whole = Field(bool, "Whether no silent unit may bear some of its load.",
+                  values=lambda found: found["flags"] & int(Flag.UNSEEN) == 0)  # fmt: skip
     friction_known = Field(
-        bool,
-        "Whether friction is one that slip has shown, or was given. Where not, friction and "
+        bool, "Whether friction is one that slip has shown, or was given. Where not, friction and "
         "margin are lower bounds, grip_force an upper one.",
         values=lambda found: (
             np.isfinite(found["friction"]) & (found["flags"] & int(Flag.NO_FRICTION) == 0)
         ),
-    )
-    peak_unit = Field(int, "Its most loaded unit.", leaves=False)
-    hot_unit = Field(int, "Its warmest unit.", leaves=False)
+    )  # fmt: skip
+    peak_unit = detail(int, "Its most loaded unit.")
+    hot_unit = detail(int, "Its warmest unit.")
     load = Field(float, "Sum of the normal loads.", "N")
-    load_sigma = Field(float, "One-sigma of `load`.", leaves=False)
-    wrench = Field(
-        np.ndarray,
-        "Force and torque about the origin, exerted by the world; shape (6,).",
-        LOAD_UNITS,
-        shape=(6,),
-        columns=LOADS,
-        message="geometry_msgs/Wrench",
-    )
-    wrench_covariance = Field(np.ndarray, "Shape (6, 6).", shape=(6, 6))
+    load_sigma = detail(float, "One-sigma of `load`.")
+    wrench = Field(np.ndarray, "Force and torque about the origin, exerted by the world; shape "
+                   "(6,).", LOAD_UNITS, columns=LOADS, message="geometry_msgs/Wrench")  # fmt: skip
+    wrench_covariance = detail(np.ndarray, "Shape (6, 6).", (6, 6))
     wrench_sigma = Field(
-        np.ndarray,
-        "One-sigma of `wrench`, shape (6,): the ambient field is a common error of all units, "
-        "with the places of load on the faces, and the possible loads of silent units and of "
-        "neighbours below the gate.",
-        LOAD_UNITS,
-        shape=(6,),
-        columns=(f"{load}_sigma" for load in LOADS),
-    )
+        np.ndarray, "One-sigma of `wrench`, shape (6,): the ambient field is a common error of all "
+        "units, with the places of load on the faces, and the possible loads of silent units and "
+        "of neighbours below the gate.", LOAD_UNITS, columns=[f"{load}_sigma" for load in LOADS],
+    )  # fmt: skip
     centroid = Field(
-        np.ndarray,
-        "Centre of pressure, from the normal loads at the middles of its units and of neighbours "
-        "below the gate; NaN where WEAK; shape (3,).",
-        "m",
-        shape=(3,),
-        columns=AXES,
+        np.ndarray, "Centre of pressure, from the normal loads at the middles of its units and of "
+        "neighbours below the gate; NaN where WEAK; shape (3,).", "m", columns=AXES,
         message="geometry_msgs/Point",
-    )
+    )  # fmt: skip
     middle = hidden(np.float64, (3,))  # m, centre of the loads of its own units alone
-    centroid_covariance = Field(
-        np.ndarray,
-        "Shape (3, 3), of the true centre of pressure: due to the places of load on the faces, the "
-        "noise of its units and neighbours, and the possible loads of silent units.",
-        shape=(3, 3),
-    )
-    moment = Field(
-        np.ndarray, "Torque about the centre of its units' loads, shape (3,).", shape=(3,)
-    )
-    moment_covariance = Field(np.ndarray, "Shape (3, 3).", shape=(3, 3))
-    normal = Field(
-        np.ndarray,
-        "Outward, away from the skin; shape (3,).",
-        shape=(3,),
-        columns=(f"n{axis}" for axis in AXES),
-        message="geometry_msgs/Vector3",
-    )
-    normal_condition = Field(
-        float, "Roundness of the spread of its units: 1 round, 0 a line.", leaves=False
-    )
+    centroid_covariance = detail(
+        np.ndarray, "Shape (3, 3), of the true centre of pressure: due to the places of load on "
+        "the faces, the noise of its units and neighbours, and the possible loads of silent units.",
+        (3, 3),
+    )  # fmt: skip
+    moment = detail(np.ndarray, "Torque about the centre of its units' loads, shape (3,).", (3,))
+    moment_covariance = detail(np.ndarray, "Shape (3, 3).", (3, 3))
+    normal = Field(np.ndarray, "Outward, away from the skin; shape (3,).",
+                   columns=("nx", "ny", "nz"), message="geometry_msgs/Vector3")  # fmt: skip
+    normal_condition = detail(float, "Roundness of the spread of its units: 1 round, 0 a line.")
     area = Field(float, "Sensing area of its units.", "m2")
-    mean_pressure = Field(float, "Load over area.", leaves=False)
-    peak_pressure = Field(float, "Of its most loaded unit.", leaves=False)
-    axes = Field(np.ndarray, "Columns: major axis, minor axis, normal; shape (3, 3).", shape=(3, 3))
-    extent = Field(
-        np.ndarray,
-        "Root-mean-square half lengths along the first two axes, shape (2,).",
-        shape=(2,),
-    )
+    mean_pressure = detail(float, "Load over area.")
+    peak_pressure = detail(float, "Of its most loaded unit.")
+    axes = detail(np.ndarray, "Columns: major axis, minor axis, normal; shape (3, 3).", (3, 3))
+    extent = detail(np.ndarray, "Root-mean-square half lengths along the first two axes, shape "
+                    "(2,).", (2,))  # fmt: skip
     shear = Field(float, "Force across the normal.", "N")
     torsion = Field(float, "Torque about the normal.", "N m")
-    torsion_sigma = Field(float, "One-sigma of `torsion`.", leaves=False)
-    arm = Field(float, "Load-weighted mean distance of its units from the centroid.", leaves=False)
-    # -- path: written by path
+    torsion_sigma = detail(float, "One-sigma of `torsion`.")
+    arm = detail(float, "Load-weighted mean distance of its units from the centroid.")
+    # -- path: written by describe
     origin = hidden(np.float64, (3,))  # first known centre
     waypoint = hidden(np.float64, (3,))  # last centre that counted as a step
     travel = Field(float, "Distance that its centroid has travelled so far.", "m")
     waypoints = hidden(np.int64)
     # -- warmth: written by describe
     temperature = Field(float, "Mean over its area, degree Celsius.", "degC")
-    temperature_gradient = Field(np.ndarray, "K/m along the skin, shape (3,).", shape=(3,))
+    temperature_gradient = detail(np.ndarray, "K/m along the skin, shape (3,).", (3,))
     hot_temperature = Field(float, "Of its warmest unit.", "degC")
-    coverage = Field(
-        float, "Heard fraction of its area and that of silent neighbours.", leaves=False
-    )
-    # -- slip: written by slip
+    coverage = detail(float, "Heard fraction of its area and that of silent neighbours.")
+    # -- slip: written by detect_slip
     slip = Field(SlipState, "State of the contact as a whole.", message="uint8")
-    slip_units = Field(int, "Units that slip.", leaves=False)
+    slip_units = detail(int, "Units that slip.")
     body_units = hidden(np.int64)  # of its body that were tested; as long as what follows
     onset_ns = hidden(np.int64)  # of the present slip, 0
     slip_began = Field(
-        bool,
-        "Whether it began to slip in this cycle.",
+        bool, "Whether it began to slip in this cycle.",
         values=lambda found: (found["onset_ns"] != 0) & (found["onset_ns"] == found["seen_ns"]),
-    )
+    )  # fmt: skip
     stick_ratio = Field(float, "Fraction of the load on units that stick.")
-    pattern = Field(
-        float, "Odds of slip by the lags, as sigmas: root of twice their logarithm.", leaves=False
-    )
-    slip_probability = Field(
-        float, "Probability that some of the load slips; NaN without enough data."
-    )
-    slip_direction = Field(
-        np.ndarray,
-        "Direction of slip over the skin: mean of unit vectors, shorter than 1 for a rotation; "
-        "NaN without slip; shape (3,).",
-        shape=(3,),
-    )
-    motion = Field(
-        np.ndarray,
-        "Displacement of the skin by the body since contact, millimetre; shape (3,).",
-        shape=(3,),
-    )
-    rotation = Field(
-        np.ndarray, "Rotation of the skin by the body, radian; shape (3,).", shape=(3,)
-    )
+    pattern = detail(float, "Odds of slip by the lags, as sigmas: root of twice their logarithm.")
+    slip_probability = Field(float, "Probability that some of the load slips; NaN without enough "
+                             "data.")  # fmt: skip
+    slip_direction = detail(
+        np.ndarray, "Direction of slip over the skin: mean of unit vectors, shorter than 1 for a "
+        "rotation; NaN without slip; shape (3,).", (3,),
+    )  # fmt: skip
+    motion = detail(np.ndarray, "Displacement of the skin by the body since contact, millimetre; "
+                    "shape (3,).", (3,))  # fmt: skip
+    rotation = detail(np.ndarray, "Rotation of the skin by the body, radian; shape (3,).", (3,))
     gross_ns = hidden(np.int64)  # when it began to slide as a whole
     gross_ratio = hidden(np.float64)  # used friction since then
     decided_ns = hidden(np.int64)  # when enough units were last heard to decide `slip`
-    # -- friction: written by slip
-    friction = Field(
-        float,
-        "Coefficient of friction that slip has shown; before, what units that stick have "
-        "borne, and 0 at least: it is not less.",
-    )
+    # -- friction: written by detect_slip
+    friction = Field(float, "Coefficient of friction that slip has shown; before, what units that "
+                     "stick have borne, and 0 at least: it is not less.")  # fmt: skip
     friction_sigma = Field(float, "One-sigma of `friction`.")
-    friction_lower = Field(
-        float, "Lower bound of friction, by the loads of units that stick.", leaves=False
-    )
+    friction_lower = detail(float, "Lower bound of friction, by the loads of units that stick.")
     friction_information = hidden(np.float64)
     friction_mean = hidden(np.float64)
-    friction_spread = Field(
-        float, "One-sigma of friction over the faces of the contact.", leaves=False
-    )
-    margin = Field(
-        float, "Free fraction of the friction cone; where friction is not known, at least this."
-    )
-    grip_force = Field(
-        float,
-        "Normal force that holds with the wanted safety; where friction is not known, at "
-        "most this: what holds now does.",
-        "N",
-    )
-    grip_force_sigma = Field(
-        float, "One-sigma of `grip_force`, by friction and tangential load.", "N"
-    )
+    friction_spread = detail(float, "One-sigma of friction over the faces of the contact.")
+    margin = Field(float, "Free fraction of the friction cone; where friction is not known, at "
+                   "least this.")  # fmt: skip
+    grip_force = Field(float, "Normal force that holds with the wanted safety; where friction is "
+                       "not known, at most this: what holds now does.", "N")  # fmt: skip
+    grip_force_sigma = Field(float, "One-sigma of `grip_force`, by friction and tangential load.",
+                             "N")  # fmt: skip
 
 
 CONTACT, QUANTITIES = declared(Fields)

@@ -12,7 +12,10 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.contact.record import NORMAL_ASSUMED
 
-__all__ = ["ROUND", "add", "add_faces", "arm", "cross", "diagonalise", "orient", "shifted", "swept"]
+__all__ = [
+    "ROUND", "add", "add_faces", "add_first", "arm", "cross", "diagonalise", "orient", "shifted",
+    "swept",
+]  # fmt: skip
 
 ROUND = 0.05
 """Second over first extent of the touched points above which they span a plane [assumed]."""
@@ -35,11 +38,18 @@ def _dot(x, y):
 
 
 @jitable
-def add(m, weight, p):
-    """Add a weight at p to moments."""
+def add_first(m, weight, p):
+    """Add a weight at p to moments of the first order."""
     m["sum"] += weight
     for a in range(3):
         m["first"][a] += weight * p[a]
+
+
+@jitable
+def add(m, weight, p):
+    """Add a weight at p to moments."""
+    add_first(m, weight, p)
+    for a in range(3):
         for b in range(3):
             m["second"][a, b] += weight * p[a] * p[b]
 

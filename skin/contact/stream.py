@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,16 @@ from skin.contact.contact import Contact, Kept
 from skin.contact.describe import describe
 from skin.contact.identity import EARLY, SAME, find_contacts
 from skin.contact.model import (
-    ContactData,
-    ContactModel,
+    DescribeData,
+    FindData,
     Readings,
+    SlipData,
     check_poses,
     contact_capacity,
     contact_data,
     contact_model,
     no_readings,
+    part_of,
     set_poses,
 )  # fmt: skip
 from skin.contact.record import BRIDGE
@@ -40,46 +41,7 @@ DTYPES = np.dtype(np.float32), np.dtype(np.float64)
 CONTACT_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 """Quantities of contacts. Wrench and centroid are of the total and come together; slip and shocks
 imply contacts. With none wanted there are identities and units alone."""
-
-
-class Steps:
-    """The kernels of a cycle on the arrays of a stream: a call processes the next cycle, and
-    returns what `find_contacts` does. They are compiled side by side, and only those wanted.
-
-    Parameters
-    ----------
-    readings, model, data
-        As of `find_contacts`.
-
-    Attributes
-    ----------
-    readings : Readings
-    calls : list of tuple
-        The kernels with their arguments, those that take longest to compile first.
-    """
-
-    def __init__(self, readings: Readings, model: ContactModel, data: ContactData) -> None:
-        self.readings, wants = readings, model.settings[0]
-        find: tuple[Any, ...] = (find_contacts, readings, model, data)
-        self.calls = [(describe, model, data)] * bool(wants["total"])
-        self.calls += [(detect_slip, model, data)] * bool(wants["slip"])
-        self.calls.append(find)
-        self._present = data.cycle["present"].data
-        self._bound: list[Callable[..., int]] = []
-
-    def ready(self) -> None:
-        """Compile the kernels, or load them."""
-        self._bound = [bound(*call) for call in self.calls]
-
-    def __call__(self) -> int:
-        if not self._bound:
-            self.ready()
-        *others, find = self._bound
-        found = find()
-        if found != EARLY:
-            for kernel in others[: 1 + (self._present[0] > 0)]:  # no slip without a contact
-                kernel()
-        return found
+Kernel = Callable[[], int]
 
 
 class ContactStream:
@@ -87,7 +49,7 @@ class ContactStream:
 
     All buffers are allocated here once; contacts are copies of their cycle. Quantities that are
     not wanted are not computed, and a cycle without contact costs next to nothing. `update` copies
-    its arguments; a caller with fixed buffers calls `bind` once.
+    its arguments into `readings`; a caller with fixed buffers calls `bind` once, and `step`.
 
     Parameters
     ----------
@@ -134,8 +96,8 @@ class ContactStream:
         One of each slot, and the total.
     shocks : Shocks or None
         Where they are wanted.
-    bound : Steps or None
-        The kernels of a cycle on the arrays of the last `bind`.
+    readings : Readings
+        Arrays of the stream's own, or those of the last `bind`.
 
     Examples
     --------
@@ -195,7 +157,7 @@ class ContactStream:
         self._present = self.data.slots["present"]
         names = "present", "in_use", "touching_units"
         self._counts = [self._clock[name].data for name in names]
-        told = self.data.told if slips else None
+        told = self.data.lists if slips else None
         self._live = live = Kept(self.records, self.data.slots, self.data.members, told)
         self._views = [
             Contact(live, slot, self.shocks, unit_names) for slot in range(self.records.size - 1)
@@ -203,7 +165,8 @@ class ContactStream:
         self.now: list[Contact] = []
         none = live._replace(members=live.members[:0], slips=None)
         self.total = Contact(none, -1, self.shocks, unit_names)
-        self.bound: Steps | None = None
+        self.readings = no_readings(n, np.float64)
+        self._kernels: tuple[Kernel, Kernel | None, Kernel | None] | None = None
 
     @property
     def coverage(self) -> float:
@@ -233,9 +196,22 @@ class ContactStream:
         check_poses(self.model.poses.size, position, rotation)
         set_poses(self.model, position, rotation)
 
+    @property
+    def calls(self) -> list[tuple[Any, ...]]:
+        """The wanted kernels of a cycle with their arguments, those that take longest to compile
+        first."""
+        model, data, wants = self.model, self.data, self.model.settings[0]
+        calls: list[tuple[Any, ...]] = []
+        if wants["total"]:
+            calls.append((describe, model, part_of(data, DescribeData)))
+        if wants["slip"]:
+            calls.append((detect_slip, model, part_of(data, SlipData)))
+        return [*calls, (find_contacts, self.readings, model, part_of(data, FindData))]
+
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
-        (self.bound or self._own).ready()
+        wanted = {call[0]: bound(*call) for call in self.calls}
+        self._kernels = wanted[find_contacts], wanted.get(describe), wanted.get(detect_slip)
 
     def update(
         self,
@@ -279,18 +255,16 @@ class ContactStream:
         given = (
             force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid
         )  # fmt: skip
-        self._check_displacement(displacement_mm, displacement_sigma_mm)
+        self._give(displacement_mm, displacement_sigma_mm, temperature)
         if not self._alone.acquire(blocking=False):
             raise SkinError("update: must be called from one thread at a time; got a second one")
         try:
-            own = self._own.readings
-            for name, values, array in zip(own._fields, given, own, strict=False):
+            for name, values, own in zip(Readings._fields, given, self.readings, strict=False):
                 if values is not None or name in ("force", "force_sigma"):
-                    _copy(name, values, array)
+                    _copy(name, values, own)
             if valid is None:
-                own.valid[:] = True
-            self._give(displacement_mm, temperature, None)
-            self._take(self._own, stamp_ns)
+                self.readings.valid[:] = True
+            self.step(stamp_ns)
             return self.contacts
         finally:
             self._alone.release()
@@ -323,61 +297,58 @@ class ContactStream:
         given = (
             force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid
         )  # fmt: skip
-        self._check_displacement(displacement_mm, displacement_sigma_mm)
+        self._give(displacement_mm, displacement_sigma_mm, temperature)
         if force.dtype not in DTYPES:
             raise SkinError(f"force: must be float32 or float64; got {force.dtype}")
-        own, data = no_readings(self.label.size, force.dtype), self.data
-        bound = {}
+        own, fixed = no_readings(self.label.size, force.dtype), {}
         for name, array, like in zip(own._fields, given, own, strict=False):
             if array is not None:
                 check_array(name, array, like)
-                bound[name] = array
+                fixed[name] = array
+        self._clock["has_field"] = common is not None
         if common is not None:
             for name, values in common.laws.items():
                 self.model.poses[name] = values
             self.model.settings["rest_ut2"] = common.rest_ut2
             covariance, *readings = common[2:]
-            bound |= dict(zip(own._fields[-3:], readings, strict=True))
-            gain = np.zeros((2, len(covariance), 2, 6, 3))
-            data = data._replace(gain=gain, covariance_ut2=covariance)
-        self._give(displacement_mm, temperature, common)
-        self.bound = Steps(own._replace(**bound), self.model, data)
+            fixed |= dict(zip(own._fields[-3:], readings, strict=True))
+            gain = np.zeros((2, len(covariance), 2, 3, 6))
+            self.data = self.data._replace(gain=gain, covariance_ut2=covariance)
+        self.readings, self._kernels = own._replace(**fixed), None
 
-    def step(self, now_ns: int) -> None:
-        """Process the next cycle from the arrays of the last `bind`."""
-        assert self.bound is not None
-        self._take(self.bound, now_ns)
-
-    def _give(self, displacement: object, temperature: object, common: object) -> None:
-        """Note which readings are given."""
-        for name, given in (
-            ("has_depth", displacement), ("has_temperature", temperature), ("has_field", common),
-        ):  # fmt: skip
-            self._clock[name] = given is not None
-
-    @cached_property
-    def _own(self) -> Steps:
-        """The kernels on arrays of the stream's own, which `update` fills."""
-        own = no_readings(self.label.size, np.float64)
-        return Steps(own, self.model, self.data)
-
-    def _check_displacement(self, displacement: object, sigma: object) -> None:
+    def _give(self, displacement: object, sigma: object, temperature: object) -> None:
+        """Note which readings are given; raises SkinError where slip needs others."""
         if self.model.settings["slip"][0] and (displacement is None or sigma is None):
             raise SkinError(
                 "displacement_mm, displacement_sigma_mm: must be given where slip is wanted; "
                 "got None"
             )
+        self._clock["has_depth"] = displacement is not None
+        self._clock["has_temperature"] = temperature is not None
 
-    def _take(self, steps: Steps, now_ns: int) -> None:
-        """Process a cycle and renew `now`; raises SkinError where its stamp is not later."""
+    def step(self, now_ns: int) -> None:
+        """Process the next cycle from `readings`, and renew `now`.
+
+        Raises
+        ------
+        SkinError
+            The stamp is not after the last one.
+        """
+        if self._kernels is None:
+            self.warmup()
+            assert self._kernels is not None
+        find, features, slips = self._kernels
         self._now_ns[0] = now_ns
-        count = steps()
-        if count == SAME:
-            return
-        if count == EARLY:
+        found = find()
+        if found == EARLY:
             last = self._clock["last_ns"][0]
             raise SkinError(f"stamp_ns: must be after the last one, {last}; got {now_ns}")
-        self.now = [self._views[slot] for slot in self._present[:count].tolist()]
+        if features is not None:
+            features()
+        if slips is not None and self._counts[0][0] > 0:
+            slips()
+        if found != SAME:
+            self.now = [self._views[slot] for slot in self._present[:found].tolist()]
 
     @property
     def contacts(self) -> list[Contact]:

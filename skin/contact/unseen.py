@@ -20,7 +20,7 @@ import numpy as np
 
 from bus.compiled.jit import jitable
 from skin.contact.record import OPEN, OUT
-from skin.contact.shape import add, cross, swept
+from skin.contact.shape import add, add_first, cross, swept
 from skin.physics.force_law import at as law_at
 from skin.physics.force_law import scaled, secant, shear_law, stacked
 from skin.physics.halbach import CHIP_AXES
@@ -120,7 +120,7 @@ def force_per_ut(u, pose):
 @jitable
 def add_shared(u, pose, gain):
     """Add a unit to the wrenches per µT of each body; returns the part of the ambient field in the
-    variances of its two tangential forces, N², and 0 of the normal one."""
+    variances of its two tangential forces, N²."""
     xx, xy, xz, yx, yy, yz = force_per_ut(u, pose)
     r, body = pose["rotation"], pose["body"]
     for b in range(3):
@@ -132,21 +132,21 @@ def add_shared(u, pose, gain):
             force = r[0, 0] * x + r[0, 1] * y, r[1, 0] * x + r[1, 1] * y, r[2, 0] * x + r[2, 1] * y
             torque = cross(pose["position"], force)
             for a in range(3):
-                gain[body, rest, a, b] += force[a]
-                gain[body, rest, a + 3, b] += torque[a]
-    return u["residue"] * (xx * xx + xy * xy), u["residue"] * (yx * yx + yy * yy), 0.0
+                gain[body, rest, b, a] += force[a]
+                gain[body, rest, b, a + 3] += torque[a]
+    return u["residue"] * (xx * xx + xy * xy), u["residue"] * (yx * yx + yy * yy)
 
 
 @jitable
 def spread_shared(gain, rest_ut2, data, covariance):
-    """Add the common errors of units to the covariance of their wrench: Σ G C G'."""
+    """Add the common errors of units to the covariance of their wrench: Σ G' C G."""
     for g in range(gain.shape[0]):
         field, rest, c = gain[g, 0], gain[g, 1], data.covariance_ut2[g]
         for a in range(6):
             for p in range(3):
-                x = field[a, 0] * c[0, p] + field[a, 1] * c[1, p] + field[a, 2] * c[2, p]
+                x = field[0, a] * c[0, p] + field[1, a] * c[1, p] + field[2, a] * c[2, p]
                 for b in range(6):
-                    covariance[a, b] += x * field[b, p] + rest_ut2 * rest[a, p] * rest[b, p]
+                    covariance[a, b] += x * field[p, b] + rest_ut2 * rest[p, a] * rest[p, b]
 
 
 @jitable
@@ -230,7 +230,7 @@ def _not_centred(i, model, data):
 def _add_light(u, pose, s):
     """Add the load below the gate of a unit."""
     s["light_units"] += 1.0
-    add(s["light"], u["force"][2], pose["position"])
+    add_first(s["light"], u["force"][2], pose["position"])
     add(s["light_noise"], u["force_sigma"][2] ** 2, pose["position"])
 
 
@@ -300,8 +300,6 @@ def add_apart(touched, model, data):
     keep_sigma, total, variance, most, lone = model.settings[0]["keep_sigma"], 0.0, 0.0, 0.0, -1
     for i in range(units.size):
         u, pose = units[i], poses[i]
-        if pose["doubt"] > 0.0:
-            add(s["unseen"], pose["doubt"], pose["position"])
         if u["kind"] > OPEN:
             _add_silent(u, pose, s)
         elif u["counted"] >= 0:

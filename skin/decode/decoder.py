@@ -15,7 +15,6 @@ from skin.decode.arrays import Results, check_call, plain
 from skin.decode.plan import Plan
 from skin.errors import CountsError, check_kind
 from skin.options import Options
-from skin.owned import Layout
 from skin.state import UNIT_WANTS, Reading
 from topology import CHANNELS, Topology
 
@@ -89,8 +88,6 @@ class Decoder:
         What adds to forces what has not relaxed.
     shown : tuple of ndarray
         Arrays of which those of `reading` are views.
-    layout : Layout
-        What a copy of `reading` is made of.
 
     Raises
     ------
@@ -174,8 +171,6 @@ class Decoder:
         self.whole = self._out.reading(records.ROWS, sigma=is_known)
         self._reading = self._shown.reading(self.plan.quantities, sigma=is_known)
         self.shown = self._shown.arrays
-        arrays = {name: getattr(self._reading, name) for name in Reading.__slots__}
-        self.layout = Layout(arrays, self.shown)
         counts, status = zeros((len(CHANNELS), n), np.int16), zeros(n, np.uint16)
         self._own = Inputs(counts, status, None if self.ambient is None else self.ambient.taken)
         self._given = Inputs(counts, status, self._added)
@@ -355,9 +350,7 @@ class Decoder:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
                 return self._batch(raw, status, background, elapsed_s)
             self._one(raw, status, background, elapsed_s)
-            reading = Reading.__new__(Reading)
-            reading.take(self.layout)
-            return reading
+            return self._reading.copy()
         finally:
             self._alone.release()
 

@@ -16,10 +16,9 @@ from skin.errors import TooDenseError
 from skin.physics.stencil import Stencil
 from skin.physics.stray import powers
 from topology import Topology
-from topology.errors import Issue
+from topology.errors import Issue, Report
 from topology.layout import count
 from topology.read import open_source, read
-from topology.report import Report
 from topology.schema import File
 from topology.source import Key
 
@@ -124,12 +123,12 @@ def _spectral_radius(blocks: np.ndarray, unit: np.ndarray, neighbour: np.ndarray
 def _issue(topology: Topology, why: str, units: Sequence[int]) -> str:
     """What to change in the file that a skin came from, for the two units that are nearest to each
     other; empty where that is not known."""
-    report, source, patches = Report(), None, ()
+    source, patches = None, ()
     if topology.path is not None:
-        source = open_source(topology.path, str(topology.path), report)
-    if source is not None:
-        patches = read(File, source, report).patches
-    sizes = [] if report.issues else [(patch.name, count(patch)) for patch in patches]
+        source = open_source(topology.path, str(topology.path), Report())
+    if source is not None and (file := read(File, source)) is not None:
+        patches = file.patches
+    sizes = [(patch.name, count(patch)) for patch in patches]
     if source is None or sizes != [
         *zip(topology.patch_names, np.bincount(topology.patch), strict=False)
     ]:
@@ -149,7 +148,7 @@ def _issue(topology: Topology, why: str, units: Sequence[int]) -> str:
             if (given := getattr(patches[number], name, None)) is not None:
                 at, expected, got = ("patches", number, name), f"larger, {why}", f"{given:g}"
     message = f"must be {expected}; got {got} (12 mm suffices for films as in the paper)"
-    return str(Issue("too-dense", source.shown, source.line(at), source.where(at), message))
+    return str(Issue(source.shown, source.line(at), source.where(at), message))
 
 
 def _nearest(topology: Topology) -> tuple[int, int]:

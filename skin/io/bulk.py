@@ -27,19 +27,18 @@ import topology as topology_package
 from bus.errors import BusError
 from bus.logs import buses_of, read
 from bus.processors import processors
-from skin.blocks.blocks import blocks_of
-from skin.blocks.prefetch import prefetch
+from skin.blocks import blocks_of
 from skin.contact.record import Event
 from skin.errors import OptionError, SkinError, check_choice
 from skin.io.export.provenance import provenance_of
 from skin.io.export.tables import FORMATS, Tables, report_in
 from skin.io.record import is_recording
-from skin.offline import decode_log
+from skin.offline import decode_log, prefetch
 from skin.options import Options
 from topology import Topology
 
 if TYPE_CHECKING:
-    from skin.blocks.block import Block
+    from skin.blocks import Block
 
 __all__ = ["decode_logs", "decode_one"]
 

@@ -135,10 +135,9 @@ class Closeness:
         self, position: np.ndarray, rotation: np.ndarray
     ) -> dict[tuple[int, int], np.ndarray]:
         """Field (3,) by unit and film of another body."""
-        near = [np.empty((2, 0), np.int64)]
-        for i, j, _ in pairs_within(position, NEAR_M):
-            near.append(np.stack([i, j])[:, self._body[i] != self._body[j]])
-        i, j = np.concatenate(near, axis=1)
+        i, j, _ = pairs_within(position, NEAR_M)
+        is_other = self._body[i] != self._body[j]
+        i, j = i[is_other], j[is_other]
         if not i.size:
             return {}
         posed = dataclasses.replace(self._topology, position=position, rotation=rotation)

@@ -102,7 +102,7 @@ class SimulatedUnits:
         self._settings = BoardSettings(topology, self.units.lowest, self.units.highest)
         self._understands = [understands(topology, bus) for bus in range(len(topology.buses))]
         self._sent = [-1] * len(topology.buses)
-        self._synced = [bus.sync_id is not None for bus in topology.buses]
+        self._synced = topology.sync_id is not None
 
     # -- truth -------------------------------------------------------------------------------------
 
@@ -176,7 +176,7 @@ class SimulatedUnits:
 
     def _is_heard(self, records: np.ndarray, bus: int) -> np.ndarray:
         """Mask of SYNC and configuration frames."""
-        sync_id = self.topology.buses[bus].sync_id
+        sync_id = self.topology.sync_id
         heard = (records["id"] == IDENTIFIER) & self._understands[bus]
         if sync_id is not None:
             heard |= (records["id"] == sync_id) & (records["length"] >= 1)
@@ -217,7 +217,7 @@ class SimulatedUnits:
         self._check(transports)
         self._stop = threading.Event()
         for bus, transport in enumerate(transports):
-            if self._synced[bus]:
+            if self._synced:
                 transport.listener = partial(self._answer, transport, self.batch(bus), bus)
             else:
                 self._start(self.topology.buses[bus].name, self._send_freely, transport, bus)
@@ -268,7 +268,7 @@ class SimulatedUnits:
             together = []
             for bus, transport in enumerate(transports):
                 name = self.topology.buses[bus].name
-                if not self._synced[bus]:
+                if not self._synced:
                     self._start(name, self._send_freely, transport, bus)
                 elif transport.fileno() < 0 or len(transports) == 1:
                     self._start(name, self._listen, transport, bus)

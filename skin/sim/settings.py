@@ -38,7 +38,7 @@ class BoardSettings:
         """Added to the number of a frame, so that a change of rate leaves no gap."""
         self._tare = np.zeros((len(CHANNELS), topology.n), np.int32)
         self._rows = [frames.bus == bus for bus in range(len(topology.buses))]
-        synced = np.array([bus.sync_id is not None for bus in topology.buses])[frames.bus]
+        synced = np.full(len(frames), topology.sync_id is not None)
         own = np.array([layout.sequence == "own" for layout in topology.layouts])[frames.layout]
         self._counts = own | ~synced
         """Whether the number of a frame is its board's own count, not that of the SYNC."""

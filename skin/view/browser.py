@@ -115,7 +115,7 @@ def show(source: Skin | Any, *, host: str = HOST, port: int | None = None) -> Vi
     if port is not None:
         check_number("port", port, 0, 65535, whole=True)
     view = View(source, host, port)
-    source.pipeline.attach(view)
+    source.pipeline.sinks.attach(view)
     return view
 
 

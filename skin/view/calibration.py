@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.run import Outcome
+from skin.calibrate.bench.unit import UnitResult
 from skin.view.picture import HUES, INK, figure
 from topology.files import marked, whole_file
 

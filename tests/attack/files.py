@@ -46,12 +46,13 @@ of the process: numba's alone is 2 GB."""
 
 PATCH = """format = 1
 name = "attacked"
+cycle_rate_hz = 100
+sync_id = 0x80
 
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
-cycle_rate_hz = 100
-sync_id = 0x80
 
 """
 CALIBRATED = """
@@ -71,7 +72,7 @@ FROM_DBC = """
 name = "taxel"
 dbc = "broken.dbc"
 message = "Taxel"
-signals = { gel = "T", frequency = "F", bx = "X", by = "Y" }
+dbc_signals = { gel = "T", frequency = "F", bx = "X", by = "Y" }
 
 [[patches]]
 name = "row"
@@ -95,7 +96,7 @@ CM_ BO_ 256 "A comment over lines
 BO_ 256 Taxel: 8 Board";
 BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN";
 BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
-SIG_VALTYPE_ 256 Z : 1;
+SIG_VALTYPE_ 256 T : 0;
 """
 FAULTS = b"""format = 1
 seed = 7

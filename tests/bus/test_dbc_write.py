@@ -125,7 +125,7 @@ def test_pages_of_one_identifier_are_multiplexed(tmp_path):
 def test_scales_of_a_model_and_a_units_calibration_are_those_of_the_unit(tmp_path):
     more = (
         '[[models]]\nname = "mine"\nscales = { gel = { scale = 0.5, offset = -3.25 } }\n'
-        '[[units]]\nunit = "patch/r0c1"\nmodel = "mine"\n'
+        '[[overrides]]\nunit = "patch/r0c1"\nmodel = "mine"\n'
     )
     topology = topology_of(tmp_path, "f3t-classic", 2, more=more)
     gel = [by_cantools(topology).get_message_by_name(f"patch_r0c{k}").signals[0] for k in (0, 1)]
@@ -272,7 +272,7 @@ def test_sensors_of_another_kind_have_no_heartbeat(tmp_path):
 
 
 def test_a_bus_without_units_is_a_file_without_messages(tmp_path):
-    bus = '[[buses]]\nname = "spare"\nchannel = "other"\n'
+    bus = '[[buses]]\nname = "spare"\ninterface = "memory"\nchannel = "other"\n'
     topology = topology_of(tmp_path, "f3t-classic", 1, more=bus, bus='channel = "one"')
     assert by_cantools(topology, 1).messages == []
     assert by_canmatrix(topology, 1).frames == []
@@ -295,8 +295,8 @@ def test_names_are_short_identifiers_and_each_one_once(units, patch, layout, tmp
     )
     file = tmp_path_factory.mktemp("names") / "names.toml"
     file.write_text(
-        'format = 1\nname = "n"\n[[buses]]\nname = "b"\ndata_bitrate = 5_000_000\n'
-        "sync_id = 0x080\n"
+        'format = 1\nname = "n"\nsync_id = 0x080\n[[buses]]\nname = "b"\ninterface = "memory"\n'
+        "data_bitrate = 5_000_000\n"
         f'[[patches]]\nname = "{patch}"\nbus = "b"\nkind = "list"\nlayout = "{layout}"\n'
         f"first_id = 0x100\n{listed}"
     )

@@ -471,7 +471,7 @@ def test_a_wrong_script_is_refused_with_every_problem_and_its_line(tmp_path, mon
     with pytest.raises(FaultScriptError) as raised:
         Injector(FaultScript(faults=faults))
     text.append(str(raised.value))
-    check_golden("faults", "\n".join(text) + "\n")
+    check_golden("faults", text)
 
 
 # -- skin sim --------------------------------------------------------------------------------------

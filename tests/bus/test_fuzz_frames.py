@@ -23,8 +23,8 @@ def frames_of(skin, cycles, rng):
     """Real frames of a skin with SYNC, of random counts."""
     pack, batch = Packer(skin), FrameBatch((len(skin.frames) + len(skin.buses)) * cycles)
     for cycle in range(cycles):
-        for index, bus in enumerate(skin.buses):
-            batch.append(bus.sync_id, bytes([cycle & 0xFF]), bus=index, stamp_ns=cycle * 4_000_000)
+        for index in range(len(skin.buses)):
+            batch.append(skin.sync_id, bytes([cycle & 0xFF]), bus=index, stamp_ns=cycle * 4_000_000)
         counts = rng.integers(-32768, 32768, (6, skin.n)).astype(np.int16)
         pack(counts, batch, sequence=cycle & 0xFF, stamp_ns=cycle * 4_000_000)
     return batch.frames.copy()

@@ -33,7 +33,7 @@ def stuck_by(small, counts):
     found = []
     for number, each in enumerate(counts):
         batch.clear()
-        batch.append(small.buses[0].sync_id, bytes([number & 0xFF]))
+        batch.append(small.sync_id, bytes([number & 0xFF]))
         packer(each, batch, sequence=number & 0xFF)
         for cycle in assembler.feed(batch.frames):
             found.append(cycle.stuck.copy())

@@ -4,8 +4,7 @@ house.
 ``python -m tests.house``          all checks; exit status 1 if one fails or a figure is over
 ``python -m tests.house --json``   with one JSON object as the last line
 ``python -m tests.house --quick``  without the type checker and the doctests
-``python -m tests.house draw``     docs/pictures/imports.svg, the picture of who imports whom, and
-                                   docs/reference/columns.md, the list of columns
+``python -m tests.house draw``     docs/pictures/imports.svg, the picture of who imports whom
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import json
 import sys
 from collections.abc import Iterable
 
-from tests.house import columns, draw, imports, rules, unused, words
+from tests.house import draw, imports, rules, unused, words
 from tests.house.figures import Figure, size_figures, table
 from tests.house.sources import relative
 from tests.house.tools import Doctests, Ruff, Types
@@ -33,9 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="without types and doctests")
     given = parser.parse_args(arguments)
     if given.command == "draw":
-        for file, text in ((draw.PICTURE, draw.picture()), (columns.PAGE, columns.page())):
-            file.write_text(text, encoding="utf-8")
-            print(relative(file))
+        draw.PICTURE.write_text(draw.picture(), encoding="utf-8")
+        print(relative(draw.PICTURE))
         return 0
     return check(quick=given.quick, as_json=given.json)
 

@@ -18,7 +18,7 @@ from tests.house.sources import PACKAGES, ROOT, module_of, relative, sources, tr
 FORBIDDEN = {"topology": {"bus", "skin"}, "bus": {"skin"}, "skin": set()}
 """What a package must not import of the others."""
 
-COMMON = frozenset({"cividis", "errors", "options", "owned", "state"})
+COMMON = frozenset({"cividis", "errors", "options", "state"})
 """Rooms that every other may import."""
 
 ROOMS: dict[str, frozenset[str]] = {
@@ -29,8 +29,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "physics": frozenset({"errors"}),
     "cividis": frozenset(),
     "notebook": frozenset({"cividis"}),
-    "owned": frozenset(),
-    "state": frozenset({"errors", "notebook", "owned"}),
+    "state": frozenset({"errors", "notebook"}),
     "options": frozenset({"errors", "state"}),
     "decode": COMMON | {"physics"},
     "contact": COMMON | {"physics"},
@@ -40,8 +39,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "clock": frozenset(),
     "robot": COMMON | {"physics", "contact"},
     "pipeline": COMMON
-    | {"physics", "decode", "contact", "calibrate", "clock", "compiling", "robot"}
-    | {"sinks"},
+    | {"physics", "decode", "contact", "calibrate", "clock", "compiling", "sinks"},
     "live": COMMON
     | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim", "robot"}
     | {"sinks"},
@@ -51,7 +49,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "opening": COMMON
     | {"physics", "contact", "pipeline", "compiling", "sim", "live", "io"}
     | {"calibrate"},
-    "blocks": COMMON | {"pipeline", "contact"},
+    "blocks": COMMON | {"pipeline", "contact", "decode"},
     "offline": COMMON | {"pipeline", "compiling", "blocks", "sinks"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker", "sinks", "io", "robot"},
     "behaviours": COMMON | {"contact"},

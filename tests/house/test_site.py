@@ -78,4 +78,4 @@ def test_the_reference_of_python_has_what_the_package_offers(site):
 
 def test_no_part_of_a_page_is_left_to_be_made(site):
     for page in site.rglob("*.html"):
-        assert "<!-- generated:" not in page.read_text("utf-8"), page
+        assert "<!-- made:" not in page.read_text("utf-8"), page

@@ -9,7 +9,7 @@ from msgspec import inspect
 
 from bus.faults.script import FaultScript
 from skin.sim.scenes.script import SceneFile
-from topology.calibration_schema import CalibrationFile
+from topology.calibration import CalibrationFile
 from topology.schema import File
 
 SMALLEST = 1e-15

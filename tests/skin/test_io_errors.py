@@ -40,7 +40,7 @@ def frames_of(count, nodes=None):
     nodes, parts = SimulatedUnits(STRIP, seed=1) if nodes is None else nodes, []
     for cycle in range(count):
         batch, answers = FrameBatch(64), FrameBatch(64)
-        batch.append(STRIP.buses[0].sync_id, bytes([cycle & 255]), stamp_ns=1 + cycle * 4_000_000)
+        batch.append(STRIP.sync_id, bytes([cycle & 255]), stamp_ns=1 + cycle * 4_000_000)
         nodes.respond(batch.frames, answers)
         parts += [batch.frames.copy(), answers.frames.copy()]
     return np.concatenate(parts)

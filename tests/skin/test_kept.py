@@ -60,7 +60,7 @@ def cycles():
     said, kept, now = [], [], []
     for cycle in range(CYCLES):
         batch, answers = FrameBatch(64), FrameBatch(64)
-        batch.append(STRIP.buses[0].sync_id, bytes([cycle]), stamp_ns=1 + cycle * 4_000_000)
+        batch.append(STRIP.sync_id, bytes([cycle]), stamp_ns=1 + cycle * 4_000_000)
         nodes.respond(batch.frames, answers)
         for state in pipeline.feed(np.concatenate([batch.frames, answers.frames])):
             now.append(told(pipeline.now))
@@ -115,7 +115,7 @@ def test_a_copy_has_arrays_of_its_own(cycles):
 def test_what_is_not_wanted_says_which_want_gives_it():
     pipeline = Pipeline(STRIP, Options(want={"temperature"}, auto_tare=False))
     nodes, batch, answers = SimulatedUnits(STRIP), FrameBatch(64), FrameBatch(64)
-    batch.append(STRIP.buses[0].sync_id, b"\0")
+    batch.append(STRIP.sync_id, b"\0")
     nodes.respond(batch.frames, answers)
     (state,) = pipeline.feed(np.concatenate([batch.frames, answers.frames]))
     for kept in (state, state.copy(), pickle.loads(pickle.dumps(state))):

@@ -222,7 +222,7 @@ def test_what_boards_are_told_is_recorded(tmp_path):
     frames = read_all(log)
     (told,) = np.flatnonzero(frames["id"] == IDENTIFIER)
     assert frames["data"][told, :3].tolist() == [Command.RATE, 0, 1]
-    assert 3 <= np.count_nonzero(frames["id"][:told] == strip.topology.buses[0].sync_id) <= 4
+    assert 3 <= np.count_nonzero(frames["id"][:told] == strip.topology.sync_id) <= 4
     decoded = skin.decode_log("strip", log)
     assert len(list(decoded)) == 6
     assert decoded.faults == []
@@ -351,6 +351,7 @@ def test_a_closed_skin_is_no_empty_one():
         SkinError, match=r"iter\(skin\): must be an open skin; got one that is closed"
     ):
         iter(strip)
+    strip.close()
     assert list(started) == [], "a loop that runs ends"
 
 

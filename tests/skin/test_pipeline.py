@@ -11,12 +11,13 @@ import skin
 import topology
 from benchmarks import contact
 from bus.assemble import Assembler
-from bus.cycle import ClosedBy, RawCycle
+from bus.cycle import ClosedBy
 from bus.frame import FrameBatch
-from skin.errors import CountsError, OptionError
+from skin.errors import OptionError
 from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
+from skin.sinks import Ending
 
 STRIP = topology.load("strip").exact()
 OPTIONS = Options(want={"force", "temperature", "wrench", "contacts"})
@@ -27,7 +28,7 @@ def frames_of(cycles, seed=4):
     nodes, batches = SimulatedUnits(STRIP, seed=seed), []
     for cycle in range(cycles):
         batch, answers = FrameBatch(64), FrameBatch(64)
-        batch.append(STRIP.buses[0].sync_id, bytes([cycle]))
+        batch.append(STRIP.sync_id, bytes([cycle]))
         nodes.respond(batch.frames, answers)
         batches.append(np.concatenate([batch.frames, answers.frames]))
     return batches
@@ -61,8 +62,8 @@ def test_a_log_gives_the_states_that_were_live(fed):
     pipeline = Pipeline(STRIP, OPTIONS)
     frames = np.concatenate(batches)
     assert_same([seen(state) for state in pipeline.feed(frames)], live)
-    assert pipeline.counters.data == 30 * len(STRIP.frames)
-    assert pipeline.flush() is None
+    assert pipeline.assembler.counters.data == 30 * len(STRIP.frames)
+    assert pipeline.end(Ending.FLUSHED) is None
 
 
 def test_cycles_of_another_assembler_give_the_same_states(fed):
@@ -70,10 +71,8 @@ def test_cycles_of_another_assembler_give_the_same_states(fed):
     assembler, pipeline = Assembler(STRIP), Pipeline(STRIP, OPTIONS)
     states = []
     for cycle in assembler.feed(np.concatenate(batches)):
-        copy = RawCycle(cycle.number, cycle.stamp_ns, cycle.closed_by, cycle.counts.copy(),
-                        cycle.valid, cycle.status.copy(), cycle.age, cycle.sequence,
-                        cycle.fault_code, cycle.totals.copy())  # fmt: skip
-        states.append(seen(pipeline(copy)))
+        pipeline.counts[:], pipeline.status[:] = cycle.counts, cycle.status
+        states.append(seen(pipeline.state(cycle)))
     assert_same(states, live)
 
 
@@ -83,7 +82,7 @@ def test_the_last_cycle_of_a_log_is_flushed(fed):
     states = [
         seen(state) for state in pipeline.feed(np.concatenate([*batches[:4], batches[4][:2]]))
     ]
-    last = pipeline.flush()
+    last = pipeline.end(Ending.FLUSHED)
     assert last is not None
     assert (last.cycle, last.closed_by) == (4, ClosedBy.END)
     assert_same(states, live[:4])
@@ -93,8 +92,8 @@ def test_an_open_cycle_expires():
     pipeline = Pipeline(STRIP, OPTIONS, deadline_s=1e-3)
     (batch,) = frames_of(1)
     assert list(pipeline.feed(batch[:2])) == []
-    assert pipeline.expire(0) is None
-    late = pipeline.expire(2**62)
+    assert pipeline.end(Ending.EXPIRED, 0) is None
+    late = pipeline.end(Ending.EXPIRED, 2**62)
     assert late is not None
     assert late.closed_by == ClosedBy.DEADLINE
     assert not late.units.valid.all()
@@ -109,21 +108,6 @@ def test_the_arrays_that_stages_write_are_the_same_every_cycle(fed):
         assert pipeline.now.wrench is wrench
         np.testing.assert_array_equal(state.units.force, force)
         assert not np.shares_memory(state.units.force, force)
-
-
-@pytest.mark.parametrize(
-    ("counts", "status"),
-    [
-        (np.zeros((6, 3), np.int16), np.zeros(STRIP.n, np.uint16)),
-        (np.zeros((6, STRIP.n), np.int32), np.zeros(STRIP.n, np.uint16)),
-        (np.zeros((6, STRIP.n), np.int16), np.zeros(STRIP.n, np.int64)),
-    ],
-)
-def test_a_cycle_of_another_skin_is_refused(counts, status):
-    rest = np.zeros(STRIP.n, np.int32)
-    cycle = RawCycle(0, 0, ClosedBy.COMPLETE, counts, rest == 0, status, rest, rest, rest)
-    with pytest.raises(CountsError, match=r"strip: (counts|status): must be an array of"):
-        Pipeline(STRIP, OPTIONS)(cycle)
 
 
 def test_it_is_at_hand_by_name():

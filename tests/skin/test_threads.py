@@ -18,15 +18,6 @@ from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 
 
-def test_closed_skin_ends():
-    opened = skin.open("strip", simulate=True, pace=False)
-    states = iter(opened)
-    next(states)
-    opened.close()
-    opened.close()
-    assert list(states) == []
-
-
 @pytest.mark.long_but_first
 @pytest.mark.parametrize("name", ["strip", "fingertip"])
 @pytest.mark.parametrize("sync", ["host", "bus"])

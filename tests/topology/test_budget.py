@@ -1,6 +1,7 @@
 """Worst-case bits against frames built bit by bit, and bus loads against known figures."""
 
-import msgspec
+import dataclasses
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,8 +11,8 @@ from tests.fixtures.topology import write_topology
 from topology import LAYOUTS, Bus, load
 from topology.budget import bus_load, classic_bits, fd_bits, frame_seconds
 
-CLASSIC = Bus(name="classic", sync_id=0x080)
-FD = Bus(name="fd", data_bitrate=5_000_000, sync_id=0x080)
+CLASSIC = Bus(name="classic", interface="memory")
+FD = Bus(name="fd", interface="memory", data_bitrate=5_000_000)
 
 identifiers = st.booleans().flatmap(
     lambda extended: st.tuples(
@@ -133,16 +134,14 @@ def test_a_bus_takes_just_as_many_units_as_fit_with_their_heartbeats(layout, rat
             f'layout = "{layout}"\nfirst_id = 0x100',
         )
         found = load(file, allow_overload=True)
-        busload = bus_load(0, found.buses[0], found.frames, found.layouts)
+        busload = bus_load(found, 0)
         assert (busload.load <= 0.8) == fits
 
 
 def test_at_the_highest_rate_a_bus_is_just_as_full_as_allowed():
     palm = load("palm")
-    bus = palm.buses[0]
-    highest = bus_load(0, bus, palm.frames, palm.layouts).highest_rate_hz
-    faster = msgspec.structs.replace(bus, cycle_rate_hz=highest)
-    assert bus_load(0, faster, palm.frames, palm.layouts).load == pytest.approx(bus.max_load)
+    faster = dataclasses.replace(palm, cycle_rate_hz=bus_load(palm, 0).highest_rate_hz)
+    assert bus_load(faster, 0).load == pytest.approx(palm.buses[0].max_load)
 
 
 def test_29_bit_identifiers_cost_what_they_take(tmp_path):
@@ -155,7 +154,7 @@ def test_29_bit_identifiers_cost_what_they_take(tmp_path):
             patch=shape + f"first_id = 0x100\nextended = {str(extended).lower()}",
         )
         found = load(file)
-        cycle[extended] = bus_load(0, found.buses[0], found.frames, found.layouts).cycle_s
+        cycle[extended] = bus_load(found, 0).cycle_s
     assert cycle == pytest.approx({False: 4 * 135e-6, True: 4 * 160e-6})
 
 
@@ -169,6 +168,6 @@ def test_a_board_beats_once_however_many_frames_it_sends(tmp_path):
         'kind = "grid"\nrows = 1\ncolumns = 3\npitch_m = 0.012\nlayout = "own"\nfirst_id = 0x100'
     )
     skin = load(write_topology(tmp_path, bus="cycle_rate_hz = 10", patch=patch, more=layout))
-    found = bus_load(0, skin.buses[0], skin.frames, skin.layouts)
+    found = bus_load(skin, 0)
     assert found.frames == 12
     assert found.load == pytest.approx(10 * 12 * 135e-6 + 3 * 135e-6)

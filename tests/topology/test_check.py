@@ -8,7 +8,7 @@ from skin.cli import main
 from tests.fixtures.robots import GRIPPER, write_gripper
 from tests.fixtures.topology import write_topology
 from topology import builtin, load
-from topology.json_schema import json_schema
+from topology.schema import json_schema
 from topology.summary import summary
 
 FULL = """
@@ -90,8 +90,8 @@ def test_the_schema_for_editors_is_printed_as_json(capsys):
 
 
 def test_what_may_be_meant_is_noted(tmp_path):
-    more = '[[buses]]\nname = "idle"\ndata_bitrate = 5_000_000\n'
-    more += '[[units]]\nunit = "patch/r0c0"\nenabled = false\n'
+    more = '[[buses]]\nname = "idle"\ninterface = "memory"\ndata_bitrate = 5_000_000\n'
+    more += '[[overrides]]\nunit = "patch/r0c0"\nenabled = false\n'
     dense = FULL.replace("0.012", "0.0115")
     found = summary(load(write_topology(tmp_path, patch=dense, more=more)))
     assert found.disabled == found.patches[0].disabled == 1
@@ -132,7 +132,7 @@ def test_a_patch_far_from_everything_is_noted(places, told, tmp_path):
 
 
 def test_a_unit_far_from_everything_is_noted(tmp_path):
-    more = '[[units]]\nunit = "patch/r3c4"\nxyz_m = [0, 5, 0]\n'
+    more = '[[overrides]]\nunit = "patch/r3c4"\noffset_m = [0, 5, 0]\n'
     (note,) = summary(load(write_topology(tmp_path, patch=FULL, more=more))).warnings
     assert note == "unit patch/r3c4 is 4.95 " + BEYOND
 

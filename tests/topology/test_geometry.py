@@ -11,7 +11,7 @@ from topology import pose
 from topology.layout import count, place
 from topology.neighbours import (
     compressed_rows,
-    nearest_distance,
+    nearest_point,
     neighbour_pairs,
     pairs_within,
 )
@@ -145,9 +145,9 @@ def test_units_of_a_dome_are_at_least_as_far_apart_as_its_rings(patch):
     )
     for k in range(patch.rings + 1):
         inside = units.position[:, ring == k]
-        assert nearest_distance(inside).min() >= straight * (1 - 1e-6)
+        assert nearest_point(inside)[0].min() >= straight * (1 - 1e-6)
     if count(patch) > 1:
-        assert nearest_distance(units.position).min() >= straight * (1 - 1e-6)
+        assert nearest_point(units.position)[0].min() >= straight * (1 - 1e-6)
 
 
 @given(grids)
@@ -267,24 +267,27 @@ def test_a_listed_grid_is_the_grid():
 
 @given(clouds, st.floats(0, 2))
 def test_pairs_within_a_radius_are_those_of_the_obvious_search(position, radius):
-    found = [
-        pair
-        for i, j, distance in pairs_within(position, radius)
-        for pair in zip(i.tolist(), j.tolist(), distance, strict=True)
-    ]
-    assert all(i < j for i, j, _ in found)
-    for i, j, distance in found:
-        np.testing.assert_allclose(distance, np.linalg.norm(position[:, i] - position[:, j]))
-    pairs = [(i, j) for i, j, _ in found]
-    assert len(pairs) == len(set(pairs))
-    rounding = 1e-12
-    assert naive.pairs_within(position, radius - rounding) <= set(pairs)
-    assert set(pairs) <= naive.pairs_within(position, radius + rounding)
+    i, j, distance = pairs_within(position, radius)
+    assert (i < j).all()
+    np.testing.assert_allclose(distance, np.linalg.norm(position[:, i] - position[:, j], axis=0))
+    pairs = set(zip(i.tolist(), j.tolist(), strict=True))
+    assert len(pairs) == i.size
+    assert naive.pairs_within(position, radius - 1e-12) <= pairs
+    assert pairs <= naive.pairs_within(position, radius + 1e-12)
+
+
+def test_a_single_point_of_a_wide_reach_makes_no_pairs_of_the_others():
+    position = np.zeros((3, 4000))
+    position[0] = np.arange(4000) * 1e-3
+    reach = np.where(np.arange(4000) == 7, 10.0, 1.5e-3)
+    i, j = neighbour_pairs(position, reach, np.zeros(4000))
+    assert i.size == 2 * 3999 - 2
+    assert {*i.tolist(), *j.tolist()} == {*range(4000)}
 
 
 @given(clouds)
 def test_nearest_distances_are_those_of_the_obvious_search(position):
-    np.testing.assert_allclose(nearest_distance(position), naive.nearest_distance(position))
+    np.testing.assert_allclose(nearest_point(position)[0], naive.nearest_distance(position))
 
 
 @given(clouds, st.data())

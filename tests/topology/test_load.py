@@ -14,8 +14,7 @@ import topology
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, LAYOUTS, MODELS, THETA_KNOTS, TopologyError, UnitModel, load
 from topology.errors import UnknownNameError
-from topology.model import TABLES
-from topology.schema import PARAMETERS
+from topology.model import PARAMETERS, TABLES
 
 GRID = (
     'kind = "grid"\nrows = 3\ncolumns = 4\npitch_m = 0.012\nlayout = "f3t-fd64"\nfirst_id = 0x100'
@@ -204,7 +203,7 @@ def test_a_29_bit_identifier_may_have_the_number_of_sync(tmp_path):
 
 
 def test_one_identifier_may_stand_on_two_buses(tmp_path):
-    bus = '[[buses]]\nname = "side"\ndata_bitrate = 5_000_000\n'
+    bus = '[[buses]]\nname = "side"\ninterface = "memory"\ndata_bitrate = 5_000_000\n'
     more = '[[patches]]\nname = "two"\nbus = "side"\npose.xyz_m = [0.1, 0, 0]\n'
     skin = load(write_topology(tmp_path, patch=GRID, more=more + GRID + "\n" + bus))
     assert skin.frames.bus.tolist() == [0, 0, 0, 1, 1, 1]
@@ -231,7 +230,7 @@ scales = { bz = { scale = 4.0 } }
 
 
 def test_models_build_on_each_other_and_bring_their_scales(tmp_path):
-    more = MODEL + '[[units]]\nunit = "patch/r0c1"\nmodel = "soft"\n'
+    more = MODEL + '[[overrides]]\nunit = "patch/r0c1"\nmodel = "soft"\n'
     skin = load(write_topology(tmp_path, patch=GRID + '\nmodel = "softer"', more=more))
     stiff = skin.parameters["normal_stiff_n_per_hz"]
     assert stiff[:3].tolist() == [0.003, 0.004, 0.003]
@@ -252,7 +251,7 @@ def test_exceptions_stand_above_calibration_and_calibration_above_the_model(tmp_
         f'[units.r1c2]\ntheta_correction_rad = {knots}\n[units."r2c3"]\nradius_m = 0.004\n'
     )
     more = '[[models]]\nname = "m"\nfrequency_rest_hz = 4400\nfilm_lag_s = 6.0\nhall_lag_s = 150\n'
-    more += '[[units]]\nunit = "patch/r0c0"\nfilm_lag_s = 9.0\n'
+    more += '[[overrides]]\nunit = "patch/r0c0"\nfilm_lag_s = 9.0\n'
     patch = GRID + '\nmodel = "m"\ncalibration = "cal/a.toml"'
     skin = load(write_topology(tmp_path, patch=patch, more=more))
     found = {name: skin.parameters[name][:2].tolist() for name in
@@ -275,7 +274,7 @@ def test_an_exception_may_take_a_calibrated_correction_away(tmp_path):
         f'format = 1\npatch = "patch"\n[units]\nr0c0.theta_correction_rad = {knots}\n'
         f"r0c1.theta_correction_rad = {knots}\n"
     )
-    more = '[[units]]\nunit = "patch/r0c0"\ntheta_correction_rad = []\n'
+    more = '[[overrides]]\nunit = "patch/r0c0"\ntheta_correction_rad = []\n'
     file = write_topology(tmp_path, patch=GRID + '\ncalibration = "a.toml"', more=more)
     theta = load(file).parameters["theta_correction_rad"]
     assert np.flatnonzero(theta.any(axis=0)).tolist() == [1]
@@ -286,13 +285,13 @@ def test_of_two_sources_of_a_wrong_parameter_the_one_in_force_is_blamed(tmp_path
         'format = 1\npatch = "patch"\n[units]\nr0c0.frequency_rest_hz = 1000\n'
         "r0c1.frequency_rest_hz = 1000\n"
     )
-    more = '[[units]]\nunit = "patch/r0c0"\nfrequency_rest_hz = 1100\n'
+    more = '[[overrides]]\nunit = "patch/r0c0"\nfrequency_rest_hz = 1100\n'
     file = write_topology(tmp_path, patch=GRID + '\ncalibration = "a.toml"', more=more)
     with pytest.raises(TopologyError) as raised:
         load(file)
     assert {(Path(i.file).name, i.where) for i in raised.value.issues} == {
         ("a.toml", "units r0c1 frequency_rest_hz"),
-        (file.name, "units[0] 'patch/r0c0' frequency_rest_hz"),
+        (file.name, "overrides[0] 'patch/r0c0' frequency_rest_hz"),
     }
 
 
@@ -336,14 +335,14 @@ def test_parameters_may_go_to_their_limits_and_no_further(parameters, fits, tmp_
 
 def test_an_exception_moves_disables_and_readdresses_its_unit_alone(tmp_path):
     more = """
-[[units]]
+[[overrides]]
 unit = "patch/r0c1"
 enabled = false
-xyz_m = [0, 0, 0.001]
-[[units]]
+offset_m = [0, 0, 0.001]
+[[overrides]]
 unit = "patch/r0c2"
 id = 0x180
-[[units]]
+[[overrides]]
 unit = "patch/r0c3"
 id = 0x100
 slot = 2
@@ -360,7 +359,7 @@ slot = 2
 
 
 def test_two_exceptions_may_swap_two_units(tmp_path):
-    more = '[[units]]\nunit = "patch/r0c{}"\nid = 0x100\nslot = {}\n'
+    more = '[[overrides]]\nunit = "patch/r0c{}"\nid = 0x100\nslot = {}\n'
     file = write_topology(tmp_path, patch=GRID, more=more.format(0, 1) + more.format(1, 0))
     assert load(file).frames.units[0].tolist() == [1, 0, 2, 3, 4]
 
@@ -423,7 +422,7 @@ def test_a_broken_file_of_a_thousand_units_names_each_line(tmp_path):
 
 def test_an_overloaded_bus_can_be_looked_at_but_not_used(tmp_path):
     file = write_topology(tmp_path, patch=GRID, bus="data_bitrate = 1_000_000")
-    file.write_text(file.read_text().replace("data_bitrate", "cycle_rate_hz = 1000\ndata_bitrate"))
+    file.write_text(file.read_text().replace("[[buses]]", "cycle_rate_hz = 1000\n[[buses]]"))
     with pytest.raises(TopologyError, match=r"must be at most 80\.0% of the bus at 1000 Hz"):
         load(file)
     assert load(file, allow_overload=True).n == 12
@@ -455,7 +454,7 @@ def test_every_commented_table_of_the_example_is_valid(tmp_path):
     assert skin.parameters["frequency_rest_hz"][unit] == 4480.0
     assert skin.scale[0, unit] == 0.01
     file = msgspec.toml.decode(text)
-    assert {"buses", "frames", "models", "layouts", "patches", "units"} <= set(file)
+    assert {"buses", "frames", "models", "layouts", "patches", "overrides"} <= set(file)
     assert [layout["name"] in LAYOUTS for layout in file["layouts"]] == [False, False]
 
 
@@ -477,7 +476,10 @@ def test_any_module_may_be_imported_first(order):
 
 def test_a_scale_that_is_no_number_is_refused_with_its_line(tmp_path):
     model = '[[models]]\nname = "m"\n[models.scales.bx]\nscale = {}\n'
-    patch = 'kind = "grid"\nrows = 1\ncolumns = 1\npitch_m = 0.02\nfirst_id = 1\nmodel = "m"\n'
+    patch = (
+        'kind = "grid"\nrows = 1\ncolumns = 1\npitch_m = 0.02\nfirst_id = 0x100\n'
+        'layout = "f3t-fd64"\nmodel = "m"\n'
+    )
     for given, message in (("'x'", "finite number"), ("1e-320", "from 1e-09 to 1e\\+09")):
         file = write_topology(tmp_path, head=model.format(given), patch=patch)
         with pytest.raises(TopologyError, match=f":6: models.* scale: must be .*{message}"):

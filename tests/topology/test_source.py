@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from topology import TopologyError, load
-from topology.json_schema import json_schema
+from topology.errors import Report
 from topology.load import builtin
 from topology.read import open_source, read
-from topology.report import Report
-from topology.schema import File
+from topology.schema import File, json_schema
 from topology.source import Source
 
 
@@ -126,13 +125,13 @@ values = st.recursive(
 def test_every_key_is_found_on_its_line(document, data):
     writer = Writer(data.draw)
     writer.table(document, (), [])
-    source = Source(None, writer.text, "file.toml")
+    source = Source(None, writer.text, "file.toml", Report())
     assert source.data == document
     assert {key: source.line(key) for key in writer.lines} == writer.lines
 
 
 def test_what_is_not_there_has_the_line_of_what_is_around_it():
-    source = Source(None, 'a = 1\n\n[[b]]\nc = 2\nname = "x"\n', "file.toml")
+    source = Source(None, 'a = 1\n\n[[b]]\nc = 2\nname = "x"\n', "file.toml", Report())
     assert source.line(("b", 0, "missing")) == 3
     assert source.line(("missing",)) == 1
     assert source.where(("b", 0, "missing", 2)) == "b[0] 'x' missing[2]"
@@ -140,7 +139,9 @@ def test_what_is_not_there_has_the_line_of_what_is_around_it():
 
 @pytest.mark.parametrize("quote", ['"', "'"])
 def test_quotes_at_the_end_of_a_long_string_belong_to_it(quote):
-    source = Source(None, f"a = {quote * 3}x\n{quote * 2}{quote * 3}\nb = 1\n", "file.toml")
+    source = Source(
+        None, f"a = {quote * 3}x\n{quote * 2}{quote * 3}\nb = 1\n", "file.toml", Report()
+    )
     assert source.data == {"a": f"x\n{quote * 2}", "b": 1}
     assert source.line(("b",)) == 3
 
@@ -186,7 +187,10 @@ FULL = {
     "format": 1,
     "name": "full",
     "description": "every table",
-    "buses": [{"name": "main", "data_bitrate": 5_000_000, "options": {"a": [1, {"b": 2.0}]}}],
+    "cycle_rate_hz": 100,
+    "sync_id": 128,
+    "buses": [{"name": "main", "interface": "memory", "data_bitrate": 5_000_000,
+               "options": {"a": [1, {"b": 2.0}]}}],
     "frames": [{"name": "wrist", "pose": {"xyz_m": [0, 0.1, 0], "rpy_deg": [0, 0, 90.0]}}],
     "models": [{"name": "mine", "theta_correction_rad": [], "scales": {"gel": {"scale": 2}}}],
     "layouts": [
@@ -207,7 +211,7 @@ FULL = {
          "bus": "main", "layout": "f3t-classic", "first_id": 1024,
          "pose": {"xyz_m": [0.7, 0, 0]}},
     ],
-    "units": [{"unit": "palm/r0c0", "frozen_cycles": 3, "xyz_m": [0, 0, 0.001]}],
+    "overrides": [{"unit": "palm/r0c0", "frozen_cycles": 3, "offset_m": [0, 0, 0.001]}],
 }  # fmt: skip
 
 
@@ -228,14 +232,14 @@ def finite(node):
 
 @given(damaged(FULL))
 def test_the_reader_complains_just_where_the_schema_does(document):
-    source = Source(None, "", "file.toml")
-    source.data = document
     report = Report()
+    source = Source(None, "", "file.toml", report)
+    source.data = document
     try:
         wanted = msgspec.convert(document, File)
     except (msgspec.ValidationError, OverflowError):  # the latter of msgspec 0.19
         wanted = None
-    found = read(File, source, report)
+    found = read(File, source)
     if wanted is not None and finite(document):
         assert report.issues == []
         assert found == wanted
@@ -285,7 +289,7 @@ def test_the_json_schema_describes_every_key_and_has_no_null():
     text = msgspec.json.encode(schema).decode()
     assert "null" not in text
     tables = schema["$defs"]
-    assert {"Grid", "Hex", "Cylinder", "Dome", "List", "Bus", "UnitException"} <= set(tables)
+    assert {"Grid", "Hex", "Cylinder", "Dome", "List", "Bus", "Override"} <= set(tables)
     undocumented = {
         (table, key)
         for table, entry in tables.items()
@@ -294,7 +298,7 @@ def test_the_json_schema_describes_every_key_and_has_no_null():
         and key not in ("rows", "columns", "scale", "size")
     }
     assert undocumented == set()
-    units = tables["UnitException"]["properties"]
+    units = tables["Override"]["properties"]
     assert units["frequency_rest_hz"]["minimum"] == 1
     assert "Hz" in units["frequency_slope_hz_per_mm"]["description"] or (
         "mm" in units["frequency_slope_hz_per_mm"]["description"]

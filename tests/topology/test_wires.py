@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.fixtures.topology import write_topology
 from topology import LAYOUTS, Signal, TopologyError, load
-from topology.check.wires import CLASSIC_SIZES, FD_SIZES, signal_bits
+from topology.check.layouts import CLASSIC_SIZES, FD_SIZES, signal_bits
 
 SHAPE = 'kind = "grid"\nrows = 2\ncolumns = 3\npitch_m = 0.012\n'
 

@@ -33,7 +33,7 @@ def send_cycles(skin, transport, numbers, sent):
         if wait_ns > 0:
             time.sleep(wait_ns * 1e-9)
         out.clear()
-        out.append(skin.buses[0].sync_id, bytes([number & 0xFF]))
+        out.append(skin.sync_id, bytes([number & 0xFF]))
         packer(counts_of(skin, number), out, sequence=number & 0xFF)
         sent.append(transport.send(out.frames))
 

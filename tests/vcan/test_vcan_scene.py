@@ -46,9 +46,9 @@ def scene_on(skin, folder, non_ideal):
 def answers(skin, near, batch, number):
     """SYNC on every bus, and all data frames that come back; none when one is missing."""
     batch.clear()
-    for bus, transport in zip(skin.buses, near, strict=True):
+    for transport in near:
         sync = FrameBatch(1)
-        sync.append(bus.sync_id, bytes([number & 0xFF]))
+        sync.append(skin.sync_id, bytes([number & 0xFF]))
         transport.send(sync.frames)
     for index, transport in enumerate(near):
         wanted = np.sum(skin.frames.bus == index)
@@ -109,7 +109,7 @@ def test_a_contact_on_the_palm_is_felt_and_its_truth_is_written(tmp_path):
         for number in range(CYCLES + 1):
             frames = answers(skin, [near], batch, number).copy()
             sync = FrameBatch(1)
-            sync.append(skin.buses[0].sync_id, bytes([number & 0xFF]))
+            sync.append(skin.sync_id, bytes([number & 0xFF]))
             for cycle in assembler.feed(np.concatenate([sync.frames, frames])):
                 felt.append(decoder(cycle.counts, cycle.status).force.sum(axis=1))
     truth, more = read_truth(path)

@@ -105,7 +105,7 @@ def test_packed_frames_arrive_as_counts(skin_on_vcan):
     with open_transport(skin.buses[0]) as near, open_transport(skin.buses[0]) as far:
         heard = FrameBatch(64)
         sync = FrameBatch(1)
-        sync.append(skin.buses[0].sync_id, b"\x07")
+        sync.append(skin.sync_id, b"\x07")
         far.send(sync.frames)
         assert far.send(batch.frames) == batch.count
         collect(near, heard, batch.count + 1)
@@ -120,7 +120,7 @@ def test_frames_of_the_real_cansend_arrive(skin_on_vcan):
     counts, batch = packed(skin, 3, 40)
     with open_transport(bus) as near:
         heard = FrameBatch(64)
-        subprocess.run(["cansend", "vcan0", f"{bus.sync_id:03X}#03"], check=True)
+        subprocess.run(["cansend", "vcan0", f"{skin.sync_id:03X}#03"], check=True)
         for frame in batch.frames:
             data = frame["data"][: frame["length"]].tobytes().hex()
             mark = "##1" if bus.fd else "#"

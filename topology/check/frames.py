@@ -1,19 +1,21 @@
-"""Frames: a tree with the root `skin`, and rigid poses."""
+"""Frames and the robot: a tree with the root `skin`, on the links of a model if there is one."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 
 from topology import pose
-from topology.check.names import all_named, check_name, entries, refer
-from topology.check.robot import place_on_link
-from topology.report import Report
-from topology.schema import File, Frame, Pose
+from topology.files import missing
+from topology.pose import IDENTITY, Transform
+from topology.robot.model import RobotModel
+from topology.robot.read import try_model
+from topology.schema import File, Pose
 from topology.source import Key, Source
 
-__all__ = ["ROOT", "resolve_frames", "to_transform"]
+__all__ = ["ROOT", "on_link", "resolve_frames", "resolve_robot", "to_transform"]
 
 ROOT = "skin"
 """The root frame."""
@@ -21,112 +23,114 @@ ROOT = "skin"
 QUATERNION_TOLERANCE = 1e-3
 
 
-def to_transform(given: Pose, key: Key, source: Source, report: Report) -> pose.Transform | None:
-    """T_parent_child of a pose; None where it is wrong."""
-    if not report.sound(source, key):
-        return None
+def to_transform(given: Pose, key: Key, source: Source) -> Transform:
+    """T_parent_child of a pose."""
+    xyz = np.array(given.xyz_m)
     if given.rpy_deg is not None and given.quaternion_wxyz is not None:
-        report.add("two-rotations", source, key)
-        return None
+        source.fault(key, "one of rpy_deg and quaternion_wxyz", "both")
     if given.quaternion_wxyz is None:
-        rotation = pose.from_rpy(*np.radians(given.rpy_deg or (0.0, 0.0, 0.0)))
-        return rotation, np.array(given.xyz_m)
+        return pose.from_rpy(*np.radians(given.rpy_deg or (0.0, 0.0, 0.0))), xyz
     length = math.hypot(*given.quaternion_wxyz)
     if abs(length - 1) > QUATERNION_TOLERANCE:
-        report.add("quaternion", source, (*key, "quaternion_wxyz"), length=length)
+        source.fault((*key, "quaternion_wxyz"), "of length 1", f"length {length:.4g}")
+        return IDENTITY
+    return pose.from_quaternion(*given.quaternion_wxyz), xyz
+
+
+def resolve_robot(file: File, source: Source) -> RobotModel | None:
+    """The model of a file's robot with base and home; None where there is none, or it is wrong."""
+    robot = file.robot
+    if robot is None:
         return None
-    return pose.from_quaternion(*given.quaternion_wxyz), np.array(given.xyz_m)
+    path, shown = source.named_file(robot.model)
+    if missing(path):
+        source.fault(("robot", "model"), "an existing file", f"none at {shown}")
+        return None
+    model = try_model(path, shown, source.report)
+    if model is None:
+        return None
+    base, at = model.base, ("robot", "base")
+    if robot.base and source.refer(robot.base, f"a link of {robot.model}", model.names, at):
+        base = model.link_names.index(robot.base)
+    home = model.home.copy()
+    for name, value in robot.home.items():
+        at = ("robot", "home", name)
+        if name in model.joints and name not in model.joint_names:
+            source.fault(at, "absent, as the joint is fixed or follows another", "one")
+        elif source.refer(name, f"a joint of {robot.model} that moves", model.joint_names, at):
+            joint = model.joint_names.index(name)
+            low, high = model.lower[joint], model.upper[joint]
+            if value < low or value > high:
+                source.fault(at, f"within the joint's limits, {low:g} to {high:g}", f"{value:g}")
+            home[joint] = value
+    home.setflags(write=False)
+    return dataclasses.replace(model, base=base, home=home)
+
+
+def on_link(
+    link: str, key: Key, instead_of: str, links: dict[str, Transform], source: Source
+) -> Transform:
+    """T_skin_link of the link that a frame or patch names.
+
+    Parameters
+    ----------
+    link : str
+    key : Key
+        Table of the frame or patch.
+    instead_of : str
+        Key that is used without a robot: ``frame`` or ``parent``.
+    links : dict of str to Transform
+        Those of the robot; empty where its model is invalid.
+    """
+    at = (*key, "link")
+    if instead_of in source.data[str(key[0])][key[1]]:
+        source.fault(at, f"one of {instead_of} and link", "both")
+    elif "robot" not in source.data:
+        source.fault(at, "absent where the file has no [robot]", repr(link))
+    elif links:
+        source.refer(link, f"a link of {source.data['robot']['model']}", links, at)
+    return links.get(link, IDENTITY)
 
 
 def resolve_frames(
-    file: File, links: dict[str, pose.Transform], source: Source, report: Report
-) -> tuple[dict[str, pose.Transform | None], dict[str, str]]:
+    file: File, links: dict[str, Transform], source: Source
+) -> tuple[dict[str, Transform], dict[str, str]]:
     """T_skin_frame of every frame by name, and the link of those that hang on one.
-
-    A transform is None where its pose or a parent is wrong.
 
     Parameters
     ----------
     file : File
     links : dict of str to Transform
-        T_skin_link of the robot's links.
+        T_skin_link of the robot's links at home.
     source : Source
-    report : Report
     """
-    first: dict[str, Key] = {}
-    frames: dict[str, Frame] = {}
-    for key, frame in entries(file, "frames"):
-        if report.sound(source, key, "name"):
-            check_name(frame.name, key, first, {ROOT}, source, report)
-            frames.setdefault(frame.name, frame)
-            if frame.name in links and frame.name != ROOT:
-                report.add("frame-is-link", source, (*key, "name"), name=repr(frame.name))
-    frames.pop(ROOT, None)
-
-    local = {
-        name: to_transform(frames[name].pose, (*key, "pose"), source, report)
-        for name, key in first.items()
-    }
-    parents = {}
-    on_link: dict[str, pose.Transform | None] = {}
-    known = {ROOT, *first}
-    complete = all_named("frames", file, source, report)
-    for name, key in first.items():
-        parent = frames[name].parent
-        at = (*key, "parent")
-        if (link := frames[name].link) is not None:
-            robot = file.robot
-            on_link[name] = place_on_link(link, key, "parent", robot, links, source, report)
+    source.unique("frames", [frame.name for frame in file.frames], {ROOT})
+    left = {frame.name: (("frames", i), frame) for i, frame in enumerate(file.frames)}
+    found, carriers = {ROOT: IDENTITY}, {}
+    names = {ROOT, *left}
+    for name, (key, frame) in left.items():
+        if name in links and name != ROOT:
+            got = repr(name)
+            source.fault((*key, "name"), "another name than those of the model's links", got)
+        if frame.link is not None:
+            found[name] = on_link(frame.link, key, "parent", links, source)
+            carriers[name] = frame.link
+        elif not source.refer(frame.parent, "a frame", names, (*key, "parent")):
+            found[name] = IDENTITY
+        else:
             continue
-        if report.sound(source, at) and refer(
-            parent, "a frame", known, at, source, report, complete
-        ):
-            parents[name] = parent
-    for name in _on_cycles(parents):
-        report.add("frame-cycle", source, (*first[name], "parent"), name=repr(parents[name]))
-        del parents[name]
-
-    absolute: dict[str, pose.Transform | None] = {ROOT: pose.IDENTITY}
-    for name, outer in on_link.items():
-        inner = local[name]
-        absolute[name] = None if outer is None or inner is None else pose.compose(outer, inner)
-    for name in first:
-        chain = [name]
-        while chain[-1] not in absolute and chain[-1] in parents:
-            chain.append(parents[chain[-1]])
-        outer = absolute.get(chain.pop()) if chain[-1] in absolute else None
-        for link in reversed(chain):
-            inner = local[link]
-            outer = None if outer is None or inner is None else pose.compose(outer, inner)
-            absolute[link] = outer
-        absolute.setdefault(name, None)
-    return absolute, _carriers(frames, parents)
-
-
-def _carriers(frames: dict[str, Frame], parents: dict[str, str]) -> dict[str, str]:
-    """Link of each frame, its own or that of its parents."""
-    found: dict[str, str] = {}
-    for name in frames:
-        at = name
-        while at in parents:
-            at = parents[at]
-        link = frames[at].link if at in frames else None
-        if link is not None:
-            found[name] = link
-    return found
-
-
-def _on_cycles(parents: dict[str, str]) -> list[str]:
-    """Names that are their own ancestors."""
-    cycles: list[str] = []
-    done: set[str] = set()
-    for start in parents:
-        path: list[str] = []
-        name = start
-        while name in parents and name not in done:
-            done.add(name)
-            path.append(name)
-            name = parents[name]
-        if name in path:
-            cycles += path[path.index(name) :]
-    return cycles
+        inner = to_transform(frame.pose, (*key, "pose"), source)
+        found[name] = pose.compose(found[name], inner)
+    left = {name: entry for name, entry in left.items() if name not in found}
+    while ready := [name for name, (_, frame) in left.items() if frame.parent in found]:
+        for name in ready:
+            key, frame = left.pop(name)
+            inner = to_transform(frame.pose, (*key, "pose"), source)
+            found[name] = pose.compose(found[frame.parent], inner)
+            if frame.parent in carriers:
+                carriers[name] = carriers[frame.parent]
+    for key, frame in left.values():
+        source.fault(
+            (*key, "parent"), "a frame that hangs on 'skin' in the end", repr(frame.parent)
+        )
+    return found, carriers

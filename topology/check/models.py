@@ -2,112 +2,84 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from topology.check.names import all_named, check_name, entries, refer
 from topology.gel import gel_ends, gel_temperature
-from topology.model import MODELS, TABLES, THETA_KNOTS, UnitModel
-from topology.report import Report
-from topology.schema import PARAMETERS, File, Scale
+from topology.model import MODELS, PARAMETERS, TABLES, THETA_KNOTS, UnitModel
+from topology.schema import File, Scale
 from topology.source import Key, Source
 from topology.wire import CHANNELS, LARGEST_SCALE, SMALLEST_SCALE
 
-__all__ = ["Fault", "given_parameters", "parameter_faults", "resolve_models", "to_arrays"]
+__all__ = [
+    "Fault",
+    "check_scale",
+    "given_parameters",
+    "parameter_faults",
+    "resolve_models",
+    "to_arrays",
+]
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A rule that the parameters of some units violate.
+class Fault(NamedTuple):
+    """A rule that the parameters of some units violate."""
 
-    Attributes
-    ----------
-    code : str
-        Of the message.
-    field : str
-        Parameter that is reported.
-    broken : ndarray, shape (n,), bool
-    values : dict of str to ndarray, shape (n,)
-        Values for the message.
-    """
-
-    code: str
     field: str
+    """The parameter that is reported."""
     broken: np.ndarray
-    values: dict[str, np.ndarray]
+    """Of each unit, shape (n,), bool."""
+    words: Callable[[int], tuple[str, str]]
+    """What it must be for a unit, and what that unit has."""
 
 
 def resolve_models(
-    file: File, source: Source, report: Report
-) -> tuple[dict[str, UnitModel | None], dict[str, dict[str, Scale]]]:
-    """Models by name, None where one is invalid, and their own physical scales."""
-    first: dict[str, Key] = {}
-    models: dict[str, UnitModel | None] = dict(MODELS)
+    file: File, source: Source
+) -> tuple[dict[str, UnitModel], dict[str, dict[str, Scale]]]:
+    """Models by name, and their own physical scales by channel."""
+    models = dict(MODELS)
     scales: dict[str, dict[str, Scale]] = {name: {} for name in MODELS}
-    complete = all_named("models", file, source, report)
-    for key, entry in entries(file, "models"):
-        named = report.sound(source, key, "name")
-        if named:
-            check_name(entry.name, key, first, MODELS, source, report)
-        given = given_parameters(entry, key, source, report)
-        based = report.sound(source, key, "base") and refer(
-            entry.base,
-            "a model further up or built in",
-            models,
-            (*key, "base"),
-            source,
-            report,
-            complete,
-        )
-        base = models[entry.base] if based else None
-        model = None
-        if base is not None:
-            model = msgspec.structs.replace(base, **given)
-            _report_faults(model, key, source, report)
-        sound = model is not None and report.sound(source, key, *PARAMETERS)
-        _check_scales(entry.scales, (*key, "scales"), source, report)
-        if named and first.get(entry.name) == key:
-            models[entry.name] = model if sound else None
-            inherited = scales[entry.base] if based else {}
-            scales[entry.name] = inherited | {
-                channel: scale
-                for channel, scale in entry.scales.items()
-                if channel in CHANNELS and scale is not None
-            }
+    wrong: set[str] = set()
+    source.unique("models", [entry.name for entry in file.models], MODELS)
+    for index, entry in enumerate(file.models):
+        key = ("models", index)
+        given = given_parameters(entry, key, source)
+        at, base = (*key, "base"), entry.base
+        if not source.refer(base, "a model further up or built in", models, at):
+            wrong.add(base)
+        model = msgspec.structs.replace(models.get(base, UnitModel()), **given)
+        broken = [fault for fault in parameter_faults(to_arrays([model])) if fault.broken[0]]
+        for fault in broken if base not in wrong else ():  # those of the base are reported there
+            source.fault((*key, fault.field), *fault.words(0))
+        if broken or base in wrong:
+            wrong.add(entry.name)
+        models.setdefault(entry.name, model)
+        for channel, scale in entry.scales.items():
+            at = (*key, "scales", channel)
+            if source.refer(channel, "a channel", CHANNELS, at):
+                check_scale(scale.scale, (*at, "scale"), source)
+        scales[entry.name] = scales.get(base, {}) | entry.scales
     return models, scales
 
 
-def given_parameters(table: Any, key: Key, source: Source, report: Report) -> dict[str, Any]:
-    """The parameters in a table, if all of them are valid."""
-    if not report.sound(source, key, *PARAMETERS):
-        return {}
+def check_scale(scale: float, key: Key, source: Source) -> None:
+    """Report a scale that is 0, or next to it, or too large."""
+    if not SMALLEST_SCALE <= abs(scale) <= LARGEST_SCALE:
+        bounds = f"from {SMALLEST_SCALE:g} to {LARGEST_SCALE:g}, positive or negative"
+        source.fault(key, bounds, f"{scale:g}")
+
+
+def given_parameters(table: Any, key: Key, source: Source) -> dict[str, Any]:
+    """The parameters in a table."""
     given = {name: value for name in PARAMETERS if (value := getattr(table, name)) is not None}
     for name, length in TABLES.items():
         count = len(given.get(name, ()))
         if count not in (0, length):
-            report.add("table-count", source, (*key, name), length=length, got=count)
+            source.fault((*key, name), f"a list of {length} numbers or of none", count)
             del given[name]
     return given
-
-
-def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -> None:
-    for fault in parameter_faults(to_arrays([model])):
-        if fault.broken[0]:
-            values = {name: value[0] for name, value in fault.values.items()}
-            report.add(fault.code, source, (*key, fault.field), **values)
-
-
-def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report: Report) -> None:
-    for channel, scale in scales.items():
-        known = refer(channel, "a channel", CHANNELS, (*key, channel), source, report)
-        given = scale.scale if known and scale is not None else None
-        if given is not None and abs(given) < SMALLEST_SCALE:
-            report.add("scale", source, (*key, channel, "scale"), least=SMALLEST_SCALE,
-                       most=LARGEST_SCALE, got=given)  # fmt: skip
 
 
 def to_arrays(models: list[UnitModel]) -> dict[str, np.ndarray]:
@@ -130,57 +102,67 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
         Parameters of n units.
     """
     low, high = p["temperature_min_c"], p["temperature_max_c"]
-    yield Fault("temperature-range", "temperature_max_c", high <= low,
-                {"minimum": low, "got": high})  # fmt: skip
+    yield Fault("temperature_max_c", high <= low,
+                lambda u: (f"above temperature_min_c, {low[u]:g}", f"{high[u]:g}"))  # fmt: skip
 
     first, last = (gel_temperature(p, p["gel_current_ratio"] ** x) for x in gel_ends(p))
-    yield Fault("gel-fold", "gel_bend_c", (first > low) | (last < high),
-                {"first": first, "last": last})  # fmt: skip
+    rising = "of a temperature that rises with the current from temperature_min_c to "
+    yield Fault("gel_bend_c", (first > low) | (last < high),
+                lambda u: (f"{rising}temperature_max_c",
+                           f"one that rises from {first[u]:.4g} to {last[u]:.4g} °C"))  # fmt: skip
 
-    limit = p["normal_max_n"] / p["normal_soft_n_per_hz"]
-    at_break = p["normal_break_hz"]
-    yield Fault("normal-break", "normal_break_hz", at_break >= limit,
-                {"limit": limit, "got": at_break})  # fmt: skip
+    limit, at_break = p["normal_max_n"] / p["normal_soft_n_per_hz"], p["normal_break_hz"]
+    alone = "where the soft slope alone reaches normal_max_n"
+    yield Fault("normal_break_hz", at_break >= limit,
+                lambda u: (f"below {limit[u]:.4g}, {alone}", f"{at_break[u]:g}"))  # fmt: skip
 
     fall, rest = _fall_at_most(p), p["frequency_rest_hz"]
-    yield Fault("frequency-range", "frequency_rest_hz", rest <= fall,
-                {"fall": fall, "got": rest})  # fmt: skip
+    of_all = "the fall of the frequency at normal_max_n"
+    yield Fault("frequency_rest_hz", rest <= fall,
+                lambda u: (f"above {fall[u]:.4g}, {of_all}", f"{rest[u]:g}"))  # fmt: skip
 
-    reach = p["tangential_max_mm"]
-    yield Fault("shear-break", "shear_break_mm", p["shear_break_mm"] > reach,
-                {"limit": reach, "got": p["shear_break_mm"]})  # fmt: skip
+    reach, bend = p["tangential_max_mm"], p["shear_break_mm"]
+    yield Fault("shear_break_mm", bend > reach,
+                lambda u: (f"at most tangential_max_mm, {reach[u]:g}", f"{bend[u]:g}"))  # fmt: skip
 
     crest = np.pi / (2 * p["field_wavenumber_rad_per_mm"])
-    yield Fault("crest", "tangential_max_mm", reach > crest * (1 + 1e-9),
-                {"crest": crest, "got": reach})  # fmt: skip
+    beyond = "the crest pi / (2 field_wavenumber_rad_per_mm) beyond which the field falls again"
+    yield Fault("tangential_max_mm", reach > crest * (1 + 1e-9),
+                lambda u: (f"at most {crest[u]:.4g}, {beyond}", f"{reach[u]:g}"))  # fmt: skip
 
     determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
-    yield Fault("field-map", "field_xx", ~(np.abs(determinant) >= 1e-6), {"got": determinant})
+    yield Fault("field_xx", ~(np.abs(determinant) >= 1e-6),
+                lambda u: ("of a 2x2 map that can be inverted",
+                           f"determinant {determinant[u]:.3g}"))  # fmt: skip
 
-    spacing = 2 * np.pi / THETA_KNOTS
-    theta = p["theta_correction_rad"]
+    spacing, theta = 2 * np.pi / THETA_KNOTS, p["theta_correction_rad"]
     drop = theta - np.roll(theta, -1, axis=0)
-    knot = np.argmax(drop, axis=0)
-    worst = np.max(drop, axis=0)
-    yield Fault("theta-fold", "theta_correction_rad", worst >= spacing,
-                {"spacing": np.full_like(worst, spacing), "got": worst, "knot": knot})  # fmt: skip
+    falling = f"falling by less than {spacing:.4g} from knot to knot, or directions fold over"
+    yield Fault("theta_correction_rad", np.max(drop, axis=0) >= spacing,
+                lambda u: (falling, f"{np.max(drop[:, u]):.4g} after knot {np.argmax(drop[:, u])}")
+                )  # fmt: skip
 
     angle, slope = _least_slope(p["field_angle_mm"], p["field_angle_max_mm"])
-    yield Fault("field-angle-fold", "field_angle_mm", slope <= 0.0,
-                {"got": slope, "angle": angle})  # fmt: skip
+    yield Fault("field_angle_mm", slope <= 0.0,
+                lambda u: ("rising with the angle throughout its range",
+                           f"{slope[u]:.3g} mm/rad at {angle[u]:.2f} rad"))  # fmt: skip
 
     for law in ("normal", "shear"):
-        weights, times = p[f"{law}_creep_relative"], p[f"{law}_creep_s"]
-        # a term without weight has no effect
-        before = np.maximum.accumulate(np.where(weights > 0.0, times, 0.0), axis=0)
-        limit = np.vstack([np.zeros_like(before[:1]), before[:-1]])
-        wrong = (weights > 0.0) & (times <= limit)
-        term = np.argmax(wrong, axis=0)
-        got, least = (
-            np.take_along_axis(a, term[np.newaxis], axis=0)[0] for a in (times, limit)
-        )  # fmt: skip
-        yield Fault("creep-times", f"{law}_creep_s", np.asarray(wrong.any(axis=0)),
-                    {"limit": least, "got": got, "term": term})  # fmt: skip
+        yield _creep_fault(law, p[f"{law}_creep_relative"], p[f"{law}_creep_s"])
+
+
+def _creep_fault(law: str, weights: np.ndarray, times: np.ndarray) -> Fault:
+    """Times of a relaxation that do not rise; a term without weight has no effect."""
+    before = np.maximum.accumulate(np.where(weights > 0.0, times, 0.0), axis=0)
+    limit = np.vstack([np.zeros_like(before[:1]), before[:-1]])
+    wrong = (weights > 0.0) & (times <= limit)
+
+    def words(unit: int) -> tuple[str, str]:
+        term = np.argmax(wrong[:, unit])
+        got = f"{times[term, unit]:g} after {limit[term, unit]:g} at term {term}"
+        return "rising from 0 where a term has a weight", got
+
+    return Fault(f"{law}_creep_s", np.asarray(wrong.any(axis=0)), words)
 
 
 def _least_slope(table: np.ndarray, reach_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

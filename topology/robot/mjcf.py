@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from topology.errors import Report
 from topology.pose import from_quaternion
-from topology.robot.model import Geom, RobotModel, factors, motion_terms
-from topology.robot.report import ModelReport
+from topology.robot.model import Geom, Link, RobotModel, assembled, factors, motion_terms
 
 __all__ = ["MissingMujocoError", "mujoco_library", "read_mjcf"]
 
@@ -52,7 +52,7 @@ def mujoco_library() -> Any:
         ) from None
 
 
-def read_mjcf(text: bytes, path: Path, report: ModelReport) -> RobotModel | None:
+def read_mjcf(text: bytes, path: Path, shown: str, report: Report) -> RobotModel | None:
     """The model of an MJCF file, or None where it is wrong, and reported.
 
     Parameters
@@ -60,21 +60,30 @@ def read_mjcf(text: bytes, path: Path, report: ModelReport) -> RobotModel | None
     text : bytes
         Of the file, where lines are looked up; MuJoCo reads the file itself, and what it includes.
     path : Path
-    report : ModelReport
+    shown : str
+        Its name in messages.
+    report : Report
     """
     try:
         mujoco = mujoco_library()
     except MissingMujocoError as error:
-        report.add("library", extra="mujoco", reason=str(error).partition("; got: ")[2])
+        expected = "read by the library of the extra 'mujoco' (pip install 'f3t-skin[mujoco]')"
+        report.about_file(shown, expected, str(error).partition("; got: ")[2])
         return None
     try:
         model = mujoco.MjModel.from_xml_path(os.fspath(path))
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         found = re.search(r"[Ll]ine(?: number=)? ?(\d+)", reason)
-        report.add("model-syntax", int(found[1]) if found else 0, kind="MJCF", reason=reason)
+        report.about_file(shown, "MJCF", reason, line=int(found[1]) if found else 0)
         return None
-    return _Reader(mujoco, model, text, path, report).model()
+    for joint in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL):
+        name = model.joint(joint).name or f"joint{joint}"
+        where, kinds = f"joint {name!r}", "fixed, hinge or slide"
+        report.about_file(shown, kinds, "'ball'", line=_line(text, "joint", name), where=where)
+    if (model.jnt_type == mujoco.mjtJoint.mjJNT_BALL).any():
+        return None
+    return _Reader(mujoco, model, text, path).model()
 
 
 def _line(text: bytes, tag: str, name: str) -> int:
@@ -85,59 +94,32 @@ def _line(text: bytes, tag: str, name: str) -> int:
 
 
 class _Reader:
-    """Rows of links from a compiled model, body by body."""
+    """Links from a compiled model, body by body."""
 
-    def __init__(
-        self, mujoco: Any, model: Any, text: bytes, path: Path, report: ModelReport
-    ) -> None:
+    def __init__(self, mujoco: Any, model: Any, text: bytes, path: Path) -> None:
         self.mujoco, self.m, self.text, self.path = mujoco, model, text, path
-        self.report = report
-        self.rows: list[dict[str, Any]] = []
-        self.link: list[int] = []
+        self.links: list[Link] = []
+        self.of_body: list[int] = []
         """Link of each body."""
         kinds = mujoco.mjtJoint
         self.hinge, self.slide = int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
-        self.ball = int(kinds.mjJNT_BALL)
         self.moving = [
             j for j in range(model.njnt) if model.jnt_type[j] in (self.hinge, self.slide)
         ]
+        self.follows = self._couplings()
+        self.free = [j for j in self.moving if j not in self.follows]
 
-    def model(self) -> RobotModel | None:
-        m = self.m
-        if (balls := np.flatnonzero(m.jnt_type == self.ball)).size:
-            for joint in balls:
-                name = self._joint(joint)
-                line = _line(self.text, "joint", name)
-                self.report.add("model-joint", line, f"joint {name!r}", got="'ball'")
-            return None
-        follows = self._couplings()
-        free = [j for j in self.moving if j not in follows]
+    def model(self) -> RobotModel:
+        m, free = self.m, self.free
         for body in range(m.nbody):
             self._body(body)
-        for row in self.rows:
-            self._drive(row, follows, free)
         limited = m.jnt_limited[free].astype(bool)
-        limits = np.where(limited[:, np.newaxis], m.jnt_range[free], np.nan)
-        rows = self.rows
-        return RobotModel(
-            name=m.names[: m.names.index(b"\0")].decode() or self.path.stem,
-            path=self.path,
-            link_names=tuple(row["name"] for row in rows),
-            parent=tuple(row["parent"] for row in rows),
-            joints=tuple("" if row["joint"] < 0 else self._joint(row["joint"]) for row in rows),
-            kinds=tuple(row["kind"] for row in rows),
-            driver=tuple(row["driver"] for row in rows),
-            multiplier=np.array([row["multiplier"] for row in rows]),
-            offset=np.array([row["offset"] for row in rows]),
-            **{name: np.stack([row[name] for row in rows], axis=-1)
-               for name in ("axis", "anchor", "xyz", "rotation")},
-            joint_names=tuple(self._joint(j) for j in free),
-            lower=limits[:, 0], upper=limits[:, 1],
-            mass=np.array([row["mass"] for row in rows]),
-            geoms=tuple(self._geom(g) for g in range(m.ngeom) if self._known(g)),
-            lines=tuple(_line(self.text, "body", row["name"]) for row in rows),
-            base=0,
-            home=m.qpos0[m.jnt_qposadr[free]].copy(),
+        name = m.names[: m.names.index(b"\0")].decode() or self.path.stem
+        return assembled(
+            name, self.path, self.links, [self._joint(j) for j in free],
+            np.where(limited[:, np.newaxis], m.jnt_range[free], np.nan),
+            m.qpos0[m.jnt_qposadr[free]].copy(),
+            [self._geom(g) for g in range(m.ngeom) if self._known(g)],
         )  # fmt: skip
 
     def _joint(self, joint: Any) -> str:
@@ -155,8 +137,9 @@ class _Reader:
                 int(m.eq_obj2id[e]),
                 m.eq_data[e, :5],
             )
-            if joint not in self.moving or joint in found or other in found:
-                continue
+            drivers = {driver for driver, _, _ in found.values()}
+            if joint not in self.moving or joint in found or joint in drivers or other in found:
+                continue  # a chain has no single driver
             rest = m.qpos0[m.jnt_qposadr[joint]]
             if other < 0:
                 found[joint] = (-1, 0.0, float(rest + a))
@@ -167,56 +150,41 @@ class _Reader:
 
     def _body(self, body: int) -> None:
         m = self.m
-        parent = -1 if body == 0 else self.link[m.body_parentid[body]]
+        parent = -1 if body == 0 else self.of_body[m.body_parentid[body]]
         first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
         joints = [j for j in range(first, first + count) if j in self.moving]
         xyz, rotation = m.body_pos[body].copy(), from_quaternion(*m.body_quat[body])
         for joint in joints[:-1]:
-            self._row("", parent, joint, xyz, rotation, np.nan)
-            parent, xyz, rotation = len(self.rows) - 1, np.zeros(3), np.eye(3)
+            self.links.append(self._link(Link("", parent, xyz=xyz, rotation=rotation), joint))
+            parent, xyz, rotation = len(self.links) - 1, np.zeros(3), np.eye(3)
         name = m.body(body).name or f"body{body}"
-        mass = np.nan if body == 0 else float(m.body_mass[body])
-        self._row(name, parent, joints[-1] if joints else -1, xyz, rotation, mass)
-        self.link.append(len(self.rows) - 1)
+        link = Link(name, parent, xyz=xyz, rotation=rotation, line=_line(self.text, "body", name))
+        link.mass = np.nan if body == 0 else float(m.body_mass[body])
+        self.links.append(self._link(link, joints[-1]) if joints else link)
+        self.of_body.append(len(self.links) - 1)
 
-    def _row(
-        self, name: str, parent: int, joint: int, xyz: np.ndarray, rotation: np.ndarray, mass: float
-    ) -> None:
+    def _link(self, link: Link, joint: int) -> Link:
+        """The link with its joint and the coordinate that it follows; MuJoCo measures them from
+        `qpos0`."""
         m = self.m
-        kind = "fixed"
-        axis, anchor = np.array([1.0, 0.0, 0.0]), np.zeros(3)
-        if joint >= 0:
-            turns = m.jnt_type[joint] == self.hinge
-            limited = bool(m.jnt_limited[joint])
-            kind = ("revolute" if limited else "continuous") if turns else "prismatic"
-            axis, anchor = m.jnt_axis[joint].copy(), m.jnt_pos[joint].copy()
-        self.rows.append({"name": name, "parent": parent, "joint": joint, "kind": kind,
-                          "axis": axis, "anchor": anchor, "xyz": xyz, "rotation": rotation,
-                          "mass": mass})  # fmt: skip
-
-    def _drive(
-        self, row: dict[str, Any], follows: dict[int, tuple[int, float, float]], free: list[int]
-    ) -> None:
-        """The coordinate that a link follows; MuJoCo measures them from `qpos0`."""
-        joint = row["joint"]
-        row.update(driver=-1, multiplier=0.0, offset=0.0)
-        if joint < 0:
-            return
-        rest = float(self.m.qpos0[self.m.jnt_qposadr[joint]])
-        other, multiplier, offset = follows.get(joint, (joint, 1.0, 0.0))
-        if other < 0:
-            self._hold(row, offset - rest)
-        else:
-            row.update(driver=free.index(other), multiplier=multiplier, offset=offset - rest)
-
-    def _hold(self, row: dict[str, Any], at: float) -> None:
-        """Make a joint fixed by an equality part of its link's pose."""
-        terms = motion_terms(row["kind"], row["axis"], row["anchor"])
-        share = factors(np.array([row["kind"] == "prismatic"]), np.array([at]))
+        turns, limited = m.jnt_type[joint] == self.hinge, bool(m.jnt_limited[joint])
+        link.joint = self._joint(joint)
+        link.kind = ("revolute" if limited else "continuous") if turns else "prismatic"
+        link.axis, link.anchor = m.jnt_axis[joint].copy(), m.jnt_pos[joint].copy()
+        rest = float(m.qpos0[m.jnt_qposadr[joint]])
+        other, multiplier, offset = self.follows.get(joint, (joint, 1.0, 0.0))
+        if other >= 0:
+            link.driver, link.multiplier = self.free.index(other), multiplier
+            link.offset = offset - rest
+            return link
+        # an equality holds the joint: it is part of the link's pose
+        terms = motion_terms(link.kind, link.axis, link.anchor)
+        share = factors(np.array([not turns]), np.array([offset - rest]))
         held = np.eye(4) + np.sum(np.concatenate(share) * terms, axis=0)
-        row["xyz"] = row["xyz"] + row["rotation"] @ held[:3, 3]
-        row["rotation"] = row["rotation"] @ held[:3, :3]
-        row["kind"] = "fixed"
+        link.xyz = link.xyz + link.rotation @ held[:3, 3]
+        link.rotation = link.rotation @ held[:3, :3]
+        link.kind = "fixed"
+        return link
 
     def _known(self, geom: int) -> bool:
         kinds = self.mujoco.mjtGeom
@@ -229,7 +197,7 @@ class _Reader:
         m = self.m
         kind = self.mujoco.mjtGeom(int(m.geom_type[geom])).name.removeprefix("mjGEOM_")
         rotation, xyz = from_quaternion(*m.geom_quat[geom]), m.geom_pos[geom].copy()
-        link = self.link[m.geom_bodyid[geom]]
+        link = self.of_body[m.geom_bodyid[geom]]
         visual = not (m.geom_contype[geom] or m.geom_conaffinity[geom])
         mesh, scale = None, (1.0, 1.0, 1.0)
         shape, count = SHAPES.get(kind, ("mesh", 0))

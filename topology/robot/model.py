@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-__all__ = ["Geom", "JointKind", "RobotModel", "factors", "motion_terms"]
+__all__ = ["Geom", "JointKind", "Link", "RobotModel", "assembled", "factors", "motion_terms"]
 
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
 
@@ -47,6 +48,25 @@ class Geom:
     visual: bool = False
     mesh: str | None = None
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    line: int = 0
+
+
+@dataclass
+class Link:
+    """A link as it is read, with the joint that carries it; see `RobotModel`."""
+
+    name: str
+    parent: int = -1
+    joint: str = ""
+    kind: JointKind = "fixed"
+    xyz: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    axis: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    anchor: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    driver: int = -1
+    multiplier: float = 0.0
+    offset: float = 0.0
+    mass: float = float("nan")
     line: int = 0
 
 
@@ -172,6 +192,50 @@ class RobotModel:
             )  # fmt: skip
         first, second = rest[driven] @ terms
         return (driven, drivers[driven], slides), rest, first, second
+
+
+def assembled(
+    name: str,
+    path: Path,
+    links: Sequence[Link],
+    joint_names: Sequence[str],
+    limits: np.ndarray,
+    home: np.ndarray,
+    geoms: Sequence[Geom],
+) -> RobotModel:
+    """A model of links in order, parents first; `limits` is of shape (J, 2). The joints are at
+    home where they are nearest to `home` within their limits."""
+
+    def stacked(what: str) -> np.ndarray:
+        return np.stack([getattr(link, what) for link in links], axis=-1)
+
+    model = RobotModel(
+        name=name,
+        path=path,
+        link_names=tuple(link.name for link in links),
+        parent=tuple(link.parent for link in links),
+        joints=tuple(link.joint for link in links),
+        kinds=tuple(link.kind for link in links),
+        driver=tuple(link.driver for link in links),
+        multiplier=stacked("multiplier"),
+        offset=stacked("offset"),
+        axis=stacked("axis"),
+        anchor=stacked("anchor"),
+        xyz=stacked("xyz"),
+        rotation=stacked("rotation"),
+        joint_names=tuple(joint_names),
+        lower=limits[:, 0].copy(),
+        upper=limits[:, 1].copy(),
+        mass=stacked("mass"),
+        geoms=tuple(geoms),
+        lines=tuple(link.line for link in links),
+        base=0,
+        home=np.fmin(np.fmax(home, limits[:, 0]), limits[:, 1]),
+    )
+    for array in vars(model).values():
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    return model
 
 
 def motion_terms(kind: str, axis: np.ndarray, anchor: np.ndarray) -> np.ndarray:

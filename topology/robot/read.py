@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import re
 from pathlib import Path
 
-import numpy as np
-
-from topology.errors import Issue, TopologyError
+from topology.errors import Issue, Report, TopologyError
 from topology.files import check_path, missing
 from topology.read import read_text
-from topology.report import Report
 from topology.robot.mjcf import read_mjcf
 from topology.robot.model import RobotModel
-from topology.robot.report import ModelReport
 from topology.robot.urdf import read_urdf
 
 __all__ = ["read_model", "try_model"]
 
 LARGEST_MB = 20
 """Larger descriptions are refused [assumed: the largest humanoid's has 1 MB]."""
-MOST_LINES = 1_000_000
 SUFFIXES = (".urdf", ".xml", ".mjcf")
 
 _ROOT = re.compile(rb"<(mujoco|robot)[\s>/]")
@@ -43,12 +37,12 @@ def read_model(file: str | os.PathLike[str]) -> RobotModel:
     TopologyError
         With every problem of the file, each with its line.
     """
-    check_path("model", file, lambda text: TopologyError([Issue("no-file", "", 0, "", text)]))
+    check_path("model", file, lambda text: TopologyError([Issue("", 0, "", text)]))
     report = Report()
     shown = os.fspath(file)
     model = None
     if missing(file):
-        report.about_file("no-file", shown, path=shown)
+        report.about_file(shown, "an existing file", f"none at {shown}")
     else:
         model = try_model(Path(file), shown, report)
     report.raise_if_any()
@@ -66,21 +60,13 @@ def try_model(path: Path, shown: str, report: Report) -> RobotModel | None:
         Its name in messages.
     report : Report
     """
-    own = ModelReport(report, shown)
     if path.suffix.lower() not in SUFFIXES:
-        own.value("a file of URDF (.urdf) or MJCF (.xml, .mjcf)", path.name, 1, "")
+        expected = "a file of URDF (.urdf) or MJCF (.xml, .mjcf)"
+        report.about_file(shown, expected, repr(path.name), line=1)
         return None
-    text = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
+    text = read_text(path, shown, report, LARGEST_MB)
     if text is None:
         return None
     root = _ROOT.search(_COMMENT.sub(b"", text))
     is_urdf = path.suffix.lower() == ".urdf" if root is None else root[1] == b"robot"
-    model = read_urdf(text, path, own) if is_urdf else read_mjcf(text, path, own)
-    if model is None:
-        return None
-    home = np.fmin(np.fmax(model.home, model.lower), model.upper)
-    model = dataclasses.replace(model, home=home)
-    for array in vars(model).values():
-        if isinstance(array, np.ndarray):
-            array.setflags(write=False)
-    return model
+    return (read_urdf if is_urdf else read_mjcf)(text, path, shown, report)

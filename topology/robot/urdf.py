@@ -9,20 +9,21 @@ from __future__ import annotations
 import math
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from topology.errors import Report, nearest
 from topology.pose import from_rpy
-from topology.robot.model import Geom, RobotModel
-from topology.robot.report import ModelReport
+from topology.robot.model import Geom, JointKind, Link, RobotModel, assembled
 from topology.robot.xml import Element, XmlError, parse
 
 __all__ = ["read_urdf"]
 
-KINDS = ("fixed", "revolute", "continuous", "prismatic")
+KINDS: tuple[JointKind, ...] = ("fixed", "revolute", "continuous", "prismatic")
 NEAR = 5
 """Folders around a model in which other folders are looked into for a package.xml [assumed]."""
 SHAPES = {
@@ -34,25 +35,18 @@ SHAPES = {
 
 
 @dataclass
-class _Joint:
-    """A joint of the file; an independent one is its own driver."""
+class _Joint(Link):
+    """A link with the joint of the file that carries it."""
 
-    name: str
-    kind: str
-    element: Element
-    parent: str
-    child: str
-    xyz: np.ndarray
-    rotation: np.ndarray
-    axis: np.ndarray
-    lower: float = math.nan
-    upper: float = math.nan
+    above: str = ""
+    """Name of the link that it hangs on."""
+    element: Element = field(kw_only=True)
+    limits: tuple[float, float] = (math.nan, math.nan)
     follows: str | None = None
-    multiplier: float = 1.0
-    offset: float = 0.0
+    """The joint whose coordinate it has, times `multiplier`, plus `offset`."""
 
 
-def read_urdf(text: bytes, path: Path, report: ModelReport) -> RobotModel | None:
+def read_urdf(text: bytes, path: Path, shown: str, report: Report) -> RobotModel | None:
     """The model of a URDF, or None where it is wrong, and reported.
 
     Parameters
@@ -60,69 +54,86 @@ def read_urdf(text: bytes, path: Path, report: ModelReport) -> RobotModel | None
     text : bytes
     path : Path
         Its file, from which meshes are located.
-    report : ModelReport
+    shown : str
+        Its name in messages.
+    report : Report
     """
     try:
         root = parse(text)
     except XmlError as error:
-        report.add("model-syntax", error.line, kind="XML", reason=str(error))
+        report.about_file(shown, "XML", error, line=error.line)
         return None
     if root.tag != "robot":
-        report.value("a <robot> as URDF has it", root.tag, root.line, "root element")
+        expected, where = "a <robot> as URDF has it", "root element"
+        report.about_file(shown, expected, repr(root.tag), line=root.line, where=where)
         return None
-    return _Reader(root, path, report).model()
+    return _Reader(root, path, shown, report).model()
 
 
 class _Reader:
-    def __init__(self, root: Element, path: Path, report: ModelReport) -> None:
-        self.root, self.path, self.report = root, path, report
-        self.wrong = False
+    def __init__(self, root: Element, path: Path, shown: str, report: Report) -> None:
+        self.root, self.path, self.shown, self.report = root, path, shown, report
+        self.before = len(report.issues)
         self.links = self._named("link")
         self.elements = self._named("joint")
 
+    @property
+    def wrong(self) -> bool:
+        """Whether a fault has been found."""
+        return len(self.report.issues) > self.before
+
     def model(self) -> RobotModel | None:
         if any(element.tag.startswith("xacro:") for element in self.root.walk()):
-            self._value("URDF; let `xacro` write it out first", "xacro", self.root, "robot")
+            self._fault("URDF; let `xacro` write it out first", "xacro", self.root, "robot")
             return None
         joints = [found for e in self.elements.values() if (found := self._joint(e)) is not None]
-        order = None if self.wrong else self._tree(joints)
-        drivers = None if self.wrong else self._drivers({joint.name: joint for joint in joints})
-        geoms = [] if order is None else self._geoms(order)
-        mass = [] if order is None else [self._mass(name) for name, _ in order]
-        if order is None or drivers is None or self.wrong:
+        links = [] if self.wrong else self._tree(joints)
+        if self.wrong:
             return None
-        return _arrays(self.root, self.path, order, joints, drivers, geoms, mass, self.links)
+        free = [joint for joint in joints if joint.kind != "fixed" and joint.follows is None]
+        self._drive(joints, {joint.joint: index for index, joint in enumerate(free)})
+        geoms = self._geoms(links)
+        for link in links:
+            link.mass, link.line = self._mass(link.name), self.links[link.name].line
+        if self.wrong:
+            return None
+        limits = np.array([joint.limits for joint in free]).reshape(-1, 2)
+        name, names = self.root.get("name") or self.path.stem, [joint.joint for joint in free]
+        return assembled(name, self.path, links, names, limits, np.zeros(len(free)), geoms)
 
-    def _value(self, expected: str, got: str | None, element: Element, where: str) -> None:
-        self.wrong = True
-        self.report.value(expected, got, element.line, where)
+    def _fault(
+        self, expected: str, got: str | None, element: Element, where: str, hint: str = ""
+    ) -> None:
+        shown = "none" if got is None else repr(got if len(got) <= 60 else got[:57] + "...")
+        self.report.about_file(
+            self.shown, expected, shown, line=element.line, where=where, hint=hint
+        )
 
     def _named(self, tag: str) -> dict[str, Element]:
         found: dict[str, Element] = {}
         for element in self.root.all(tag):
             name = element.get("name")
             if not name:
-                self._value("a name", name, element, tag)
-            elif name in found:
-                self.wrong = True
-                self.report.add("model-twice", element.line, tag, name=repr(name),
-                                first=found[name].line)  # fmt: skip
-            else:
-                found[name] = element
+                self._fault("a name", name, element, tag)
+            elif (first := found.setdefault(name, element)) is not element:
+                self._fault("a name used once", name, element, tag, f", also at line {first.line}")
         return found
 
-    def _numbers(self, element: Element | None, name: str, count: int, default: str, where: str):
-        """Numbers of an attribute; the default where it is absent, zeros where it is invalid."""
+    def _numbers(
+        self, element: Element | None, name: str, count: int, default: str, where: str
+    ) -> Any:
+        """Numbers of an attribute, or a single one; the default where it is absent, zeros where it
+        is invalid."""
         given = None if element is None else element.get(name)
         try:
             values = np.array([float(word) for word in (given or default).split()])
-            if values.size == count and np.isfinite(values).all():
-                return values
         except ValueError:
-            pass
-        expected = "a finite number" if count == 1 else f"{count} finite numbers"
-        self._value(expected, given, element or self.root, f"{where} {name}")
-        return np.zeros(count)
+            values = np.empty(0)
+        if values.size != count or not np.isfinite(values).all():
+            expected = "a finite number" if count == 1 else f"{count} finite numbers"
+            self._fault(expected, given, element or self.root, f"{where} {name}")
+            values = np.zeros(count)
+        return values if count > 1 else float(values[0])
 
     def _origin(self, element: Element, where: str) -> tuple[np.ndarray, np.ndarray]:
         origin = element.first("origin")
@@ -131,115 +142,109 @@ class _Reader:
         return xyz, from_rpy(*rpy.tolist())
 
     def _joint(self, element: Element) -> _Joint | None:
-        name, kind = str(element.get("name")), str(element.get("type"))
+        name, given = str(element.get("name")), element.get("type")
         where = f"joint {name!r}"
-        if kind not in KINDS:
-            self.wrong = True
-            self.report.add("model-joint", element.line, f"{where} type", got=repr(kind))
+        kind: JointKind | None = next((known for known in KINDS if known == given), None)
+        if kind is None:
+            expected = "fixed, revolute, continuous or prismatic"
+            self._fault(expected, given, element, f"{where} type")
             return None
         ends = []
         for tag in ("parent", "child"):
             end = element.first(tag)
             link = None if end is None else end.get("link")
             if end is None or link is None:
-                self._value("a link", link, end or element, f"{where} {tag}")
+                self._fault("a link", link, end or element, f"{where} {tag}")
                 return None
             if link not in self.links:
-                self.wrong = True
-                self.report.unknown("a link", link, self.links, end.line, f"{where} {tag}")
+                hint = nearest(link, self.links)
+                self._fault("the name of a link", link, end, f"{where} {tag}", hint)
             ends.append(link)
-        xyz, rotation = self._origin(element, where)
+        joint = _Joint(ends[1], joint=name, kind=kind, above=ends[0], element=element)
+        joint.xyz, joint.rotation = self._origin(element, where)
         axis = self._numbers(element.first("axis"), "xyz", 3, "1 0 0", f"{where} axis")
         length = float(np.linalg.norm(axis))
-        if kind != "fixed" and not length > 1e-9 and not self.wrong:
-            self._value("a direction", "0 0 0", element, f"{where} axis")
-            return None
-        joint = _Joint(name, kind, element, ends[0], ends[1], xyz, rotation, axis / (length or 1.0))
-        self._limits(joint, where)
-        self._mimic(joint, where)
+        if kind != "fixed" and length < 1e-9 and not self.wrong:
+            self._fault("a direction", "0 0 0", element, f"{where} axis")
+        joint.axis = axis / (length or 1.0)
+        limit, mimic = element.first("limit"), element.first("mimic")
+        if kind in ("revolute", "prismatic") and limit is not None:
+            low = self._numbers(limit, "lower", 1, "0", f"{where} limit")
+            high = self._numbers(limit, "upper", 1, "0", f"{where} limit")
+            if high < low:
+                expected, at = f"at least lower, {low:g}", f"{where} limit upper"
+                self._fault(expected, limit.get("upper"), limit, at)
+            joint.limits = (low, high)
+        if kind != "fixed" and mimic is not None:
+            joint.follows = mimic.get("joint") or ""
+            joint.multiplier = self._numbers(mimic, "multiplier", 1, "1", f"{where} mimic")
+            joint.offset = self._numbers(mimic, "offset", 1, "0", f"{where} mimic")
         return joint
 
-    def _limits(self, joint: _Joint, where: str) -> None:
-        limit = joint.element.first("limit")
-        if joint.kind not in ("revolute", "prismatic") or limit is None:
-            return
-        joint.lower = float(self._numbers(limit, "lower", 1, "0", f"{where} limit")[0])
-        joint.upper = float(self._numbers(limit, "upper", 1, "0", f"{where} limit")[0])
-        if joint.upper < joint.lower:
-            self._value(f"at least lower, {joint.lower:g}", limit.get("upper"), limit,
-                        f"{where} limit upper")  # fmt: skip
-
-    def _mimic(self, joint: _Joint, where: str) -> None:
-        mimic = joint.element.first("mimic")
-        if mimic is None or joint.kind == "fixed":
-            return
-        joint.follows = mimic.get("joint") or ""
-        joint.multiplier = float(self._numbers(mimic, "multiplier", 1, "1", f"{where} mimic")[0])
-        joint.offset = float(self._numbers(mimic, "offset", 1, "0", f"{where} mimic")[0])
-
-    def _tree(self, joints: list[_Joint]) -> list[tuple[str, _Joint | None]] | None:
-        """Links with their joints, parents first."""
+    def _tree(self, joints: list[_Joint]) -> list[Link]:
+        """Links, parents first."""
         carrier: dict[str, _Joint] = {}
         for joint in joints:
-            first = carrier.setdefault(joint.child, joint)
+            first = carrier.setdefault(joint.name, joint)
             if first is not joint:
-                self._value(f"a link without a parent, as {first.name!r} carries it already",
-                            joint.child, joint.element, f"joint {joint.name!r} child")  # fmt: skip
+                expected = f"a link without a parent, as {first.joint!r} carries it already"
+                self._fault(expected, joint.name, joint.element, f"joint {joint.joint!r} child")
         roots = [name for name in self.links if name not in carrier]
         if len(roots) != 1 and not self.wrong:
             got = "none" if not roots else ", ".join(roots)
-            self._value("one link that hangs on no other", got, self.root, "robot")
+            self._fault("one link that hangs on no other", got, self.root, "robot")
         if self.wrong:
-            return None
-        children: dict[str, list[_Joint]] = {}
+            return []
+        links: list[Link] = [Link(roots[0])]
+        below: dict[str, list[_Joint]] = {}
         for joint in joints:
-            children.setdefault(joint.parent, []).append(joint)
-        order: list[tuple[str, _Joint | None]] = [(roots[0], None)]
-        for name, _ in order:
-            order += [(joint.child, joint) for joint in children.get(name, ())]
-        if len(order) < len(self.links):
-            reached = {name for name, _ in order}
-            left = [name for name in self.links if name not in reached]
-            self._value("links in a tree, not in a ring", ", ".join(left), self.root, "robot")
-            return None
-        return order
+            below.setdefault(joint.above, []).append(joint)
+        for index, link in enumerate(links):
+            for joint in below.get(link.name, ()):
+                joint.parent = index
+                links.append(joint)
+        left = self.links.keys() - {link.name for link in links}
+        if left:
+            got = ", ".join(name for name in self.links if name in left)
+            self._fault("links in a tree, not in a ring", got, self.root, "robot")
+        return links
 
-    def _drivers(self, joints: dict[str, _Joint]) -> dict[str, tuple[str, float, float]]:
-        """Driver of each joint that moves: name, multiplier and offset."""
-        found: dict[str, tuple[str, float, float]] = {}
-        movable = {name: joint for name, joint in joints.items() if joint.kind != "fixed"}
+    def _drive(self, joints: list[_Joint], free: dict[str, int]) -> None:
+        """Give each joint that moves its driver, through all joints that it follows in turn."""
+        movable = {joint.joint: joint for joint in joints if joint.kind != "fixed"}
+        found: dict[str, tuple[int, float, float]] = {}
         for name, joint in movable.items():
             at, multiplier, offset, seen = joint, 1.0, 0.0, {name}
             while at.follows is not None:
                 if at.follows not in movable or at.follows in seen:
-                    self.wrong = True
-                    free = [other for other, j in movable.items() if j.follows is None]
-                    self.report.unknown("a joint that moves and follows no other in a ring",
-                                        at.follows, free, at.element.line,
-                                        f"joint {at.name!r} mimic")  # fmt: skip
+                    expected = "the name of a joint that moves and follows no other in a ring"
+                    where, hint = f"joint {at.joint!r} mimic", nearest(at.follows, free)
+                    self._fault(expected, at.follows, at.element, where, hint)
                     break
                 offset += multiplier * at.offset
                 multiplier *= at.multiplier
                 at = movable[at.follows]
-                seen.add(at.name)
-            found[name] = (at.name, multiplier, offset)
-        return found
+                seen.add(at.joint)
+            found[name] = (free.get(at.joint, -1), multiplier, offset)
+        for name, (driver, multiplier, offset) in found.items():
+            joint = movable[name]
+            joint.driver, joint.multiplier, joint.offset = driver, multiplier, offset
 
-    def _geoms(self, order: list[tuple[str, _Joint | None]]) -> list[Geom]:
-        geoms = []
-        for index, (name, _) in enumerate(order):
-            for tag in ("collision", "visual"):
-                for element in self.links[name].all(tag):
-                    geom = self._geom(index, element, tag == "visual", f"link {name!r} {tag}")
-                    geoms += [] if geom is None else [geom]
-        return geoms
+    def _geoms(self, links: list[Link]) -> list[Geom]:
+        found = [
+            self._geom(index, element, tag == "visual", f"link {link.name!r} {tag}")
+            for index, link in enumerate(links)
+            for tag in ("collision", "visual")
+            for element in self.links[link.name].all(tag)
+        ]
+        return [geom for geom in found if geom is not None]
 
     def _geom(self, link: int, element: Element, visual: bool, where: str) -> Geom | None:
         geometry = element.first("geometry")
         shape = None if geometry is None else next(iter(geometry.children), None)
         if shape is None or shape.tag not in (*SHAPES, "mesh"):
             expected = "a geometry: " + ", ".join((*SHAPES, "mesh"))
-            self._value(expected, shape and shape.tag, element, where)
+            self._fault(expected, shape and shape.tag, element, where)
             return None
         xyz, turn = self._origin(element, where)
         at = {"xyz": tuple(xyz.tolist()), "rotation": tuple(turn.ravel().tolist()),
@@ -249,13 +254,13 @@ class _Reader:
             mesh = str(resolve_mesh(shape.get("filename") or "", self.path))
             return Geom(link, "mesh", mesh=mesh, scale=tuple(scale.tolist()), **at)
         attribute, count = SHAPES[shape.tag]
-        size = self._numbers(shape, attribute, count, "", f"{where} {shape.tag}").tolist()
+        size = self._numbers(shape, attribute, count, "", f"{where} {shape.tag}")
         if shape.tag == "box":
-            size = [side / 2 for side in size]
-        elif shape.tag != "sphere":
-            length = self._numbers(shape, "length", 1, "", f"{where} {shape.tag}")
-            size.append(float(length[0]) / 2)
-        return Geom(link, shape.tag, tuple(size), **at)
+            return Geom(link, shape.tag, tuple((size / 2).tolist()), **at)
+        if shape.tag == "sphere":
+            return Geom(link, shape.tag, (size,), **at)
+        length = self._numbers(shape, "length", 1, "", f"{where} {shape.tag}")
+        return Geom(link, shape.tag, (size, length / 2), **at)
 
     def _mass(self, link: str) -> float:
         """Mass of a link, kg; NaN where the file has none."""
@@ -263,7 +268,7 @@ class _Reader:
         mass = None if inertial is None else inertial.first("mass")
         if mass is None:
             return math.nan
-        return float(self._numbers(mass, "value", 1, "", f"link {link!r} mass")[0])
+        return self._numbers(mass, "value", 1, "", f"link {link!r} mass")
 
 
 def resolve_mesh(name: str, model: Path) -> Path:
@@ -302,48 +307,3 @@ def _package(manifest: Path) -> str:
     except OSError:
         return ""
     return found[1] if found else ""
-
-
-def _arrays(
-    root: Element,
-    path: Path,
-    order: list[tuple[str, _Joint | None]],
-    joints: list[_Joint],
-    drivers: dict[str, tuple[str, float, float]],
-    geoms: list[Geom],
-    mass: list[float],
-    links: dict[str, Element],
-) -> RobotModel:
-    free = [joint for joint in joints if joint.kind != "fixed" and joint.follows is None]
-    names = [joint.name for joint in free]
-    index = {name: i for i, (name, _) in enumerate(order)}
-    own = [joint and drivers.get(joint.name) for _, joint in order]
-    lower, upper = (np.array([getattr(joint, end) for joint in free]) for end in ("lower", "upper"))
-    carried = [joint for _, joint in order]
-
-    def columns(name: str, none: np.ndarray) -> np.ndarray:
-        return np.stack([none if j is None else getattr(j, name) for j in carried], axis=-1)
-
-    return RobotModel(
-        name=root.get("name") or path.stem,
-        path=path,
-        link_names=tuple(name for name, _ in order),
-        parent=tuple(-1 if joint is None else index[joint.parent] for joint in carried),
-        joints=tuple("" if joint is None else joint.name for joint in carried),
-        kinds=tuple("fixed" if joint is None else joint.kind for joint in carried),
-        driver=tuple(names.index(follows[0]) if follows else -1 for follows in own),
-        multiplier=np.array([follows[1] if follows else 0.0 for follows in own]),
-        offset=np.array([follows[2] if follows else 0.0 for follows in own]),
-        axis=columns("axis", np.array([1.0, 0.0, 0.0])),
-        anchor=np.zeros((3, len(order))),
-        xyz=columns("xyz", np.zeros(3)),
-        rotation=columns("rotation", np.eye(3)),
-        joint_names=tuple(names),
-        lower=lower,
-        upper=upper,
-        mass=np.array(mass),
-        geoms=tuple(geoms),
-        lines=tuple(links[name].line for name, _ in order),
-        base=0,
-        home=np.zeros(len(names)),
-    )

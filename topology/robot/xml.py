@@ -28,14 +28,12 @@ class XmlError(ValueError):
 
 @dataclass(eq=False)
 class Element:
-    """An element: its tag, attributes and children, and its lines and bytes in the text."""
+    """An element: its tag, attributes and children, and its line in the text."""
 
     tag: str
     attributes: dict[str, str]
     line: int
     children: list[Element] = field(default_factory=list)
-    end: int = -1
-    """First byte of its end tag."""
 
     def get(self, name: str) -> str | None:
         """Value of an attribute; None without it."""
@@ -84,7 +82,7 @@ def parse(text: bytes) -> Element:
         open_.append(element)
 
     def end(_: str) -> None:
-        open_.pop().end = parser.CurrentByteIndex
+        open_.pop()
 
     parser.StartDoctypeDeclHandler = refuse
     parser.StartElementHandler, parser.EndElementHandler = start, end

@@ -8,13 +8,11 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from bus.status import INVALID
-from skin.calibrate.bench.alone import tared
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.laws import PRIOR, TURN_RAD
-from skin.calibrate.bench.posterior import KEPT, fit_posterior
-from skin.calibrate.bench.result import UnitResult
-from skin.calibrate.bench.series import AXES, Series
-from skin.calibrate.read import as_fit
+from skin.calibrate.bench.series import AXES, Series, tared
+from skin.calibrate.bench.unit import UnitResult
+from skin.calibrate.fit import KEPT, Fit, as_fit, fit_law
+from skin.calibrate.laws import PRIOR, TURN_RAD
 from skin.decode.decoder import Decoder
 from skin.errors import ScanError
 from skin.physics.force_law import STIFFNESSES
@@ -91,8 +89,8 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
             (force[row] - p["lag_s"] * rise[row] - seen[:, row]) / FORCE_SIGMA_N for row in rows
         ]
 
-    posterior = fit_posterior(residual, prior)
-    return [_result(at_rest, series, unit, i, posterior) for i, unit in enumerate(units)]
+    fit = fit_law(residual, prior)
+    return [_result(at_rest, series, unit, i, fit) for i, unit in enumerate(units)]
 
 
 def _known(topology: Topology, kind: str, unit: int, spread: float) -> float:
@@ -103,16 +101,15 @@ def _known(topology: Topology, kind: str, unit: int, spread: float) -> float:
     return max(float(topology.parameters[f"{kind}_sigma_relative"][unit]), 1e-4)
 
 
-def _result(topology: Topology, series: Series, unit: int, i: int, posterior: Any) -> UnitResult:
+def _result(topology: Topology, series: Series, unit: int, i: int, fit: Fit) -> UnitResult:
     p = topology.parameters
     noise = float(p["frequency_noise_hz"][unit]) / np.sqrt(max(np.sum(series.kind == 0), 1))
     values = {"frequency_rest_hz": (float(p["frequency_rest_hz"][unit]), float(noise))}
     kept, left, goodness = {}, {}, {}
     for kind, stiffnesses in STIFFNESSES.items():
         names = [name for name in stiffnesses if p[name][unit] != 0.0]
-        at = posterior.fit.names.index(f"{kind} {i}")
-        gain, sigma = posterior.fit.values[at], posterior.fit.sigma[at]
-        share = float(posterior.left[at])
+        at = fit.names.index(f"{kind} {i}")
+        gain, sigma, share = fit.values[at], fit.sigma[at], float(fit.left[at])
         far = FAR_SIGMAS * PRIOR[names[1]][0]
         if abs(gain - 1.0) > far:
             raise ScanError(
@@ -133,12 +130,6 @@ def _result(topology: Topology, series: Series, unit: int, i: int, posterior: An
     told = {name: (float(np.nanmin(row)), float(np.nanmax(row)))
             for name, row in rows.items() if np.isfinite(row).any()}  # fmt: skip
     return UnitResult(
-        topology.unit_names[unit],
-        (as_fit(values, posterior.fit.samples),),
-        kept,
-        left,
-        goodness,
-        {},
-        told,
-        series.hash,
-    )
+        topology.unit_names[unit], fits=[as_fit(values)], kept=kept, left=left, goodness=goodness,
+        range=told, hash=series.hash,
+    )  # fmt: skip

@@ -8,11 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bus.status import INVALID
-from skin.calibrate.bench.alone import alone
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.series import Series
-from skin.decode.decoder import Decoder
-from skin.physics.least_squares import robust_sigma
+from skin.calibrate.bench.series import Series, decoded
+from skin.calibrate.fit import noise_of, robust_sigma
 from topology import CHANNELS, Topology
 
 __all__ = ["DRIFTED", "Score", "owner_of", "score"]
@@ -69,11 +67,7 @@ def score(topology: Topology, series: Series, unit: int) -> Score:
     series : Series
     unit : int
     """
-    one = alone(topology, unit)
-    decoder = Decoder(
-        one, {"force", "temperature", "sigma"}, dtype="float64", sweeps=0, ambient=False
-    )
-    reading = decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
+    reading = decoded(topology, series, unit, "force", "temperature", "sigma")
     force, sigma = reading.force[:, :, 0], reading.force_sigma[:, :, 0]
     used = series.counts.heard[:, unit] & np.isin(series.kind, [KINDS.index(k) for k in SCORED])
     invalid = reading.status[:, 0] & INVALID != 0
@@ -98,8 +92,7 @@ def score(topology: Topology, series: Series, unit: int) -> Score:
         error = reading.temperature[warm, 0] - series.temperature[warm]
         warm_rmse = float(np.sqrt(np.mean(error**2)))
         # thermometers are no better than the gel: their own noise, from reading to reading
-        noise = robust_sigma(np.diff(series.temperature[warm])) / np.sqrt(2.0)
-        sigma_c = np.hypot(reading.temperature_sigma[warm, 0], noise)
+        sigma_c = np.hypot(reading.temperature_sigma[warm, 0], noise_of(series.temperature[warm]))
         over["temperature"] = _about_zero(error / sigma_c)
     rest = series.kind == KINDS.index("tare")
     scale, offset = (rows[FREQUENCY, unit] for rows in (topology.scale, topology.offset))

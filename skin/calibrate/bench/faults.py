@@ -8,11 +8,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from bus.status import INVALID
-from skin.calibrate.bench.alone import alone
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
-from skin.calibrate.bench.series import AXES, GAP_S, Blocks, Series, standing
-from skin.decode.decoder import Decoder
-from skin.physics.least_squares import robust_sigma
+from skin.calibrate.bench.series import AXES, GAP_S, Blocks, Series, decoded, standing
+from skin.calibrate.fit import robust_sigma
 from topology import CHANNELS, Topology
 
 __all__ = ["find_faults"]
@@ -151,16 +149,14 @@ def _direction_faults(blocks: Blocks) -> Iterator[str]:
 def _reference_faults(topology: Topology, series: Series, unit: int) -> Iterator[str]:
     """The reference against what the unit's own model makes of the counts: within some per cent the
     same, if axes and units of measure are as stated."""
-    decoder = Decoder(alone(topology, unit), {"force", "displacement", "temperature"},
-                      dtype="float64", sweeps=0, ambient=False)  # fmt: skip
-    reading = decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
+    reading = decoded(topology, series, unit, "force", "displacement", "temperature")
     good = (series.segment >= 0) & (reading.status[:, 0] & INVALID == 0)
     moving = good & np.isin(series.kind, [KINDS.index(k) for k in ("normal", "shear", "circles")])
-    for name, decoded, stated in (
+    for name, seen, stated in (
         ("force", reading.force, series.force),
         ("displacement", reading.displacement_mm, series.displacement),
     ):
-        yield from _axis_faults(name, decoded[moving, :, 0].T, stated[:, moving])
+        yield from _axis_faults(name, seen[moving, :, 0].T, stated[:, moving])
     seen = good & np.isfinite(series.temperature)
     if seen.any():
         yield from _warm_faults(reading.temperature[seen, 0], series.temperature[seen])

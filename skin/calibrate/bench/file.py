@@ -1,4 +1,4 @@
-"""BENCH files, format version 1: which recordings there are of which units, and what they hold.
+"""BENCH files, format version 1: which recordings there are of which units, and what to record.
 
 See docs/guides/calibrate.md for the format.
 """
@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import msgspec
 from msgspec import Meta
 
-from topology.errors import nearest
+from skin.physics.force_law import inverse, normal_law_mm
+from topology import Topology
+from topology.errors import Report, nearest
 from topology.files import check_path, missing
 from topology.read import open_source, read
-from topology.report import Report
 from topology.source import Source
 
 __all__ = [
@@ -26,7 +27,9 @@ __all__ = [
     "Column",
     "Recording",
     "Segment",
+    "Step",
     "read_bench",
+    "steps",
 ]
 
 Kind = Literal[
@@ -34,7 +37,7 @@ Kind = Literal[
     "bare", "array",
 ]  # fmt: skip
 KINDS: tuple[str, ...] = get_args(Kind)
-"""What a segment is; see `skin.calibrate.bench.plan`."""
+"""What a segment is; see `steps`."""
 ALONE = frozenset({"tare", "neighbours", "bare"})
 """Those that need no reference; without one, times are of the clock of the counts."""
 
@@ -114,59 +117,142 @@ def read_bench(file: str | os.PathLike[str]) -> tuple[BenchFile, Source]:
     check_path("bench", file, TypeError)
     report, shown = Report(), os.fspath(file)
     if missing(file):
-        report.about_file("no-file", shown, path=shown)
+        report.about_file(shown, "an existing file", f"none at {shown}")
     source = None if missing(file) else open_source(Path(file), shown, report)
     report.raise_if_any()
     assert source is not None
-    bench = read(BenchFile, source, report)
+    bench = read(BenchFile, source)
     report.raise_if_any()
-    _check_columns(bench.columns, ("columns",), source, report)
-    _check_segments(bench.segments, ("segments",), source, report)
+    assert bench is not None
+    _check_columns(bench.columns, ("columns",), source)
+    _check_segments(bench.segments, ("segments",), source)
     recordings = []
     for index, each in enumerate(bench.recordings):
         key = ("recordings", index)
         if not each.units:
-            report.add("value", source, (*key, "units"), expected="a table with one unit at least",
-                       got="none")  # fmt: skip
+            source.fault((*key, "units"), "a table with one unit at least", "none")
         for name in ("counts", "reference") if each.reference else ("counts",):
             path = source.path.parent / getattr(each, name)
             if missing(path):
-                report.add("no-file", source, (*key, name), path=str(path))
-        _check_columns(each.columns or {}, (*key, "columns"), source, report)
-        _check_segments(each.segments, (*key, "segments"), source, report)
+                source.fault((*key, name), "an existing file", f"none at {path}")
+        _check_columns(each.columns or {}, (*key, "columns"), source)
+        _check_segments(each.segments, (*key, "segments"), source)
         columns = bench.columns if each.columns is None else each.columns
         segments = each.segments or bench.segments
         place = key if each.columns is not None or not bench.columns else ()
         if not each.reference and any(s.kind not in ALONE for s in segments):
-            report.add("missing-key", source, key, part="reference", name="reference",
-                       expected="the table of the reference sensors")  # fmt: skip
+            source.lacks(key, "reference", "the table of the reference sensors")
         if each.reference and "time" not in columns:
-            report.add("missing-key", source, (*place, "columns"), part="time", name="time",
-                       expected="a table with the column of the time")  # fmt: skip
+            source.lacks((*place, "columns"), "time", "a table with the column of the time")
         if not segments:
-            report.add("missing-key", source, key, part="segments", name="segments",
-                       expected="tables with kind, start_s and end_s")  # fmt: skip
+            source.lacks(key, "segments", "tables with kind, start_s and end_s")
         recordings.append(msgspec.structs.replace(each, columns=columns, segments=segments))
     report.raise_if_any()
     return msgspec.structs.replace(bench, recordings=tuple(recordings)), source
 
 
-def _check_columns(
-    columns: dict[str, Column], key: tuple[str | int, ...], source: Source, report: Report
-) -> None:
+def _check_columns(columns: dict[str, Column], key: tuple[str | int, ...], source: Source) -> None:
     for name, column in columns.items():
         if name not in QUANTITIES:
-            hint = nearest(name, QUANTITIES)
-            report.add("unknown-key", source, (*key, name), hint, name=repr(name))
+            source.fault((*key, name), "a known key", repr(name), nearest(name, QUANTITIES))
         elif column.unit and column.unit not in QUANTITIES[name]:
-            report.add("value", source, (*key, name, "unit"), got=repr(column.unit),
-                       expected=" or ".join(map(repr, QUANTITIES[name])))  # fmt: skip
+            expected = " or ".join(map(repr, QUANTITIES[name]))
+            source.fault((*key, name, "unit"), expected, repr(column.unit))
 
 
 def _check_segments(
-    segments: tuple[Segment, ...], key: tuple[str | int, ...], source: Source, report: Report
+    segments: tuple[Segment, ...], key: tuple[str | int, ...], source: Source
 ) -> None:
     for index, each in enumerate(segments):
         if each.end_s <= each.start_s:
-            report.add("value", source, (*key, index, "end_s"), got=f"{each.end_s:g}",
-                       expected=f"above start_s, {each.start_s:g}")  # fmt: skip
+            expected = f"above start_s, {each.start_s:g}"
+            source.fault((*key, index, "end_s"), expected, f"{each.end_s:g}")
+
+
+# -- the protocol ---------------------------------------------------------------------------------
+
+
+class Step(NamedTuple):
+    """One segment of a recording."""
+
+    kind: str
+    seconds: float
+    text: str
+
+
+UNIT = (
+    Step("tare", 15, "nothing touches the unit; stage and force sensor are zeroed here"),
+    Step("hold", 105, "after 5 s of rest, within 0.2 s to {b:.1f} mm deep and 1.5 mm sheared along "
+         "x; held for 100 s"),
+    Step("normal", 60, "press straight down from above the touch to {depth:g} mm and back in "
+         "10 s, six times"),
+    Step("shear", 60, "held {a:.1f} mm deep: strokes to {far:g} mm and back in 16 "
+         "directions, 1.5 mm/s"),
+    Step("shear", 60, "the same {b:.1f} mm deep"),
+    Step("shear", 60, "the same {c:.1f} mm deep"),
+    Step("circles", 180, "circles of 0.3 to {far:g} mm at 2 mm/s while the depth goes from 0 to "
+         "{depth:g} mm and back"),
+    Step("heated-free", 240, "untouched: warm air to {hot:g} °C, hold 90 s, then cool"),
+    Step("heated-load", 240, "held 1.5 mm deep, 1 mm sheared along x and y: the same with a warm "
+         "plate"),
+)  # fmt: skip
+"""One unit on a stage with a force sensor and a thermometer."""
+ARRAY = (
+    Step("tare", 15, "nothing touches the skin"),
+    Step(
+        "neighbours",
+        2,
+        "a unit: press it with a finger and shear it all around for a second, "
+        "the others untouched, then the next; no reference is needed",
+    ),
+    Step(
+        "array",
+        60,
+        "one flat plate, or a bag of air, on all units at once: 0 to {most:.0f} N in "
+        "steps of a second, six times; all normal gains",
+    ),
+    Step(
+        "array",
+        120,
+        "a ball of 30 mm rolled and dragged over all units by hand, on a force plate "
+        "or with a force sensor behind the ball; normal and tangential gains",
+    ),
+    Step(
+        "array",
+        120,
+        "the hand presses and strokes firm objects, with the force-torque sensor "
+        "of its wrist as the reference, skin frame; all gains at once",
+    ),
+)
+"""All units in their places: one of the ways, or all."""
+
+
+def steps(topology: Topology) -> tuple[tuple[Step, ...], tuple[Step, ...]]:
+    """The protocol of one unit and that of the whole skin, with this skin's ranges.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    tuple of two tuples of Step
+        Neighbours are left out where a unit has none.
+    """
+    p = topology.parameters
+    deep = float(inverse(p["normal_max_n"], normal_law_mm(p)).min())
+    values = {
+        "depth": round(deep, 2), "a": 0.25 * deep, "b": 0.6 * deep, "c": deep,
+        "far": float(p["tangential_max_mm"].max()) + 0.3,
+        "hot": min(75.0, float(p["temperature_max_c"].min())),
+        "most": 0.5 * float(p["normal_max_n"].min()) * topology.n,
+    }  # fmt: skip
+    told = []
+    for protocol in (UNIT, ARRAY):
+        has = [step for step in protocol
+               if step.kind != "neighbours" or topology.neighbour_index.size]  # fmt: skip
+        each = {"neighbours": topology.n}
+        told.append(tuple(step._replace(text=step.text.format(**values),
+                                        seconds=step.seconds * each.get(step.kind, 1))
+                          for step in has))  # fmt: skip
+    return told[0], told[1]

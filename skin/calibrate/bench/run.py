@@ -17,15 +17,18 @@ from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.check import Score, owner_of, score
 from skin.calibrate.bench.faults import find_faults
 from skin.calibrate.bench.file import ALONE, BenchFile, Recording, read_bench
-from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.bench.neighbours import Learned, learn_stencil
-from skin.calibrate.bench.result import UnitResult
 from skin.calibrate.bench.series import Series, load_series
-from skin.calibrate.read import read_calibration
-from skin.calibrate.tare import calibration_files
-from skin.calibrate.write import OfUnits, with_fits, write_calibration
+from skin.calibrate.bench.unit import UnitResult, fit_unit
+from skin.calibrate.crosstalk import Learned, learn_stencil
+from skin.calibrate.files import (
+    OfUnits,
+    calibration_files,
+    read_calibration,
+    with_fits,
+    write_calibration,
+)
+from skin.calibrate.fit import Fit
 from skin.errors import ScanError, SkinError
-from skin.physics.least_squares import Fit
 from skin.physics.stencil import STENCIL_FILE
 from topology import Topology, load
 from topology.files import check_over
@@ -93,7 +96,7 @@ class Outcome:
             measured, tared = dict(before.get("measured", {})), {*before.get("tared", ())}
             for name, result in found.items():
                 if name.startswith(head):
-                    units[name.removeprefix(head)] = list(result.fits)
+                    units[name.removeprefix(head)] = result.fits
                     measured[name.removeprefix(head)] = self._measured(result)
                     tared.discard(name.removeprefix(head))
             write_calibration(
@@ -129,7 +132,7 @@ class Outcome:
         return next(iter(beside.values())).parent / f"{self.topology.name}_stencil.npz"
 
     def _measured(self, result: UnitResult) -> dict[str, Any]:
-        """The table of `topology.calibration_schema.Measured` of a unit."""
+        """The table of `topology.calibration.Measured` of a unit."""
         told = self.scores.get(result.unit)
         goodness = {name: value for name, value in result.goodness.items() if np.isfinite(value)}
         if told is not None and np.isfinite(told.force_rmse_n):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.signal import correlate, correlation_lags
 
 from bus.assemble import Assembler
 from bus.boards import Boards
@@ -15,23 +19,17 @@ from bus.cycle import RawCycle
 from bus.logs import buses_of, read
 from bus.serials import of_boards
 from bus.status import INVALID, Status
-from skin.calibrate.bench.align import Alignment, align
+from skin.arrow import arrow_for
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
-from skin.calibrate.bench.table import head_of, read_table
+from skin.calibrate.fit import PIECES, fit_law, noise_of
+from skin.decode.decoder import Decoder
 from skin.errors import OptionError, ScanError
 from topology import CHANNELS, Topology
+from topology.files import open_regular
 
 __all__ = [
-    "AXES",
-    "BLOCK_S",
-    "Blocks",
-    "Counts",
-    "Series",
-    "hash_of",
-    "load_series",
-    "read_counts",
-    "series_of",
-    "standing",
+    "AXES", "BLOCK_S", "GAP_S", "Alignment", "Blocks", "Counts", "Series", "alone", "decoded",
+    "load_series", "read_counts", "read_table", "series_of", "standing", "tared",
 ]  # fmt: skip
 
 AXES = "xyz"
@@ -45,6 +43,13 @@ STANDING = 10
 each is there by chance once in three at most, all of ten once in 60 000]."""
 SPAN_SHARE = 0.2
 """Of the fall of another unit, below which a unit is not the one that is pressed [assumed]."""
+DEGREE = 3
+"""Of the polynomial that takes the reference to the counts: a force stiffens [assumed]."""
+LEAST_CORRELATION = 0.5
+"""Below it the two do not show the same thing [assumed]."""
+OF_UNITS = ("patch", "enabled", "position", "rotation", "area", "calibrated", "tared", "scale",
+            "offset", "wired")  # fmt: skip
+"""Arrays of a topology whose last axis is the unit's."""
 FREQUENCY, GEL = CHANNELS.index("frequency"), CHANNELS.index("gel")
 UNHEARD = INVALID & ~Status.FROZEN
 """A unit that stands still on the bench is no fault of the bus."""
@@ -404,3 +409,209 @@ def _table_of_counts(topology: Topology, path: Path) -> Counts:
     limits = np.iinfo(np.int16)
     whole = np.clip(np.nan_to_num(counts), limits.min, limits.max).astype(np.int16)
     return Counts(time, whole, heard)
+
+
+# -- one unit -------------------------------------------------------------------------------------
+
+
+def alone(topology: Topology, unit: int) -> Topology:
+    """The skin of one unit alone, to decode its counts without the others'."""
+    units = topology.frames.units
+    sliced = {name: getattr(topology, name)[..., unit : unit + 1] for name in OF_UNITS}
+    none = np.zeros(0, np.int32)
+    return replace(
+        topology, **sliced, unit_names=(topology.unit_names[unit],),
+        parameters={k: v[..., unit : unit + 1] for k, v in topology.parameters.items()},
+        frames=replace(topology.frames, units=np.where(units == unit, 0, -1)),
+        neighbour_start=np.zeros(2, np.int32), neighbour_index=none,
+    )  # fmt: skip
+
+
+def tared(topology: Topology, series: Series) -> Topology:
+    """The skin with the rest frequencies of a recording's units from its tare, where it has one."""
+    rest = series.kind == KINDS.index("tare")
+    if not rest.any():
+        return topology
+    units = list(series.units)
+    scale, offset = (v[FREQUENCY, units] for v in (topology.scale, topology.offset))
+    parameters = {name: values.copy() for name, values in topology.parameters.items()}
+    counts = series.counts.counts[rest][:, FREQUENCY, units]
+    parameters["frequency_rest_hz"][units] = scale * counts.mean(axis=0) + offset
+    return replace(topology, parameters=parameters)
+
+
+def decoded(topology: Topology, series: Series, unit: int, *want: str, creep: bool = True) -> Any:
+    """All cycles of a recording as one unit by itself decodes them, or a skin of one unit."""
+    one = topology if topology.n == 1 else alone(topology, unit)
+    decoder = Decoder(one, set(want), dtype="float64", creep=creep, sweeps=0, ambient=False)
+    return decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
+
+
+# -- clocks ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """The reference's clock by that of the counts: ``reference = t + lag + drift (t - mid)``.
+
+    Attributes
+    ----------
+    lag_s, lag_sigma_s : float
+        In the middle of the recording.
+    drift_ppm, drift_sigma_ppm : float
+    mid_s : float
+        Middle of the recording, clock of the counts.
+    correlation : float
+        Of the counts with what the aligned reference makes of them.
+    """
+
+    lag_s: float
+    lag_sigma_s: float
+    drift_ppm: float
+    drift_sigma_ppm: float
+    mid_s: float
+    correlation: float
+
+    def reference_time(self, time_s: np.ndarray) -> np.ndarray:
+        """Times on the clock of the counts, by that of the reference."""
+        return time_s + self.lag_s + 1e-6 * self.drift_ppm * (time_s - self.mid_s)
+
+
+def align(
+    time_s: np.ndarray, counts: np.ndarray, reference_s: np.ndarray, reference: np.ndarray
+) -> Alignment:
+    """Find lag and drift between the clocks of two recordings of the same motion.
+
+    The lag is found to a sample by cross-correlation, then with the drift by a fit on the counts
+    themselves, a polynomial of the reference being free.
+
+    Parameters
+    ----------
+    time_s, counts : ndarray, shape (t,)
+        What the units say: a frequency, say. Finite; times rise.
+    reference_s, reference : ndarray, shape (r,)
+        What goes with it: a depth or a force.
+
+    Raises
+    ------
+    ScanError
+        The two have nothing in common.
+    """
+    step = max(float(np.median(np.diff(time_s))), float(np.median(np.diff(reference_s))))
+    grids = [np.arange(t[0], t[-1], step) for t in (time_s, reference_s)]
+    if min(map(len, grids)) < 2 * PIECES:
+        raise ScanError(
+            f"recording: must be {2 * PIECES * step:.3g} s or longer to be aligned; got "
+            f"{min(np.ptp(time_s), np.ptp(reference_s)):.3g} s"
+        )
+    left, right = (
+        _standard(np.interp(grid, t, v))
+        for grid, t, v in zip(grids, (time_s, reference_s), (counts, reference), strict=True)
+    )
+    likeness = np.abs(correlate(right, left, mode="full"))
+    shift = correlation_lags(len(right), len(left))[int(np.argmax(likeness))]
+    lag_s = float(grids[1][0] - grids[0][0] + shift * step)
+    mid, wanted, scaled = (
+        0.5 * float(time_s[0] + time_s[-1]),
+        _standard(counts),
+        _standard(reference),
+    )
+
+    def missed(p: dict[str, Any]) -> np.ndarray:
+        at = time_s + p["lag"] + 1e-6 * p["drift"] * (time_s - mid)
+        powers = np.vander(np.interp(at, reference_s, scaled), DEGREE + 1)
+        return wanted - powers @ np.linalg.lstsq(powers, wanted, rcond=None)[0]
+
+    noise = max(noise_of(wanted), 1e-6)
+    fit = fit_law(lambda p: [missed(p) / noise], {"lag": (lag_s, 10.0 * step), "drift": (0.0, 1e3)})
+    found = dict(zip(fit.names, fit.values.tolist(), strict=True))
+    correlation = float(np.sqrt(max(1.0 - np.var(missed(found)), 0.0)))
+    if correlation < LEAST_CORRELATION:
+        raise ScanError(
+            "reference: must go with the counts (a correlation of "
+            f"{LEAST_CORRELATION:g} or more) at some lag; got {correlation:.2f} at best"
+        )
+    (lag_sigma_s, drift_sigma), lag_s = fit.sigma.tolist(), found["lag"]
+    return Alignment(lag_s, lag_sigma_s, found["drift"], drift_sigma, mid, correlation)
+
+
+def _standard(values: np.ndarray) -> np.ndarray:
+    """Without mean, of variance 1."""
+    moved = values - values.mean()
+    return moved / max(float(moved.std()), 1e-30)
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+def read_table(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a table by name, each shape (t,), float64; an empty cell is NaN.
+
+    Parameters
+    ----------
+    path : Path
+        ``.parquet``, or CSV: comma, decimal point, names in the first line.
+
+    Raises
+    ------
+    ScanError
+        A cell that is no number, with its line and column; two columns of one name; no rows.
+    LibraryError
+        Parquet without pyarrow.
+    """
+    if path.suffix.lower() == ".parquet":
+        return _read_parquet(path)
+    head = head_of(path)
+    if len(set(head)) < len(head):
+        twice = next(name for name in head if head.count(name) > 1)
+        raise ScanError(f"{path}:1: {twice}: must be a column of its own; got two of that name")
+    with open_regular(path) as raw:
+        rows = csv.reader(io.TextIOWrapper(raw, "utf-8-sig", errors="replace", newline=""))
+        next(rows, None)
+        cells = [_numbers(f"{path}:{rows.line_num}", head, row) for row in rows if row]
+    if not cells:
+        raise ScanError(f"{path}: must have rows below its head; got none")
+    return dict(zip(head, np.array(cells, float).T, strict=True))
+
+
+def _numbers(where: str, head: list[str], row: list[str]) -> list[float]:
+    if len(row) != len(head):
+        raise ScanError(f"{where}: must have {len(head)} cells; got {len(row)}")
+    found = []
+    for name, cell in zip(head, row, strict=True):
+        try:
+            found.append(float(cell) if cell.strip() else np.nan)
+        except ValueError:
+            raise ScanError(f"{where}: {name}: must be a number; got {cell[:40]!r}") from None
+    return found
+
+
+def head_of(path: Path) -> list[str]:
+    """Names in the first line of a CSV file."""
+    with open_regular(path) as raw:
+        first = raw.readline(1 << 16).decode("utf-8-sig", errors="replace")
+    return [name.strip() for name in next(csv.reader([first]), [])]
+
+
+def _read_parquet(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a Parquet file by name, float64; NaN where a cell is empty.
+
+    Raises
+    ------
+    LibraryError
+        pyarrow is not installed.
+    ScanError
+        The file is damaged, or a column holds no numbers.
+    """
+    arrow, parquet = arrow_for(path, "read")
+    try:
+        table = parquet.read_table(path)
+    except (arrow.ArrowException, OSError) as error:
+        raise ScanError(f"{path}: must be a Parquet file; got: {error}") from None
+    found = {}
+    for name in table.column_names:
+        try:
+            found[name] = table.column(name).cast(arrow.float64()).to_numpy()
+        except arrow.ArrowException as error:
+            raise ScanError(f"{path}: column {name!r}: must be numbers; got: {error}") from None
+    return found

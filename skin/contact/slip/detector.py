@@ -19,28 +19,8 @@ from skin.contact.record import (
     SlipState,
     UnitSlip,
 )  # fmt: skip
-from skin.contact.slip.friction import (
-    friction_margin,
-    learn_friction,
-    show_bounds,
-)
-from skin.contact.slip.lags import (
-    begin_cycle,
-    contact_frame,
-    correct,
-    fit_motion,
-    learn_noise,
-    lowpass_share,
-    predict,
-    take_units,
-)  # fmt: skip
+from skin.contact.slip import friction, lags, pattern_test
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN
-from skin.contact.slip.pattern_test import (
-    ROUNDING,
-    alarm_odds,
-    detect_pattern,
-    project_nuisances,
-)  # fmt: skip
 from skin.contact.slip.state import MOTIONS, PLANE
 
 __all__ = ["detect_slip", "detect_slip_python"]
@@ -186,8 +166,8 @@ def _decide(record, members, sticks, odds, alarm, silent, model, data):
     record["pattern"] = np.sqrt(2.0 * max(odds, 0.0))
     stuck_before = record["stick_ratio"]
     record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
-    learn_friction(record, members, alarm, data)
-    ratio = friction_margin(record, settings)
+    friction.learn_friction(record, members, alarm, data)
+    ratio = friction.friction_margin(record, settings)
     if tested < LEAST_UNITS:
         record["flags"] |= FEW_UNITS
         if np.isfinite(record["margin"]):
@@ -214,7 +194,7 @@ def _decide(record, members, sticks, odds, alarm, silent, model, data):
         record["onset_ns"] = 0
         for i in members:
             data.slip[i] = UnitSlip.NO_CONTACT
-    show_bounds(record, ratio, settings)
+    friction.show_bounds(record, ratio, settings)
 
 
 @jitable
@@ -258,7 +238,7 @@ def detect_slip_python(model, data):
         friction.
     """
     fit, settings, dt_s = data.all[0], model.settings[0], data.cycle[0]["elapsed_s"]
-    begin_cycle(fit, dt_s)
+    lags.begin_cycle(fit, dt_s)
     silent = 0  # that were touched, listed in `queue`
     for i in range(data.units.size):
         if data.slip[i] == UnitSlip.NO_CONTACT:
@@ -278,32 +258,34 @@ def detect_slip_python(model, data):
         if record["event"] & (BORN | RESUMED):
             _begin_contact(record, members, data)
         # the motion of the body, and the lags of units behind it
-        motions = PLANE if contact_frame(record, members, model, data) else MOTIONS
+        flat = lags.contact_frame(record, members, model, data)
+        motions = PLANE if flat else MOTIONS
         size = max(record["arm"], LEAST_SIZE_M)
-        stuck, known = take_units(record, members, size, motions, model, data)
+        stuck, known = lags.take_units(record, members, size, motions, model, data)
         if stuck < UNITS_FOR_TURN:
             motions = 2
-        out_of_plane = fit_motion(members, motions, stuck, settings["floor_mm"], data)
-        share = lowpass_share(members, motions, stuck, dt_s, data.slips)
-        predict(members, share, settings, data)
+        out_of_plane = lags.fit_motion(members, motions, stuck, settings["floor_mm"], data)
+        share = lags.lowpass_share(members, motions, stuck, dt_s, data.slips)
+        lags.predict(members, share, settings, data)
         _show_motion(record, fit, size)
         # their test: the fraction of the load that sticks, and the log-odds of slip and an alarm
-        alarm, sticks, odds = alarm_odds(share, dt_s, settings), 1.0, 0.0
+        alarm, sticks, odds = pattern_test.alarm_odds(share, dt_s, settings), 1.0, 0.0
         slides = record["slip"] == SlipState.GROSS
         tested = members.size if slides or known >= LEAST_UNITS else 0
         if tested and not slides:
-            nuisances = project_nuisances(members, motions, stuck, out_of_plane, settings, data)
-            odds, sticks = detect_pattern(record, members, nuisances, alarm, settings, data)
+            odds, sticks = pattern_test.detect_pattern(
+                record, members, motions, stuck, out_of_plane, alarm, settings, data
+            )
             _decide_units(members, alarm, settings["floor_mm"], data)
             # Slip that may have begun is not noise.
-            if not odds > ROUNDING:
-                learn_noise(members, stuck, motions, share, data)
-            correct(members, dt_s, data)
+            if not odds > pattern_test.ROUNDING:
+                lags.learn_noise(members, stuck, motions, share, data)
+            lags.correct(members, dt_s, data)
         record["body_units"] = tested
         _decide(record, members, sticks, odds, alarm, silent, model, data)
         _report(record, members, odds, alarm, model, data)
     for at in range(data.cycle[0]["touching_units"]):
-        s, told = data.slips[data.members[at]], data.told[at]
+        s, told = data.slips[data.members[at]], data.lists[at]
         told["began"], told["noisy"] = s["began"], s["noisy"]
         told["noise_ratio"] = s["noise_ratio"]
 

@@ -13,7 +13,7 @@ from skin.contact.record import SlipState
 from skin.contact.slip.parameters import PARAMETERS, PATTERNS
 from skin.contact.slip.state import PLANE
 
-__all__ = ["FRICTIONS", "ROUNDING", "alarm_odds", "detect_pattern", "project_nuisances"]
+__all__ = ["FRICTIONS", "ROUNDING", "alarm_odds", "detect_pattern"]
 
 FRICTIONS = np.geomspace(PARAMETERS.least_friction, PARAMETERS.greatest_friction, PATTERNS)
 """Coefficients of friction whose patterns are tested."""
@@ -38,7 +38,7 @@ def alarm_odds(share, dt_s, settings):
 
 
 @jitable
-def project_nuisances(members, motions, stuck, out_of_plane, settings, data):
+def _project_nuisances(members, motions, stuck, out_of_plane, settings, data):
     """Project the nuisances out of the lags: derivations.md, equations 14 and 15.
 
     Gram-Schmidt makes the nuisances orthonormal, in sigmas of the lags; the prior of each counts as
@@ -129,12 +129,13 @@ def _orthonormalise(a, members, slips, prior):
 
 
 @jitable
-def detect_pattern(record, members, nuisances, alarm, settings, data):
-    """Detect slip of the whole contact: derivations.md, equations 15 to 18.
+def detect_pattern(record, members, motions, stuck, out_of_plane, alarm, settings, data):
+    """Detect slip of the whole contact: derivations.md, equations 14 to 18.
 
     `alarm` is the log-odds for its onset, and for gross slip. Returns the log-odds of slip, and the
     fraction of the load that sticks: 1 without an alarm.
     """
+    nuisances = _project_nuisances(members, motions, stuck, out_of_plane, settings, data)
     pull, square = 0.0, 0.0
     for i in members:
         u = data.units[i]

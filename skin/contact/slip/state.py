@@ -9,7 +9,7 @@ import numpy as np
 
 from skin.contact.slip.parameters import PATTERNS
 
-__all__ = ["MEMBER", "MOTIONS", "NUISANCES", "PLANE", "SLIP", "SLIP_UNIT"]
+__all__ = ["MOTIONS", "NUISANCES", "PLANE", "SLIP", "SLIP_UNIT"]
 
 MOTIONS, PLANE = 6, 3
 """Motions of a body: along both axes of the contact and about its normal (the first three, in the
@@ -113,7 +113,3 @@ SLIP = np.dtype(
     align=True,
 )
 """What it knows of all units together, and of the contact at hand; one record."""
-
-
-MEMBER = np.dtype([("began", _L), ("noise_ratio", _F), ("noisy", _F)])
-"""Slip of a unit of a contact; see `SLIP_UNIT`."""

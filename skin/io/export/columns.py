@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from skin.blocks.block import CLOSED_BY
+from skin.blocks import CLOSED_BY
 from skin.contact.field import Quantity
 from skin.contact.record import AXES, LOAD_UNITS, LOADS, QUANTITIES
 from topology import CHANNELS
 
 if TYPE_CHECKING:
-    from skin.blocks.block import Block
+    from skin.blocks import Block
 
 __all__ = ["CLOSED", "CYCLES", "FAULTS", "HEAD", "READINGS", "Values", "contacts", "cycles",
            "faults"]  # fmt: skip

@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 import numpy as np
 
 from skin.arrow import arrow_for
-from skin.blocks.blocks import blocks_of
+from skin.blocks import blocks_of
 from skin.errors import OptionError, check_choice
 from skin.io.export.columns import Values, contacts, cycles, faults
 from skin.io.export.provenance import provenance_of
@@ -21,7 +21,7 @@ from skin.state import INVALID, Status
 from topology.files import Kind, check_over, check_path, marked, whole_file
 
 if TYPE_CHECKING:
-    from skin.blocks.block import Block
+    from skin.blocks import Block
     from skin.pipeline import Pipeline
     from skin.state import State
     from topology import Topology

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import topology as topology_package
-from bus.cycle import FrameCounters
 from bus.errors import LogError
 from bus.frame import FRAME_DTYPE
 from bus.logs.formats import READERS
@@ -44,6 +43,7 @@ __all__ = ["Pace", "Replay", "recorded_topology", "replay"]
 LONGEST_WAIT_S = 5.0
 """Longest wait for a state in real time [assumed: longer gaps are skipped]."""
 FASTEST = 1e6
+ENDINGS = [one.value for one in Ending]
 
 
 def recorded_topology(file: str | os.PathLike[str]) -> Topology:
@@ -187,11 +187,6 @@ class Paced(Attachable):
         self._pace = Pace(speed)
 
     @property
-    def counters(self) -> FrameCounters:
-        """Counts of frames by outcome, running totals."""
-        return self.pipeline.counters
-
-    @property
     def faults(self) -> list[str]:
         """Faults of the file so far."""
         raise NotImplementedError
@@ -307,20 +302,22 @@ class Replay(Paced):
                     parts, self._parts = self._parts, []
                     yield from self.pipeline.feed(np.concatenate(parts))
                 continue
-            flushes = event == Ending.FLUSHED
-            state = self.pipeline.flush() if flushes else self._timed(event, value)
-            if state is not None:
+            if (state := self._end(event, value)) is not None:
                 yield state
 
-    def _timed(self, event: int, elapsed_ns: int) -> State | None:
-        """Apply an event of the clock, when a cycle or the silence was so old. Without SYNC, and
-        before the first one, the first event starts the time."""
-        end = self.pipeline.expire if event == Ending.EXPIRED else self.pipeline.silence
-        since_ns = self.pipeline.assembler.since_ns
+    def _end(self, event: int, elapsed_ns: int) -> State | None:
+        """End a cycle, or the silence, that was so old. Without SYNC, and before the first one, the
+        first event of the clock starts the time."""
+        if event not in ENDINGS:
+            raise LogError(f"{self._recorded.path}: event: must be of {ENDINGS}; got {event}")
+        by, pipeline = Ending(event), self.pipeline
+        if by is Ending.FLUSHED:
+            return pipeline.end(by)
+        since_ns = pipeline.assembler.since_ns
         if since_ns is None:
-            end(0)
-            since_ns = self.pipeline.assembler.since_ns or 0
-        return end(since_ns + elapsed_ns) if elapsed_ns else None
+            pipeline.end(by, 0)
+            since_ns = pipeline.assembler.since_ns or 0
+        return pipeline.end(by, since_ns + elapsed_ns) if elapsed_ns else None
 
     def _move(self, message: Any) -> None:
         """Set recorded poses, and the joints that they are of."""

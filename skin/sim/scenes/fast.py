@@ -58,7 +58,7 @@ def play(
             left = injectors[bus](batch.frames) if injectors else batch.frames
             nodes.served.frames += left.size
             if recording is not None:
-                sync_id = topology.buses[bus].sync_id
+                sync_id = topology.sync_id
                 sync = [] if sync_id is None else [_sync(sync_id, cycle, stamp_ns)]
                 frames = np.concatenate([*sync, left])
                 frames["bus"] = bus

@@ -19,10 +19,9 @@ from skin.sim.scenes import names
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import SceneFile
 from topology import Topology
-from topology.errors import TopologyError, nearest
+from topology.errors import Report, TopologyError, nearest
 from topology.files import check_path, missing
 from topology.read import open_source, read
-from topology.report import Report
 from topology.source import Key, Source
 
 __all__ = ["load_scene", "open_scene"]
@@ -83,14 +82,14 @@ def open_scene(
 
 def _read(file: str | os.PathLike[str], topology: Topology, report: Report) -> SceneFile | None:
     source = _open(file, report)
-    script = None if source is None else read(SceneFile, source, report)
-    if source is None or script is None or report.issues:
+    script = None if source is None else read(SceneFile, source)
+    if source is None or script is None:
         return None
-    _check_times(script, source, report)
-    _check_names(script, source, topology, report)
+    _check_times(script, source)
+    _check_names(script, source, topology)
     faults = FaultScript(seed=script.seed, faults=script.faults)
     for i, key, hint, values in problems(faults, topology):
-        report.add("value", source, ("faults", i, key), hint, **values)
+        source.fault(("faults", i, key), **values, hint=hint)
     values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
     values["name"] = script.name or source.path.stem
     return _LoadedScene(**values, source=source)
@@ -106,7 +105,7 @@ def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
     if missing(path):
         hint = "" if path.suffix or path.name != shown else nearest(shown, names, or_all=False)
         expected, got = f"a file or a ready-made scene ({', '.join(names)})", "no such file"
-        report.about_file("value", shown, hint=hint, expected=expected, got=got)
+        report.about_file(shown, expected, got, hint=hint)
         return None
     return open_source(path, shown, report)
 
@@ -120,11 +119,11 @@ class _LoadedScene(SceneFile, frozen=True, kw_only=True):
         return f"{self.source.shown}:{self.source.line(key)}: {self.source.where(key)}"
 
 
-def _check_times(script: SceneFile, source: Source, report: Report) -> None:
+def _check_times(script: SceneFile, source: Source) -> None:
     """Times ascend, and are within the scene."""
 
     def must(key: Key, expected: str, got: float) -> None:
-        report.add("value", source, key, expected=expected, got=f"{got:g}")
+        source.fault(key, expected, f"{got:g}")
 
     tables: list[tuple[Key, Sequence[Any], Sequence[Any]]] = [(("room",), script.room, ())]
     for name in ("bodies", "loads", "tools"):
@@ -144,16 +143,13 @@ def _check_times(script: SceneFile, source: Source, report: Report) -> None:
                 must(place, f"later than from_s, {wave.from_s:g}", wave.to_s)
 
 
-def _check_names(script: SceneFile, source: Source, topology: Topology, report: Report) -> None:
+def _check_names(script: SceneFile, source: Source, topology: Topology) -> None:
     """Bodies and tools have names of their own, and stand on what the skin has."""
     known = (*topology.patch_names, *topology.unit_names)
 
     def check(key: Key, name: str, everywhere: bool) -> None:
-        if name not in known and not (everywhere and name == "*"):
-            kind = f"a patch or unit of {topology.name!r}"
-            report.add(
-                "unknown-name", source, key, nearest(name, known), kind=kind, name=repr(name)
-            )
+        if not (everywhere and name == "*"):
+            source.refer(name, f"a patch or unit of {topology.name!r}", known, key)
 
     seen: dict[str, Key] = {}
     for table in ("bodies", "tools"):
@@ -161,8 +157,8 @@ def _check_names(script: SceneFile, source: Source, topology: Topology, report: 
             key: Key = (table, i)
             if thing.name in seen:
                 line = source.line((*seen[thing.name], "name"))
-                name = repr(thing.name)
-                report.add("duplicate-name", source, (*key, "name"), name=name, line=line)
+                got = f"{thing.name!r}, also at line {line}"
+                source.fault((*key, "name"), "a name used once", got)
             seen.setdefault(thing.name, key)
             if thing.on is not None:
                 check((*key, "on"), thing.on, table == "bodies")

@@ -12,7 +12,7 @@ import pytest
 import topology
 from benchmarks.creep import Stretched
 from skin.calibrate.creep import fit_creep
-from skin.calibrate.write import write_calibration
+from skin.calibrate.files import write_calibration
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError, ScanError
 from skin.sim.mechanics.viscoelastic import Prony

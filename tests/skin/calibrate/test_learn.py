@@ -10,9 +10,8 @@ import pytest
 from benchmarks.accuracy_skin import square, with_parameters
 from benchmarks.films import press
 from benchmarks.films_truth import DipoleField, FilmShape
-from skin.calibrate.learn import MOST_UNITS, StrayEstimate
-from skin.calibrate.stray_model import AXES, EACH
-from skin.errors import ScanError, SkinError
+from skin.calibrate.crosstalk import AXES, EACH, MOST_UNITS, StrayEstimate
+from skin.errors import SkinError
 from skin.physics.multipoles import ORDERS
 
 SHAPE = FilmShape(5.5, 0.6, 10.0, 12, 0.1)
@@ -103,7 +102,7 @@ def test_slopes_of_the_model_are_those_of_its_field(skin):
     at, by = model.pairs
     slopes = model.slopes(at, by, np.zeros((3, at.size)), mean)
     each = np.arange(n)
-    matrix, sums = model.rows(slopes, at, by, at, each, n, mean.size, mean)
+    matrix, sums = model.rows(slopes, at, by, at, each, n, mean.size)
     assert np.allclose(sums.T, model.resting(mean))
     for k in [*range(ORDERS), *(ORDERS + AXES + EACH * 4 + np.arange(EACH - AXES))]:
         step = np.zeros(mean.size)
@@ -118,16 +117,6 @@ def test_nothing_told_changes_nothing(skin):
     estimate.rest(np.full((3, n), np.nan), np.ones((3, n)))
     assert np.array_equal(estimate.mean, before[0])
     assert np.allclose(estimate.covariance, before[1])
-
-
-def test_arrays_that_do_not_fit_are_refused(skin):
-    estimate, n = StrayEstimate(skin), skin.n
-    with pytest.raises(ScanError, match=r"field_ut: must be of shape \(3, 9\); got \(3, 8\)"):
-        estimate.rest(np.zeros((3, n - 1)), np.ones((3, n)))
-    with pytest.raises(ScanError, match="sigma_ut: must be above 0; got 0"):
-        estimate.rest(np.zeros((3, n)), np.zeros((3, n)))
-    with pytest.raises(ScanError, match="must be of shapes"):
-        estimate.touch(np.zeros((4, 3, n)), np.zeros((5, 3, n)), np.ones(n, bool), 1.0)
 
 
 def test_a_skin_of_too_many_units_is_refused():

@@ -14,8 +14,8 @@ from msgspec import structs
 import topology
 from bus.status import Status
 from skin.calibrate import tare as tares
-from skin.calibrate.read import read_calibration
-from skin.calibrate.tare import calibration_files, chosen
+from skin.calibrate.files import calibration_files, read_calibration
+from skin.calibrate.tare import chosen
 from skin.cli import main
 from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
@@ -36,6 +36,7 @@ name = "pair"
 
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
 
 [[models]]

@@ -8,9 +8,8 @@ import pytest
 from benchmarks.accuracy_skin import square, with_parameters
 from benchmarks.films import press
 from bus.status import Status
-from skin.calibrate.learn import StrayEstimate
+from skin.calibrate.crosstalk import StrayEstimate, TouchTest
 from skin.calibrate.tare import tare
-from skin.calibrate.touch import TouchTest
 from skin.errors import ScanError
 from skin.physics.halbach import HalbachField
 from skin.sim.unit import UnitSimulator

@@ -311,41 +311,26 @@ def test_an_ambient_field_that_is_followed_is_no_bz_at_rest():
     assert moved < 15.0
 
 
-def test_looks_at_units_wait_until_a_state_is_in_the_users_hands(monkeypatch):
-    """They take up to milliseconds: the live loop has them while frames are on the wire."""
+def test_a_window_is_judged_while_the_frames_of_the_next_cycle_are_on_the_wire(monkeypatch):
     nodes = SimulatedUnits(TRUE, Still(), history=0)
     run = over(PALM, nodes.in_process(), pace=False, want={"force"})
     done, zeros = [], run.pipeline.zeros
-    step, send, state = zeros._step, run.transports[0].send, run.pipeline.state
 
-    def noted(name, call):
+    def noted(owner, method, name):
+        call = getattr(owner, method)
+
         def called(*given):
             done.append(name)
             return call(*given)
 
-        return called
+        monkeypatch.setattr(owner, method, called)
 
-    monkeypatch.setattr(zeros, "_step", noted("step", step))
-    monkeypatch.setattr(run.transports[0], "send", noted("sync", send))
-    monkeypatch.setattr(run.pipeline, "state", noted("state", state))
+    noted(zeros, "_tare", "judge")
+    noted(run.transports[0], "send", "sync")
+    noted(run.pipeline, "state", "state")
     with run:
         for _ in zip(range(WINDOW + 10), run, strict=False):
             pass
-    recorded, looked = done[: 3 * WINDOW], done[3 * WINDOW :]
-    assert recorded == ["sync", "state", "step"] * WINDOW
-    assert looked == ["sync", "state"] + ["sync", "step", "state"] * 9
-
-
-def test_a_window_is_recorded_without_page_faults():
-    resource = pytest.importorskip("resource")
-    if not hasattr(resource, "RUSAGE_THREAD"):
-        pytest.skip("page faults of a thread are counted by Linux alone")
-    hand = Hand()
-    hand.run(2)
-    zeros, pipeline = hand.pipeline.zeros, hand.pipeline
-    before = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
-    for _ in range(WINDOW - 2):
-        zeros.look(pipeline.counts, pipeline.status)
-    faults = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt - before
-    pages = WINDOW * (pipeline.counts.nbytes + pipeline.status.nbytes) // resource.getpagesize()
-    assert faults < pages // 4
+    at = done.index("judge")
+    assert done[: at + 2] == ["sync", "state"] * WINDOW + ["sync", "judge", "state"]
+    assert done.count("judge") == 1

@@ -229,7 +229,7 @@ def recorded(tmp_path, monkeypatch):
     with can.CanutilsLogWriter(path) as writer:
         for cycle in range(60):
             sync.clear()
-            sync.append(loaded.buses[0].sync_id, bytes([cycle]))
+            sync.append(loaded.sync_id, bytes([cycle]))
             answers.clear()
             nodes.respond(sync.frames, answers)
             for i, frame in enumerate([*sync.frames, *answers.frames]):
@@ -288,7 +288,7 @@ def test_channels_of_a_log_are_the_buses_of_the_skin(tmp_path, capsys):
         for cycle in range(cycles):
             for index, bus in enumerate(loaded.buses):
                 sync.clear()
-                sync.append(bus.sync_id, bytes([cycle]), bus=index)
+                sync.append(loaded.sync_id, bytes([cycle]), bus=index)
                 answers.clear()
                 nodes.respond(sync.frames, answers, index)
                 for frame in [*sync.frames, *answers.frames]:

@@ -30,7 +30,7 @@ def partly_off(tmp_path):
     """A palm of which a unit is switched off."""
     file = tmp_path / "palm.toml"
     text = topology.load("palm").path.read_text()
-    file.write_text(text + '\n[[units]]\nunit = "palm/r0c0"\nenabled = false\n')
+    file.write_text(text + '\n[[overrides]]\nunit = "palm/r0c0"\nenabled = false\n')
     assert not topology.load(file).enabled.all()
     return str(file)
 

@@ -72,8 +72,8 @@ def test_a_healthy_log_is_well(healthy, capsys):
 def test_the_identity_of_units_is_compared_or_said_not_to_be(beaten, tmp_path, capsys):
     file = tmp_path / "pad.toml"
     file.write_text(
-        'format = 1\nname = "pad"\n[[buses]]\nname = "main"\ninterface = "socketcan"\n'
-        'channel = "can7"\ncycle_rate_hz = 250\nsync_id = 0x80\n'
+        'format = 1\nname = "pad"\ncycle_rate_hz = 250\nsync_id = 0x80\n'
+        '[[buses]]\nname = "main"\ninterface = "socketcan"\nchannel = "can7"\n'
         '[[patches]]\nname = "pad"\nkind = "grid"\nrows = 2\ncolumns = 1\npitch_m = 0.0125\n'
         'bus = "main"\nlayout = "f3t-classic"\nfirst_id = 0x100\ncalibration = "own.toml"\n'
     )

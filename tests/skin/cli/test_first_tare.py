@@ -14,12 +14,12 @@ HEAD = """# My hand.
 format = 1
 name = "hand"
 
+cycle_rate_hz = 250
+sync_id = 0x080
 [[buses]]
 name = "main"
 interface = "memory"
 channel = "can0"
-cycle_rate_hz = 250
-sync_id = 0x080
 """
 PATCH = """
 [[patches]]

@@ -19,12 +19,12 @@ from skin.physics.stencil import Stencil
 
 HEAD = """format = 1
 name = "hand"
+cycle_rate_hz = 250
+sync_id = 0x080
 [[buses]]
 name = "main"
 interface = "{interface}"
 channel = "can0"
-cycle_rate_hz = 250
-sync_id = 0x080
 """
 PATCH = """[[patches]]
 name = "P"

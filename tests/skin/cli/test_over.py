@@ -11,6 +11,7 @@ from skin.cli import main
 TOPOLOGY = """name = "palm"
 [[buses]]
 name = "main"
+interface = "memory"
 [[patches]]
 name = "palm"
 """

@@ -43,7 +43,7 @@ def units_of(fields, by_strength, rng):
     moved = np.vstack([turned / K_RAD_PER_MM * fields[:2] / size - FILM_MM[:, np.newaxis],
                        np.full(n, DEPTH_MM)])  # fmt: skip
     data = contact_data(n, 2, 0)._replace(
-        covariance_ut2=root @ root.transpose(0, 2, 1), gain=np.zeros((2, 2, 2, 6, 3))
+        covariance_ut2=root @ root.transpose(0, 2, 1), gain=np.zeros((2, 2, 2, 3, 6))
     )
     data.units["field"], data.units["field_displacement"] = fields.T, moved.T
     data.units["residue"] = rng.uniform(1.0, 9.0, n)
@@ -98,8 +98,8 @@ def test_wrenches_per_field_and_their_covariance_are_those_of_plain_matrices():
             gain[pose["body"], rest, :3] += forces
             gain[pose["body"], rest, 3:] += np.cross(pose["position"], forces, axisb=0, axisc=0)
         shared = add_shared(u, pose, data.gain[0])
-        assert shared[:2] == pytest.approx(u["residue"] * (found[:, :2] ** 2).sum(axis=1))
-    np.testing.assert_allclose(data.gain[0], gain, rtol=1e-9, atol=1e-12)
+        assert shared == pytest.approx(u["residue"] * (found[:, :2] ** 2).sum(axis=1))
+    np.testing.assert_allclose(data.gain[0].swapaxes(2, 3), gain, rtol=1e-9, atol=1e-12)
     before = rng.standard_normal((6, 6))
     covariance = before.copy()
     spread_shared(data.gain[0], 7.0, data, covariance)

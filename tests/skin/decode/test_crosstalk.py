@@ -10,7 +10,7 @@ import pytest
 from msgspec import structs
 
 import topology
-from skin.calibrate.field_angle import angle_powers, field_angle
+from skin.calibrate.film import angle_powers
 from skin.decode import crosstalk as crosstalk_module
 from skin.decode.crosstalk import CrossTalk
 from skin.errors import SkinError
@@ -185,7 +185,9 @@ def inverse():
     alone = plane(1, 1)
     moved = np.stack([reach, 0.0 * reach, depth], axis=1)[:, :, np.newaxis]
     field = own_ut(alone, moved)[..., 0]
-    table = np.linalg.lstsq(angle_powers(field_angle(field), depth), reach)[0]
+    table = np.linalg.lstsq(
+        angle_powers(np.arctan2(np.hypot(field[:, 0], field[:, 1]), field[:, 2]), depth), reach
+    )[0]
     return lambda angle, depth: (angle_powers(angle.ravel(), depth.ravel()) @ table).reshape(
         angle.shape
     )

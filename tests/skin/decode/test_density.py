@@ -20,11 +20,12 @@ BUS = """
 format = 1
 name = "dense"
 
-[[buses]]
-name = "main"
-data_bitrate = 5_000_000
 sync_id = 0x80
 cycle_rate_hz = 50
+[[buses]]
+name = "main"
+interface = "memory"
+data_bitrate = 5_000_000
 """
 
 
@@ -57,9 +58,9 @@ def checked(tmp_path, text, capsys):
 @pytest.mark.parametrize(
     ("text", "line", "where"),
     [
-        (GRID, 19, "patches[0] 'p' pitch_m: must be larger, for "),
-        (LIST, 21, "patches[0] 'p' units[1] xyz_m: must be farther from p/0, for "),
-        (STACK, 30, "patches[1] 'q' pose: must be farther from p/"),
+        (GRID, 20, "patches[0] 'p' pitch_m: must be larger, for "),
+        (LIST, 22, "patches[0] 'p' units[1] xyz_m: must be farther from p/0, for "),
+        (STACK, 31, "patches[1] 'q' pose: must be farther from p/"),
     ],
 )
 def test_check_says_which_key_of_a_dense_skin_to_change(text, line, where, tmp_path, capsys):

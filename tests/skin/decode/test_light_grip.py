@@ -23,10 +23,11 @@ RATE_HZ = 250.0
 EARTH = np.array([20.0, 30.0, -44.0])
 PAIR = """format = 1
 name = "pair"
+cycle_rate_hz = 250
 [[buses]]
 name = "main"
+interface = "memory"
 data_bitrate = 5_000_000
-cycle_rate_hz = 250
 """
 PAD = """[[patches]]
 name = "{name}"

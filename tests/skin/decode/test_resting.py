@@ -16,12 +16,10 @@ from benchmarks.trust_film import FILMS
 from benchmarks.trust_plant import BX, BZ, FREQUENCY, Plant, Touch, Units
 from benchmarks.trust_skin import REST_S, Player, Skin, shape_of, square
 from bus.status import Status
-from skin.calibrate.amplitude import fit_crest
-from skin.calibrate.bench.spread import misfit_sigma, rms
-from skin.calibrate.film import fit_film, map_field
-from skin.calibrate.read import as_fit
+from skin.calibrate.files import with_fits
+from skin.calibrate.film import fit_crest, fit_film, map_field, misfit_sigma
+from skin.calibrate.fit import as_fit, rms
 from skin.calibrate.tare import tare
-from skin.calibrate.write import with_fits
 from skin.decode.decoder import Decoder
 from tests.fixtures.decode import strokes, with_parameters
 from topology import Topology
@@ -71,7 +69,7 @@ def known_films(plant: Plant) -> Topology:
         amplitude_sigma = misfit_sigma(crest, NOISE_UT) / rms(lateral)
         sigma = {"field_angle_sigma_mm": film.sigma_mm, "field_sigma_ut": NOISE_UT,
                  "field_amplitude_sigma_relative": amplitude_sigma}  # fmt: skip
-        found[name] = film.fit, crest, as_fit({k: (v, np.nan) for k, v in sigma.items()}, 0)
+        found[name] = film.fit, crest, as_fit({k: (v, np.nan) for k, v in sigma.items()})
     return with_fits(known, found)
 
 

@@ -19,7 +19,7 @@ from skin.physics.halbach import HalbachField
 from skin.sim import scenes
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.decode import with_parameters
-from topology.parameter_roles import SIGMAS
+from topology.model import SIGMAS
 
 PALM = topology.load("palm")
 ROOM_C, TIMES = 25.0, 100

@@ -17,11 +17,12 @@ from skin.sim.scenes.play import DEEPEST_MM
 OPPOSED = """
 format = 1
 name = "opposed"
-[[buses]]
-name = "main"
-data_bitrate = 5_000_000
 cycle_rate_hz = 250
 sync_id = 0x080
+[[buses]]
+name = "main"
+interface = "memory"
+data_bitrate = 5_000_000
 [[patches]]                     # a thumb that stands 60 mm above the palm and looks at it
 name = "thumb"
 kind = "dome"

@@ -12,6 +12,7 @@ from skin.contact.record import Flag
 from skin.io.messages.record import contacts_of
 from skin.options import Options
 from skin.pipeline import Pipeline
+from skin.robot.joints import Joints
 from skin.state import Status, if_wanted
 from skin.view import snapshot
 from skin.view.drawing import contact_label
@@ -141,17 +142,17 @@ def test_poses_come_when_they_change(clock):
 def test_joints_come_with_the_poses_that_they_are_of(tmp_path, clock):
     """NaN where poses were set without joints, as a replay does."""
     gripper = load(write_gripper(tmp_path))
-    pipeline = Pipeline(gripper, Options(want={"temperature"}))
+    pipeline, joints = Pipeline(gripper, Options(want={"temperature"})), Joints(gripper)
     ring = RingBuffer(snapshot_dtype(gripper, 16), 8)
     taken = Snapshots(ring, pipeline, None)
     assert drained(ring)["q"].tolist() == [[0.0]]
     expected = []
-    for act, q in (
-        (lambda: pipeline.move_joints({"close": 0.02}), 0.02),
-        (lambda: pipeline.move(gripper.position, gripper.rotation), np.nan),
-        (lambda: pipeline.move_joints([0.03]), 0.03),
-    ):
-        act()
+    for q in (0.02, np.nan, 0.03):
+        if np.isnan(q):
+            pipeline.move(gripper.position, gripper.rotation)
+        else:
+            joints.move([q])
+            pipeline.move(*joints.unit_poses, joints.q)
         clock[0] += 1.0
         assert taken.look(pipeline.now)
         expected.append([q])

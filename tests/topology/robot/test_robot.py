@@ -53,6 +53,18 @@ def test_the_base_is_the_frame_of_the_skin(tmp_path):
     assert in_left.position[0, :4] == pytest.approx([0.010] * 4)
 
 
+def test_a_model_of_absurd_numbers_is_refused(tmp_path):
+    absurd = GRIPPER.replace("-0.05 0 0.03", "1e308 0 0").replace("-0.01", "1e308")
+    with pytest.raises(TopologyError, match="robot model: must be a model in metres"):
+        load(write_gripper(tmp_path, absurd))
+
+
+def test_a_joint_of_mjcf_that_others_follow_follows_none(tmp_path):
+    both = '<joint joint1="close" joint2="turn" polycoef="0 1 0 0 0"/></equality>'
+    (tmp_path / "gripper.xml").write_text(MJCF.replace("</equality>", both))
+    assert read_model(tmp_path / "gripper.xml").joint_names == ("turn", "close")
+
+
 def test_frames_on_a_link_carry_patches_with_it(tmp_path):
     file = write_gripper(tmp_path)
     text = file.read_text().replace('link = "left"', 'frame = "pad"', 1)
@@ -142,7 +154,7 @@ def test_meshes_of_packages_are_found_around_the_model(tmp_path):
         ("<robot ", "<!DOCTYPE x [<!ENTITY a 'b'>]>\n<robot ", "a document type, whose entities"),
         ('<child link="right"/>', '<child link="left"/>', "'close' carries it already"),
         ('<link name="palm">', '<link name="other"/><link name="palm">', "got 'other, palm'"),
-        ('type="prismatic"', 'type="floating"', "must be fixed, revolute (hinge), continuous"),
+        ('type="prismatic"', 'type="floating"', "must be fixed, revolute, continuous"),
         ("<robot ", "<sdf ", "mismatched tag"),
         ('<mimic joint="close"/>', '<mimic joint="close_right"/>', "nearest: 'close'"),
         (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.calibrate.bench.align import align
+from skin.calibrate.bench.series import align
 from skin.errors import ScanError
 
 

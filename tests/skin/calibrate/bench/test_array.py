@@ -11,9 +11,8 @@ import pytest
 
 from benchmarks.bench import ORDER, Bench, Path3, skin_of_text, text_of
 from benchmarks.bench import SECONDS as LASTS_S
-from skin.calibrate.bench import plan
 from skin.calibrate.bench.array import fit_array
-from skin.calibrate.bench.file import Column, Recording, Segment
+from skin.calibrate.bench.file import UNIT, Column, Recording, Segment, steps
 from skin.calibrate.bench.series import series_of
 from skin.errors import ScanError
 from skin.physics.elastic import Elastic
@@ -116,7 +115,7 @@ def test_a_recording_without_force_is_refused():
 
 
 def test_the_protocol_of_the_lab_is_that_of_the_plan():
-    told = [(step.kind, float(step.seconds)) for step in plan.UNIT if step.kind != "neighbours"]
+    told = [(step.kind, float(step.seconds)) for step in UNIT if step.kind != "neighbours"]
     assert told == [(kind, LASTS_S[kind]) for kind in ORDER]
 
 
@@ -126,7 +125,7 @@ def test_the_plan_presses_the_weakest_unit_to_its_end_and_none_beyond():
     own = {"normal_soft_n_per_hz": [0.6, 1.5, 1.0], "normal_break_hz": [2.0, 0.5, 1.0],
            "normal_max_n": [1.0, 1.0, 0.8]}  # fmt: skip
     p = rest.parameters | {name: rest.parameters[name] * own[name] for name in own}
-    (text,) = (step.text for step in plan.steps(dataclasses.replace(rest, parameters=p))[0]
+    (text,) = (step.text for step in steps(dataclasses.replace(rest, parameters=p))[0]
                if step.text.startswith("press straight down"))  # fmt: skip
     depth_mm = float(re.search(r"to ([\d.]+) mm", text)[1])
     share = []

@@ -12,9 +12,9 @@ from benchmarks.accuracy_skin import with_parameters
 from benchmarks.bench import RATE_HZ, protocol
 from benchmarks.lab import Lab
 from skin.calibrate.bench.file import Recording, Segment
-from skin.calibrate.bench.fit import fit_unit
 from skin.calibrate.bench.series import Counts, series_of
-from skin.calibrate.learn import AMBIENT_UT
+from skin.calibrate.bench.unit import fit_unit
+from skin.calibrate.laws import AMBIENT_UT
 from skin.sim.unit import UnitSimulator
 
 AMBIENT = np.array([30.0, -15.0, -40.0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skin.calibrate.bench.file import read_bench
-from skin.calibrate.bench.table import read_table
+from skin.calibrate.bench.series import read_table
 from skin.errors import ScanError
 from topology import TopologyError
 

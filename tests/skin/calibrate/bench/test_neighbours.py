@@ -14,8 +14,8 @@ from benchmarks.films import RATE_HZ, press
 from benchmarks.films import _scored as scored
 from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
 from skin.calibrate.bench.file import Recording, Segment
-from skin.calibrate.bench.neighbours import learn_stencil
 from skin.calibrate.bench.series import Counts, series_of
+from skin.calibrate.crosstalk import learn_stencil
 from skin.calibrate.tare import tare
 from skin.cli import main
 from skin.errors import ScanError
@@ -80,8 +80,8 @@ def simulated(skin, pressed):
 def recorded(tmp_path):
     """A BENCH file of four units side by side, without a reference; and their topology."""
     (tmp_path / "skin.toml").write_text(
-        'format = 1\nname = "quad"\n[[buses]]\nname = "main"\ndata_bitrate = 5_000_000\n'
-        f"cycle_rate_hz = {RATE_HZ:g}\nsync_id = 0x80\n"
+        f'format = 1\nname = "quad"\ncycle_rate_hz = {RATE_HZ:g}\nsync_id = 0x80\n'
+        '[[buses]]\nname = "main"\ninterface = "memory"\ndata_bitrate = 5_000_000\n'
         '[[patches]]\nname = "pad"\nkind = "grid"\nrows = 2\ncolumns = 2\npitch_m = 0.012\n'
         'bus = "main"\nlayout = "f3t-fd16"\nfirst_id = 0x100\ncalibration = "pad.toml"\n'
     )

@@ -14,8 +14,8 @@ from benchmarks.creep import SHARE, STRETCH, TIME_S, UNLIKE
 from benchmarks.lab import Lab, unseen
 from skin import Decoder
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.fit import fit_unit
-from skin.calibrate.write import with_fits
+from skin.calibrate.bench.unit import fit_unit
+from skin.calibrate.files import with_fits
 
 CREEP = frozenset({"creep"})
 RARE = 1e-3

@@ -19,7 +19,7 @@ from bus.frame import FrameBatch
 from bus.logs import open_writer
 from skin.calibrate.bench.run import calibrate_bench
 from skin.calibrate.bench.series import read_counts
-from skin.calibrate.read import read_calibration
+from skin.calibrate.files import read_calibration
 from skin.calibrate.tare import tare
 from skin.cli import main
 
@@ -96,10 +96,9 @@ def test_the_file_tells_serial_hash_range_goodness_and_covariance(bench, fitted)
         p = len(law["parameters"])
         assert len(law["sigma"]) == p
         assert len(law["correlation"]) == p * (p - 1) // 2
-    # the gel's law is bent by nothing, shear does not stiffen with depth, and nothing relaxes
+    # the gel's law is bent by nothing, the best shear law would soften, and nothing relaxes
     assert set(told["kept"]) == {
-        "gel_bend_c", "gel_twist_c", "shear_cubic_n_per_mm3", "shear_gain_per_mm",
-        "normal_creep", "shear_creep",
+        "gel_bend_c", "gel_twist_c", "shear_cubic_n_per_mm3", "normal_creep", "shear_creep",
     }  # fmt: skip
 
 
@@ -174,7 +173,7 @@ def test_what_is_killed_while_it_writes_leaves_the_old_file(fitted, tmp_path, mo
     def killed(*_):
         raise SystemExit(143)  # as the command does at SIGTERM
 
-    monkeypatch.setattr("skin.calibrate.write.carry_comments", killed)
+    monkeypatch.setattr("skin.calibrate.files.carry_comments", killed)
     with pytest.raises(SystemExit):
         fitted.write(out)
     assert out.read_text() == 'format = 1\npatch = "pad"\n'
@@ -230,7 +229,7 @@ def test_a_log_of_the_bus_gives_the_counts_of_a_table(bench, tmp_path):
         for k, cycle in enumerate(counts.counts):
             batch.clear()
             stamp_ns = round(1e9 * counts.time_s[k]) + 10**9
-            batch.append(skin.buses[0].sync_id, bytes([k % 256]), stamp_ns=stamp_ns)
+            batch.append(skin.sync_id, bytes([k % 256]), stamp_ns=stamp_ns)
             packer(cycle, batch, sequence=k, stamp_ns=stamp_ns)
             log.write(batch)
     found = read_counts(skin, tmp_path / "run.log")
@@ -255,7 +254,7 @@ def test_parquet_is_read_as_csv_is(tmp_path):
     arrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
-    from skin.calibrate.bench.table import read_table
+    from skin.calibrate.bench.series import read_table
 
     parquet.write_table(arrow.table({"t": [0.0, 1.0], "n": [1, None]}), tmp_path / "a.parquet")
     (tmp_path / "a.csv").write_text("t,n\n0,1\n1,\n")

@@ -35,7 +35,7 @@ def test_the_log_of_a_bus_tells_the_serial_numbers_of_its_boards(tmp_path):
         for k, cycle in enumerate(counts[:20]):
             batch.clear()
             stamp_ns = 10**9 + k * 20_000_000
-            batch.append(skin.buses[0].sync_id, bytes([k % 256]), stamp_ns=stamp_ns)
+            batch.append(skin.sync_id, bytes([k % 256]), stamp_ns=stamp_ns)
             packer(cycle, batch, sequence=k, stamp_ns=stamp_ns)
             if k == 3:
                 beat = LAYOUT.pack(1, 5, 1, 1001, 0, 0)

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.accuracy_skin import SPREAD, Made, apart, differing
 from benchmarks.bench import DEEPEST_MM, protocol
-from skin.calibrate.write import with_fits
+from skin.calibrate.files import with_fits
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication

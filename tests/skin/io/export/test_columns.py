@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from skin.io.export import columns, write_tables
 from skin.io.export.columns import CYCLES
 from skin.io.messages.definitions import fields_of
 from tests.fixtures.live import frames_of
-from tests.house import columns as reference
 
 CYCLES_OF_LOG = 350
 FORMATS = ("parquet", "csv", "npz")
@@ -254,8 +252,3 @@ def test_a_data_set_has_the_contacts_and_test_ratios_of_the_states(
 def test_a_message_has_all_that_leaves_of_a_contact():
     missing = {one.name for one in QUANTITIES} - fields_of("f3t_msgs/msg/Contact").keys()
     assert not missing, f"f3t_msgs/msg/Contact lacks {', '.join(missing)}"
-
-
-def test_the_page_of_columns_is_that_of_the_table():
-    path = Path(reference.PAGE)
-    assert path.read_text("utf-8") == reference.page(), "python -m tests.house draw"

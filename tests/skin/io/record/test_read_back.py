@@ -120,7 +120,7 @@ def test_all_frames_are_there_and_none_else(run, decoded):
         np.frombuffer(bytes(one.ros_msg.frames), FRAME_DTYPE) for one in decoded["/skin/frames"]
     ])  # fmt: skip
     assert len(frames) == last.data + last.sync + last.heartbeat
-    syncs = frames[frames["id"] == run[0].buses[0].sync_id]
+    syncs = frames[frames["id"] == run[0].sync_id]
     assert syncs["data"][:, 0].tolist() == [i & 0xFF for i in range(CYCLES)]
 
 

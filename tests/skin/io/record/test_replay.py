@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 import skin
 import topology
@@ -25,6 +24,7 @@ from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
+from skin.sinks import Ending
 from skin.state import if_wanted
 from tests.fixtures.live import PERIOD_NS, frames_of, over
 from tests.fixtures.robots import write_gripper
@@ -150,7 +150,7 @@ def recorded(loaded, file, deadline_s=None):
     """A recorded pipeline whose clock is told, and that clock."""
     now = [10**12]
     pipeline = Pipeline(loaded, Options(), deadline_s=deadline_s)
-    pipeline.attach(Recorder(file, pipeline))
+    pipeline.sinks.attach(Recorder(file, pipeline))
     pipeline.assembler._clock = lambda: now[0]
     return pipeline, now
 
@@ -161,11 +161,11 @@ def test_silence_of_the_host_that_sends_sync_is_replayed(tmp_path):
     rng = np.random.default_rng(3)
     for _ in range(80):
         now[0] += int(rng.integers(0, 3 * PERIOD_NS))
-        for end in (pipeline.expire, pipeline.silence):
-            state = end(now[0])
+        for by in (Ending.EXPIRED, Ending.SILENT):
+            state = pipeline.end(by, now[0])
             if state is not None:
                 live.append(state.copy())
-    pipeline.close()
+    pipeline.sinks.stop()
     assert len(live) > 40
     assert np.ptp(np.diff([state.cycle for state in live])) > 0
     check(file, live)
@@ -174,20 +174,18 @@ def test_silence_of_the_host_that_sends_sync_is_replayed(tmp_path):
 def test_units_without_sync_are_replayed(tmp_path):
     file, live, loaded = tmp_path / "run.mcap", [], topology.load("strip")
     frames = frames_of("strip", "press", 80)
-    frames = frames[frames["id"] != loaded.buses[0].sync_id]
-    free = dataclasses.replace(
-        loaded, buses=tuple(replace(bus, sync_id=None) for bus in loaded.buses)
-    )
+    frames = frames[frames["id"] != loaded.sync_id]
+    free = dataclasses.replace(loaded, sync_id=None)
     pipeline, now = recorded(free, file)
     rng = np.random.default_rng(4)
     for part in np.array_split(frames, 100):
         now[0] += int(rng.integers(0, 2 * PERIOD_NS))
-        state = pipeline.expire(now[0])
+        state = pipeline.end(Ending.EXPIRED, now[0])
         live += [] if state is None else [state.copy()]
         live += [state.copy() for state in pipeline.feed(part)]
-    state = pipeline.flush()
+    state = pipeline.end(Ending.FLUSHED)
     live += [] if state is None else [state.copy()]
-    pipeline.close()
+    pipeline.sinks.stop()
     assert len(live) > 30
     assert {state.closed_by for state in live} == {"deadline", "end"}
     check(file, live)
@@ -200,9 +198,9 @@ def test_a_batch_that_no_slot_has_room_for_is_replayed(tmp_path):
         states = sum(1 for _ in itertools.islice(strip, 60))
     frames = np.concatenate([b.frames.copy() for b in skin.offline.read(log)])
     pipeline = Pipeline(loaded)
-    pipeline.attach(Recorder(file, pipeline))
+    pipeline.sinks.attach(Recorder(file, pipeline))
     live = [state.copy() for state in pipeline.feed(frames)]
-    pipeline.close()
+    pipeline.sinks.stop()
     assert len(live) >= states - 1
     check(file, live)
 

@@ -58,7 +58,7 @@ def test_poses_of_the_skin_follow_the_joints() -> None:
     world, state = played()
     with world:
         position, _ = world.scene.unit_poses()
-        own = world.skin.pipeline.joints.unit_poses[0]
+        own = world.skin.joints.unit_poses[0]
         assert own == pytest.approx(position, abs=1e-9)
         assert state.wrench[:3] == pytest.approx(world.truth.units.wrench[:3], abs=0.3)
 

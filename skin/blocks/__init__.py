@@ -1,1 +1,0 @@
-"""Many cycles at once: the contents of states, as arrays with a leading axis of cycles."""
