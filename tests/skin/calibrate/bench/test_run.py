@@ -227,16 +227,16 @@ def test_a_log_of_the_bus_gives_the_counts_of_a_table(bench, tmp_path):
     counts = lab.counts(path)
     skin, packer, batch = lab.nominal, Packer(lab.nominal), FrameBatch(4)
     with open_writer(tmp_path / "run.log") as log:
-        for k, cycle in enumerate(counts.counts):
+        for k, cycle in enumerate(counts):
             batch.clear()
-            stamp_ns = round(1e9 * counts.time_s[k]) + 10**9
+            stamp_ns = round(1e9 * path.time_s[k]) + 10**9
             batch.append(skin.sync_id, bytes([k % 256]), stamp_ns=stamp_ns)
             packer(cycle, batch, sequence=k, stamp_ns=stamp_ns)
             log.write(batch)
     found = read_counts(skin, tmp_path / "run.log")
     assert found.heard.all()
-    np.testing.assert_allclose(found.time_s, counts.time_s, atol=1e-9)
-    np.testing.assert_array_equal(found.counts, counts.counts)
+    np.testing.assert_allclose(found.time_s, path.time_s, atol=1e-9)
+    np.testing.assert_array_equal(found.counts, counts)
 
 
 def test_parquet_without_its_library_names_the_extra(bench, tmp_path, capsys, monkeypatch):
