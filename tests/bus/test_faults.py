@@ -470,7 +470,7 @@ def test_a_wrong_script_is_refused_with_every_problem_and_its_line(tmp_path, mon
     with pytest.raises(FaultScriptError) as raised:
         Injector(FaultScript(faults=faults))
     text.append(str(raised.value))
-    check_golden("faults", text)
+    check_golden("faults", "".join(f"{each}\n" for each in text))
 
 
 # -- skin sim --------------------------------------------------------------------------------------
