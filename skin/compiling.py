@@ -47,7 +47,7 @@ def compile_calls(calls: Iterable[tuple[Any, ...]]) -> None:
         return
     file, began, left = terminal(), time.monotonic(), len(jobs)
     if file is None:
-        _log.warning(BEGUN)
+        _say_begun()
     else:
         _draw(file, 0, len(jobs), began)
 
@@ -101,4 +101,5 @@ def announce() -> None:
 
 @functools.cache
 def _say_begun() -> None:
+    """Once in this process, whichever way comes first."""
     _log.warning(BEGUN)

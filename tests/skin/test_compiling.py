@@ -97,6 +97,15 @@ def test_a_log_has_two_lines(two_jobs, monkeypatch, caplog):
     assert re.fullmatch(r"f3t-skin: compiled in \d+\.\d+ s", done)
 
 
+def test_what_this_process_compiles_first_is_not_announced_again(two_jobs, monkeypatch, caplog):
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    compiling.announce()
+    with event.trigger_event("numba:compile", data={"dispatcher": Kernel()}):
+        until(lambda: caplog.messages)
+    compiling.compile_calls([])
+    assert caplog.messages.count(LINE) == 1
+
+
 def test_a_terminal_has_a_bar_that_goes_when_all_is_compiled(two_jobs, monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
