@@ -18,7 +18,7 @@ from bus.assemble.memory import (
     new_shown,
 )
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
-from bus.frame import FRAME_DTYPE, FrameViews, views
+from bus.frame import FRAME_DTYPE, views
 from bus.table import FrameTable, Tables
 from topology import Topology
 
@@ -242,24 +242,6 @@ class Assembler:
             return None
         self._close(BY_END, *self._arrays)
         return self.cycle()
-
-    def take(self, row: int, rows: FrameViews) -> tuple[int, RawCycle | None]:
-        """Take frames from a row on until a cycle closes.
-
-        Parameters
-        ----------
-        row : int
-        rows : FrameViews
-
-        Returns
-        -------
-        row : int
-            Next row.
-        cycle : RawCycle or None
-            None where the frames end first.
-        """
-        row = self._feed(row, rows, *self._arrays)
-        return row, self.cycle() if self._closed_by[0] else None
 
     def cycle(self) -> RawCycle:
         """The cycle that closed last; for callers of the kernels."""
