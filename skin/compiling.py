@@ -16,7 +16,11 @@ import sys
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack
-from typing import Any, TextIO
+from threading import Thread, Timer
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    from bus.compiled.warm import Job
 
 __all__ = ["announce", "compile_calls", "terminal"]
 
@@ -32,17 +36,30 @@ _watching = ExitStack()
 atexit.register(_watching.close)
 
 
-def compile_calls(calls: Iterable[tuple[Any, ...]]) -> None:
-    """Compile kernels that are not in the cache, in several processes.
+def compile_calls(calls: Iterable[tuple[Any, ...]]) -> Thread:
+    """Have several processes compile kernels that are not in the cache.
 
     Parameters
     ----------
     calls : iterable of tuple
         Kernels with their arguments, those that take longest first.
-    """
-    from bus.compiled.warm import Job, jobs_of, side_by_side
 
-    jobs = jobs_of(calls)
+    Returns
+    -------
+    Thread
+        That ends when all are compiled.
+    """
+    from bus.compiled.warm import jobs_of
+
+    thread = Thread(target=_compile, args=(jobs_of(calls),), daemon=True)
+    thread.start()
+    return thread
+
+
+def _compile(jobs: list[Job]) -> None:
+    """Compile, and show how far it is."""
+    from bus.compiled.warm import side_by_side
+
     if not jobs:
         return
     file, began, left = terminal(), time.monotonic(), len(jobs)
@@ -85,8 +102,6 @@ def terminal() -> TextIO | None:
 @functools.cache
 def announce() -> None:
     """Say, once in this process, that a kernel is being compiled when one takes long."""
-    from threading import Timer
-
     from bus.compiled.watch import watch
 
     timers: list[Timer] = []

@@ -97,21 +97,23 @@ def open(
         check_number("seed", seed, 0, MOST_SEED, whole=True)
     announce()
     with ExitStack() as undo:
-        nodes = _nodes(loaded, simulate, seed, sync)
+        scene = _scene(loaded, simulate, seed, sync)
+        pipeline = _pipeline(loaded, options, scene)
+        undo.callback(pipeline.sinks.stop)
+        pipeline.compile()  # while the rest is opened
+        nodes = _nodes(loaded, scene, seed)
         if nodes is not None:
             undo.callback(nodes.close)
-            loaded = loaded.exact() if nodes.exact else loaded
+        loaded = pipeline.topology
         ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         ends = _faulty(ends, loaded, nodes, faults)
-        pipeline = Pipeline(loaded, options)
-        undo.callback(pipeline.sinks.stop)
         recorder, frames = _recording(record, pipeline, ends)
         undo.pop_all()  # no error: the skin closes them
     return Skin(pipeline, ends, recorder, sync=sync, pace=pace, nodes=nodes, log=frames)
 
 
-def _nodes(topology: Topology, scene: Any, seed: int | None, sync: Sync) -> SimulatedUnits | None:
-    """Simulated units, if a scene is given; any false value means hardware."""
+def _scene(topology: Topology, scene: Any, seed: int | None, sync: Sync) -> Scene | None:
+    """What simulated units play; None, for any false value, means hardware."""
     try:
         if not scene:
             return None
@@ -119,9 +121,27 @@ def _nodes(topology: Topology, scene: Any, seed: int | None, sync: Sync) -> Simu
         raise OptionError(f"simulate: must be a scene; got {shown(scene)}") from None
     if sync != "host" and topology.sync_id is not None:
         raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
-    from skin.sim.node import simulated_units
+    from skin.sim.node import played
 
-    return simulated_units(topology, scene, seed)
+    return played(topology, scene, seed)
+
+
+def _pipeline(topology: Topology, options: Options, scene: Scene | None) -> Pipeline:
+    """The pipeline; of simulated units without errors of fabrication it knows the constants."""
+    if scene is None:
+        return Pipeline(topology, options)
+    from skin.sim.node import is_exact
+
+    return Pipeline(topology.exact() if is_exact(scene) else topology, options)
+
+
+def _nodes(topology: Topology, scene: Scene | None, seed: int | None) -> SimulatedUnits | None:
+    """Simulated units that play a scene, if there is one."""
+    if scene is None:
+        return None
+    from skin.sim.node import SimulatedUnits
+
+    return SimulatedUnits(topology, scene, seed=seed or 0)
 
 
 def _ends(topology: Topology, nodes: SimulatedUnits | None) -> Iterable[Transport]:

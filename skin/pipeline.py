@@ -11,7 +11,8 @@ stage to its arrays before the first cycle.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from threading import Thread
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -107,6 +108,7 @@ class Pipeline:
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
         self.zeros: Zeros | None = None
+        self._compiling: Thread | None = None
         self.poses = topology.position, topology.rotation
         self.q = None if topology.robot is None else topology.robot.home
         self.deadline_s = deadline_s
@@ -223,12 +225,25 @@ class Pipeline:
             stream.data.cycle[name].data for name in ("whole", "untracked")
         )
 
-    def warmup(self) -> None:
-        """Load or compile the kernels, so that the first cycle is not late."""
+    def calls(self) -> list[tuple[Any, ...]]:
+        """The kernels of a cycle, with arguments of their types, those that take longest first."""
+        contacts = [] if self.contacts is None else self.contacts.calls
+        return [*contacts, *self.decoder.calls(), *self.assembler.calls()]
+
+    def compile(self) -> None:
+        """Have other processes compile the kernels that are not in the cache; `warmup` waits for
+        them."""
         from skin.compiling import compile_calls
 
-        calls = [] if self.contacts is None else self.contacts.calls
-        compile_calls([*calls, *self.decoder.calls()])
+        self._compiling = compile_calls(self.calls())
+
+    def warmup(self) -> None:
+        """Load or compile the kernels, so that the first cycle is not late."""
+        if self._compiling is None:
+            self.compile()
+        assert self._compiling is not None
+        self._compiling.join()
+        self.assembler.warmup()
         self.decoder.warmup()
         if self.contacts is not None:
             self.contacts.warmup()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -61,14 +63,10 @@ class Assembler:
         deadline_s: float | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        from bus.assemble.feed import close_cycle, feed
-        from bus.compiled.jit import direct
-
         if stale_cycles < 1:
             raise ValueError(f"stale_cycles: must be at least 1; got {stale_cycles}")
         if deadline_s is not None and not 0 < deadline_s < float("inf"):
             raise ValueError(f"deadline_s: must be above 0 s and finite; got {deadline_s}")
-        self._feed, self._close = direct(feed), direct(close_cycle)
         self._clock = clock
         self._period_ns = max(1, round(1e9 / topology.cycle_rate_hz))
         self._silence_ns = (stale_cycles + 1) * self._period_ns
@@ -117,6 +115,30 @@ class Assembler:
     def sampled_ns(self) -> np.ndarray:
         """`RawCycle.sampled_ns` of the last cycle: the same array for every cycle."""
         return self._shown.sampled_ns
+
+    def calls(self) -> list[tuple[Any, ...]]:
+        """The kernels of a cycle, with arguments of their types."""
+        from bus.assemble.cycles import close_cycle
+        from bus.assemble.feed import feed
+
+        frames = views(np.zeros(1, FRAME_DTYPE))
+        return [(feed, 0, frames, *self._arrays), (close_cycle, BY_END, *self._arrays)]
+
+    @cached_property
+    def _kernels(self) -> tuple[Callable[..., Any], ...]:
+        """The same as calls from here: loaded, or compiled, by the first frame."""
+        from bus.compiled.jit import direct
+
+        return tuple(direct(*call) for call in self.calls())
+
+    def warmup(self) -> None:
+        """Load or compile the kernels, so that the first frame is not late."""
+        _ = self._kernels
+
+    def _close(self, by: int) -> RawCycle:
+        """The cycle that is open, closed by a BY_… of the kernels."""
+        self._kernels[1](by, *self._arrays)
+        return self.cycle()
 
     @property
     def arrays(self) -> tuple[Tables, Memory, Shown]:
@@ -171,11 +193,11 @@ class Assembler:
             raise ValueError(f"frames: must be FRAME_DTYPE of shape (m,); got {got}")
         state = self._state
         frames = np.ascontiguousarray(frames)
-        rows = views(frames)
+        rows, feed = views(frames), self._kernels[0]
         row = 0
         while row < frames.size:
             number = state["number"]
-            row = self._feed(row, rows, *self._arrays)
+            row = feed(row, rows, *self._arrays)
             if state["number"] != number and not state["is_free"]:
                 self._since_ns = self._clock()
             if self._closed_by[0]:
@@ -201,13 +223,12 @@ class Assembler:
             if periods < 1:
                 return None
             self._since_ns += periods * self._period_ns
-            self._close(BY_DEADLINE, *self._arrays)
+            self._kernels[1](BY_DEADLINE, *self._arrays)
             state["number"] += periods - 1
             return self.cycle()
         if not self.pending or now_ns - (self._since_ns or 0) < self.deadline_ns:
             return None
-        self._close(BY_DEADLINE, *self._arrays)
-        return self.cycle()
+        return self._close(BY_DEADLINE)
 
     def silence(self, now_ns: int) -> RawCycle | None:
         """Return a cycle without data if no SYNC has come for longer than `stale_cycles` periods.
@@ -232,16 +253,14 @@ class Assembler:
         self._since_ns += periods * self._period_ns
         state["number"] += periods
         state["stamp"] += periods * self._period_ns
-        self._close(BY_DEADLINE, *self._arrays)
-        return self.cycle()
+        return self._close(BY_DEADLINE)
 
     def flush(self) -> RawCycle | None:
         """Close the open cycle, at the end of a log or of a session; None if none is."""
         state = self._state
         if not self.pending or (state["is_free"] and not state["is_busy"]):
             return None
-        self._close(BY_END, *self._arrays)
-        return self.cycle()
+        return self._close(BY_END)
 
     def cycle(self) -> RawCycle:
         """The cycle that closed last; for callers of the kernels."""

@@ -10,7 +10,7 @@ import numpy as np
 from bus.assemble.accept import ENOUGH, position
 from bus.assemble.gather import tear
 from bus.assemble.memory import BELIEVED, BY_END, CALM, IN_DOUBT, NO_DOUBT
-from bus.compiled.jit import jitable
+from bus.compiled.jit import compiled, jitable
 from bus.status import INVALID, Status
 
 NEVER, LATE, STALE, FROZEN, FAULT, DUPLICATE, DISABLED, TORN = (
@@ -117,6 +117,9 @@ def close_cycle_python(why, tables, memory, shown):
     else:
         state["is_open"] = 0
     state["is_busy"] = 0
+
+
+close_cycle = compiled(close_cycle_python, allocates=False)
 
 
 @jitable

@@ -6,7 +6,6 @@ Frames are `bus.frame.FrameViews`, the expected ones `bus.table.Tables`.
 from __future__ import annotations
 
 import numpy as np
-from numba import typeof, types
 
 from bus.assemble.accept import (
     accept_count,
@@ -25,24 +24,16 @@ from bus.assemble.memory import (
     BY_DEADLINE,
     BY_NOTHING,
     BY_SYNC,
-    SET,
-    SOURCE,
-    STATE,
-    STUCK,
-    SYNC,
-    UNIT,
-    Memory,
     Outcome,
-    new_shown,
 )
-from bus.codec_kernels import TABLES, frame_crc_python, read_bits
+from bus.codec_kernels import frame_crc_python, read_bits
 from bus.compiled.jit import compiled, jitable
 from bus.configure import IDENTIFIER as CONFIGURATION_ID
-from bus.frame import CAN_ERR, CAN_RTR, ECHO, FD_FDF, PAYLOAD, FrameViews
+from bus.frame import CAN_ERR, CAN_RTR, ECHO, FD_FDF, PAYLOAD
 from bus.heartbeat import FIRST_ID as FIRST_HEARTBEAT
 from bus.heartbeat import LAST_ID as LAST_HEARTBEAT
 
-__all__ = ["close_cycle", "feed"]
+__all__ = ["feed"]
 
 STAMP_MAX = 1 << 61
 """Stamps beyond are invalid; sums of those below cannot overflow."""
@@ -203,37 +194,4 @@ def feed_python(row, views, tables, memory, shown):
     return row
 
 
-_int = types.int64
-_memory = typeof(
-    Memory(
-        state=np.zeros(1, STATE),
-        syncs=np.zeros(0, SYNC),
-        sources=np.zeros(0, SOURCE),
-        last=np.zeros((0, 0), np.uint8),
-        sets=np.zeros(0, SET),
-        units=np.zeros(0, UNIT),
-        totals=np.zeros(0, np.int64),
-        tallies=np.zeros((0, 0), np.int64),
-        gathered=np.zeros(0, np.int16),
-        gathered_codes=np.zeros(0, np.uint8),
-        staged=np.zeros(0, np.int16),
-        staged_codes=np.zeros(0, np.uint8),
-        staged_sequence=np.zeros(0, np.uint8),
-        staged_stamp=np.zeros(0, np.int64),
-        stuck=np.zeros((0, 0), STUCK),
-    )
-)
-_shown = typeof(new_shown(1))
-_words_in = types.Array(types.int64, 2, "C", readonly=True)
-_data_in = types.Array(types.uint8, 2, "C", readonly=True)
-_views_in = types.NamedTuple((_words_in, _data_in), FrameViews)
-
-# See `bus.codec_kernels` for the options.
-close_cycle = compiled(
-    close_cycle_python,
-    [types.void(_int, TABLES, _memory, _shown)], allocates=False,
-)  # fmt: skip
-feed = compiled(
-    feed_python,
-    [_int(_int, _views_in, TABLES, _memory, _shown)], allocates=False,
-)  # fmt: skip
+feed = compiled(feed_python, allocates=False)

@@ -35,9 +35,11 @@ class Kept(NamedTuple):
 
 
 def _first(array: np.ndarray, count: int | None) -> np.ndarray:
-    """A copy of the first records, as bytes: numpy copies records field by field, in 90 µs."""
-    size = None if count is None else count * array.itemsize
-    return array.view(np.uint8)[:size].copy().view(array.dtype)
+    """A copy of the first records, by way of their bytes: numpy copies records field by field,
+    and looks at each field where it gives bytes another type."""
+    size = array.size if count is None else int(count)
+    memory = bytearray(array.view(np.uint8)[: size * array.itemsize])
+    return np.ndarray((size,), array.dtype, memory)
 
 
 class Contact(Fields):

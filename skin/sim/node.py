@@ -32,7 +32,7 @@ from skin.sim.truth import Scene, Truth
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
-__all__ = ["Served", "SimulatedUnits", "simulated_units"]
+__all__ = ["Served", "SimulatedUnits", "is_exact", "played"]
 
 POLL_S = 0.05
 """Poll interval of a bus, for the stop flag."""
@@ -105,13 +105,6 @@ class SimulatedUnits:
         self._synced = topology.sync_id is not None
 
     # -- truth -------------------------------------------------------------------------------------
-
-    @property
-    def exact(self) -> bool:
-        """Whether the units' constants equal the parameters of the topology: the scene has no
-        errors of fabrication."""
-        script = getattr(self.scene, "script", None)
-        return not (isinstance(script, SceneFile) and script.non_ideal.fabrication)
 
     @property
     def truth(self) -> Truth:
@@ -380,9 +373,9 @@ class SimulatedUnits:
             self.respond(heard.frames, out, bus)
 
 
-def simulated_units(topology: Topology, scene: Any, seed: int | None = None) -> SimulatedUnits:
-    """Units that play a scene: True for "demo", a name, a file, a loaded one, or a scene; with its
-    own seed, or 0, if none is given.
+def played(topology: Topology, scene: Any, seed: int | None = None) -> Scene:
+    """What simulated units play: True for "demo", a name, a file, a loaded scene, or one with
+    ``at``; a scene file with its own seed if none is given.
 
     Raises
     ------
@@ -394,8 +387,15 @@ def simulated_units(topology: Topology, scene: Any, seed: int | None = None) -> 
     if scene is True or isinstance(scene, str | Path):
         scene = load_scene("demo" if scene is True else scene, topology)
     if isinstance(scene, SceneFile):
-        scene = ScriptedScene(topology, scene if seed is None else replace(scene, seed=seed))
-    elif not hasattr(scene, "at"):
+        return ScriptedScene(topology, scene if seed is None else replace(scene, seed=seed))
+    if not hasattr(scene, "at"):
         expected = "True, a scene, or the name or file of one"
         raise OptionError(f"simulate: must be {expected}; got {shown(scene)}")
-    return SimulatedUnits(topology, scene, seed=seed or 0)
+    return scene
+
+
+def is_exact(scene: Any) -> bool:
+    """Whether the constants of a scene's units equal the parameters of the topology: it has no
+    errors of fabrication."""
+    script = getattr(scene, "script", None)
+    return not (isinstance(script, SceneFile) and script.non_ideal.fabrication)

@@ -85,13 +85,13 @@ def test_a_long_compilation_is_announced_while_it_goes_on_and_once(caplog):
 
 def test_nothing_is_said_where_nothing_is_to_be_compiled(monkeypatch, caplog):
     monkeypatch.setattr(warm, "jobs_of", lambda calls: [])
-    compiling.compile_calls([])
+    compiling.compile_calls([]).join()
     assert caplog.messages == []
 
 
 def test_a_log_has_two_lines(two_jobs, monkeypatch, caplog):
     monkeypatch.setattr("sys.stderr", io.StringIO())
-    compiling.compile_calls([])
+    compiling.compile_calls([]).join()
     begun, done = caplog.messages
     assert begun == LINE
     assert re.fullmatch(r"f3t-skin: compiled in \d+\.\d+ s", done)
@@ -102,7 +102,7 @@ def test_what_this_process_compiles_first_is_not_announced_again(two_jobs, monke
     compiling.announce()
     with event.trigger_event("numba:compile", data={"dispatcher": Kernel()}):
         until(lambda: caplog.messages)
-    compiling.compile_calls([])
+    compiling.compile_calls([]).join()
     assert caplog.messages.count(LINE) == 1
 
 
@@ -111,7 +111,7 @@ def test_a_terminal_has_a_bar_that_goes_when_all_is_compiled(two_jobs, monkeypat
     monkeypatch.setattr("sys.stderr", terminal)
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("COLUMNS", "200")
-    compiling.compile_calls([])
+    compiling.compile_calls([]).join()
     bars = [f"{'#' * full}{'.' * (24 - full)}] {done} of 2" for full, done in
             ((0, 0), (12, 1), (24, 2))]  # fmt: skip
     *drawn, last = terminal.getvalue().split("\r\x1b[K")[1:]
