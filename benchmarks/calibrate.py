@@ -122,7 +122,7 @@ def _inside(true: Topology, results: list[UnitResult]) -> dict[str, list[bool]]:
     """Whether the 95 % interval of each parameter holds its truth; later fits stand above."""
     found: dict[str, list[bool]] = {name: [] for name in TOLD}
     for result in results:
-        unit = true.unit_index(result.unit)
+        unit = true.index(result.unit)
         known = {name: (value, sigma) for fit in result.fits
                  for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True)
                  if np.isfinite(sigma)}  # fmt: skip

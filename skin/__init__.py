@@ -31,11 +31,12 @@ if TYPE_CHECKING:
     from skin.offline import DecodedLog, decode_log
     from skin.opening import open
     from skin.options import Options
+    from skin.patch import Patch
     from skin.pipeline import Pipeline
     from skin.sinks import Sink
     from skin.state import Reading, State, Status
 
-__all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Replay",
+__all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Patch", "Pipeline", "Reading", "Replay",
            "Sink", "Skin", "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log",
            "decode_logs", "errors", "open", "replay", "view"]  # fmt: skip
 
@@ -46,6 +47,7 @@ _HOMES = {
     "DecodedLog": "skin.offline",
     "Decoder": "skin.decode.decoder",
     "Options": "skin.options",
+    "Patch": "skin.patch",
     "Pipeline": "skin.pipeline",
     "Reading": "skin.state",
     "Replay": "skin.io.record.replay",
@@ -79,15 +81,17 @@ def _check_neighbours() -> None:
 _check_neighbours()
 
 
-def __getattr__(name: str) -> Any:
-    if name in ("errors", "view"):
-        return import_module(f"skin.{name}")
-    if name not in _HOMES:
-        raise AttributeError(f"module 'skin' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # which knows the names above, and no others
+
+    def __getattr__(name: str) -> Any:
+        if name in ("errors", "view"):
+            return import_module(f"skin.{name}")
+        if name not in _HOMES:
+            raise AttributeError(f"module 'skin' has no attribute {name!r}")
+        value = getattr(import_module(_HOMES[name]), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, "__version__"])

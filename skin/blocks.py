@@ -182,6 +182,7 @@ def _block_of(
     count = len(heads)
     cycle, stamp_ns, overruns, closed_by, whole, untracked = map(np.array, zip(*heads, strict=True))
     units = out.reading(decoder.plan.quantities, sigma="sigma" in decoder.want)
+    units.topology = topology
     for name, one in arrays_in(units).items():
         setattr(units, name, one[:count])
     found = {name: one[:count] for name, one in found.items()} | contacts.found()

@@ -40,6 +40,7 @@ __all__ = [
     "check_kind",
     "check_number",
     "check_numbers",
+    "no_attribute",
     "shown",
 ]
 
@@ -79,6 +80,15 @@ class OptionError(SkinError, ValueError):
 class NotWantedError(SkinError, AttributeError):
     """A quantity was read that is not computed, as it is not wanted; the message says which `want`
     gives it. ``getattr(state, name, None)`` is None for it."""
+
+
+def no_attribute(one: object, name: str) -> AttributeError:
+    """The error for a public attribute that an object does not have; it names the nearest."""
+    near = [] if name.startswith("_") else get_close_matches(name, dir(one), n=1)
+    hint = f" (nearest: {near[0]!r})" if near else ""
+    return AttributeError(
+        f"{type(one).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=one
+    )
 
 
 def check_number(where: str, value: Any, least: float, most: float, *, whole: bool = False) -> None:

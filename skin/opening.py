@@ -61,9 +61,9 @@ def open(
     Parameters
     ----------
     source : Topology, str or Path
-        A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
+        A loaded topology, a file, or a built-in one by name ("palm", "fingertip", …).
     want, slip : collection of str, and SlipSettings, optional
-        What is computed, and settings of slip: those of `options`, which may have them instead.
+        What is computed, and settings of slip: also fields of `options`.
     options : Options, optional
         How it is computed; see `skin.Options`.
     sync : "host" or "bus"
@@ -71,20 +71,18 @@ def open(
     pace : bool
         Keep the cycle rate, or start each cycle at once.
     simulate : bool, str, Path, SceneFile or Scene
-        Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
-        file, a loaded one or your own; false: none.
+        Simulated units: True for the scene "demo", or a scene by its name or file.
     seed : int, optional
-        Of the simulated noise, and of a scene's own faults; the scene's, or 0, if not given.
+        Of the simulated noise and faults; the scene's, or 0, if not given.
     faults : FaultScript, str or Path, optional
-        Faults put into received frames (docs/guides/faults.md); a scene's own faults if not given.
+        Faults of received frames (docs/guides/faults.md); by default the scene's own.
     record : path, or Recording, optional
-        A new file: frames and states as MCAP (.mcap), for `skin.replay` and other viewers; frames
-        alone as candump (.log, .log.gz) or BLF (.blf), or to a `Recording`.
+        A new file: .mcap (frames and states), or .log, .log.gz, .blf (frames).
 
     Raises
     ------
     topology.TopologyError, bus.BusOpenError, bus.FaultScriptError, bus.LogError, SkinError
-        A file, a bus or an option that cannot be used; every problem of a file is listed.
+        A file, a bus or an option cannot be used; every problem of a file is listed.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     options = Options() if options is None else options

@@ -23,7 +23,7 @@ from skin.decode.decoder import Decoder
 from skin.errors import check_kind, check_number
 from skin.options import Options
 from skin.sinks import Ending, Sinks
-from skin.state import ARRAY_WANTS, UNIT_WANTS, State, arrays_in
+from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State, arrays_in
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class Pipeline:
         self._inputs = self.decoder.inputs(self.counts, self.status)
         self.now = State(
             -1, 0, self.decoder.reading, ClosedBy.END, self.assembler.totals,
-            sampled_ns=self.assembler.sampled_ns, topology=topology,
+            sampled_ns=self.assembler.sampled_ns, topology=topology, began_ns=UNWANTED,
         )  # fmt: skip
         if self.contacts is not None:
             self._bind_contacts(self.contacts)
@@ -336,7 +336,9 @@ class Pipeline:
         if zeros is not None:
             zeros.look(self.counts, self.status)
         now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
-        now.overruns = clock.overruns
+        now.overruns, now.poses = clock.overruns, self.poses
+        if now.began_ns is None:
+            now.began_ns = cycle.stamp_ns
         if self.sinks.live:
             self.sinks.tell("state", now)
         return now

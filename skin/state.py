@@ -10,11 +10,12 @@ import numpy as np
 
 from bus.cycle import ClosedBy, FrameCounters
 from bus.status import INVALID, Status
-from skin.errors import NotWantedError
+from skin.errors import NotWantedError, no_attribute
 from topology import Topology
 
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
+    from skin.patch import Patch
 
 __all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "arrays_in", "if_wanted"]
 
@@ -58,15 +59,20 @@ class _Wanted:
 
     __slots__ = ()
 
-    def __getattr__(self, name: str) -> Any:
-        """An attribute that is not there: refuses quantities that are not wanted."""
+    if not TYPE_CHECKING:  # which knows the attributes below, and no others
+
+        def __getattr__(self, name: str) -> Any:
+            """An attribute that is not there: refuses quantities that are not wanted."""
+            raise self._missing(name)
+
+    def _missing(self, name: str) -> AttributeError:
         kind = type(self)
         if name in kind.__slots__ or isinstance(getattr(kind, name, None), property):
             wants = _NEEDS.get(name, (name,))
             given = repr(wants[0]) if len(wants) == 1 else f"{{{', '.join(map(repr, wants))}}}"
             expected = f"must be wanted to be read (want={given})"
-            raise NotWantedError(f"{name}: {expected}; got states without")
-        raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}")
+            return NotWantedError(f"{name}: {expected}; got states without")
+        return no_attribute(self, name)
 
 
 @dataclass(slots=True)
@@ -124,13 +130,28 @@ class Reading(_Wanted):
     displacement_sigma_mm: np.ndarray = UNWANTED
     field_ut: np.ndarray = UNWANTED
     test_ratio: np.ndarray = UNWANTED
+    topology: Topology = UNWANTED
 
     def copy(self) -> Reading:
         """The same reading with arrays of its own."""
         return _copied(self, arrays_in(self))
 
+    def __getitem__(self, unit: str | int | slice | np.ndarray | None) -> Reading:
+        """One unit by its name or index, whose quantities have no unit axis then; or some units.
+
+        Views, except of an array of indices. Raises `topology.UnknownNameError` for a name that no
+        unit has; it suggests the nearest.
+        """
+        at = self.topology.index(unit) if isinstance(unit, str) else unit
+        own = object.__new__(Reading)
+        for name, array in arrays_in(self).items():
+            setattr(own, name, array[..., at])
+        return own
+
     def __repr__(self) -> str:
         """Units, contacts and faults, in a line."""
+        if self.status.ndim == 0:
+            return repr(self[np.newaxis])
         *cycles, n = self.status.shape
         heard = np.asarray(self.valid, bool)
         parts = [f"{cycles[0]} cycles of {n} units" if cycles else f"{n} units"]
@@ -194,7 +215,11 @@ class State(_Wanted):
         Time stamp of the values of each unit: that of the SYNC of its bus or, without SYNC, of the
         arrival of its frame; of the last value where the unit is missing; -1 for never.
     topology : Topology
-        Of the skin: names and places of the units.
+        Of the skin: names of the units, and their places before anything has moved.
+    poses : tuple of ndarray, shape (3, n) and (3, 3, n)
+        Positions and rotations of the units in this cycle, skin frame.
+    began_ns : int
+        Time stamp of the first cycle.
     whole : bool or None
         Whether `wrench` is complete. False where a unit that is not valid (but not DISABLED) was
         in contact when last valid, lies next to a contact that has come or changed since, or has
@@ -223,6 +248,22 @@ class State(_Wanted):
     topology: Topology = UNWANTED
     whole: bool = UNWANTED
     untracked: int = UNWANTED
+    poses: tuple[np.ndarray, np.ndarray] = UNWANTED
+    began_ns: int = 0
+
+    def patch(self, name: str) -> Patch:
+        """A part of the skin: a patch, or all patches on one frame or link, by its name.
+
+        A view: nothing is copied or computed before it is asked for.
+
+        Raises
+        ------
+        OptionError
+            There is no patch, frame or link of this name; the message suggests the nearest.
+        """
+        from skin.patch import Patch
+
+        return Patch(self, name)
 
     def __repr__(self) -> str:
         """Units, contacts and faults, in a line."""
@@ -257,8 +298,8 @@ class State(_Wanted):
 
     @property
     def time_s(self) -> float:
-        """`stamp_ns` in seconds."""
-        return 1e-9 * self.stamp_ns
+        """Seconds since the first cycle, by the stamps."""
+        return 1e-9 * (self.stamp_ns - self.began_ns)
 
     @property
     def counters(self) -> FrameCounters:
@@ -286,7 +327,7 @@ class State(_Wanted):
         own = _copied(self, of_array)
         own.units = _copied(self.units, of_units)
         own.cycle, own.stamp_ns, own.closed_by = self.cycle, self.stamp_ns, self.closed_by
-        own.overruns, own.topology = self.overruns, self.topology
+        own.overruns, own.poses, own.began_ns = self.overruns, self.poses, self.began_ns
         if (whole := getattr(self, "whole", None)) is not None:
             own.whole, own.untracked = whole, self.untracked
         if contacts is not None:
@@ -321,8 +362,9 @@ def arrays_in(record: Any) -> dict[str, np.ndarray]:
 
 
 def _copied(record: T, arrays: Mapping[str, np.ndarray]) -> T:
-    """A record with copies of these arrays, and nothing else."""
+    """A record with copies of these arrays, and with its topology."""
     own = object.__new__(type(record))
+    own.topology = record.topology
     for name, array in arrays.items():
         setattr(own, name, array.copy())
     return own

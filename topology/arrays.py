@@ -107,6 +107,10 @@ class Topology:
         ``neighbour_index[neighbour_start[i]:neighbour_start[i + 1]]``; symmetric, sorted.
     patch_frames : tuple of str
         Frame or link of each patch; patches of the same one move together.
+    patch_position : ndarray, shape (3, p), float64
+        Metre, skin frame: origin of the frame of each patch, that of its `pose` in the file.
+    patch_rotation : ndarray, shape (3, 3, p), float64
+        Columns are the axes of this frame in the skin frame.
     patch_links : tuple of str
         Link of the robot of each patch; "" on the skin frame, which is that of the robot's base.
     robot : RobotModel or None
@@ -137,6 +141,8 @@ class Topology:
     wired: np.ndarray
     neighbour_start: np.ndarray
     neighbour_index: np.ndarray
+    patch_position: np.ndarray
+    patch_rotation: np.ndarray
     patch_frames: tuple[str, ...] = ()
     patch_links: tuple[str, ...] = ()
     robot: RobotModel | None = None
@@ -220,7 +226,7 @@ class Topology:
             buses = tuple(replace(b, channel=name) for b, name in zip(buses, names, strict=True))
         return dataclasses.replace(self, buses=buses)
 
-    def unit_index(self, name: str) -> int:
+    def index(self, name: str) -> int:
         """Index of the unit of that name.
 
         Raises

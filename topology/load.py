@@ -165,6 +165,8 @@ def _assemble(units: Units) -> Topology:
         wired=wired,
         neighbour_start=start,
         neighbour_index=index,
+        patch_position=np.stack([shift for _, shift in tables.poses], axis=1),
+        patch_rotation=np.stack([turn for turn, _ in tables.poses], axis=2),
         patch_frames=carriers,
         patch_links=tables.links,
         robot=tables.robot,

@@ -32,6 +32,8 @@ KINDS: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "position": ("f8", (3, "n")),
     "rotation": ("f8", (3, 3, "n")),
     "area": ("f8", ("n",)),
+    "patch_position": ("f8", (3, "patches")),
+    "patch_rotation": ("f8", (3, 3, "patches")),
     "calibrated": ("?", ("n",)),
     "tared": ("?", ("n",)),
     "scale": ("f8", (len(CHANNELS), "n")),
@@ -49,7 +51,8 @@ KINDS: dict[str, tuple[str, tuple[int | str, ...]]] = {
         for name in PARAMETERS
     },
 }
-"""Type and shape of each array; n units make ``ends = n + 1``, other lengths are free."""
+"""Type and shape of each array; n units make ``ends = n + 1``, other lengths are free but
+that of the patches."""
 
 
 class _Texts(msgspec.Struct, forbid_unknown_fields=True):
@@ -112,7 +115,7 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
     except (msgspec.DecodeError, ValueError) as error:
         raise refuse(TEXTS, "buses, layouts and names of a topology", error) from None
     n = len(texts.unit_names)
-    lengths: dict[int | str, int] = {"n": n, "ends": n + 1}
+    lengths: dict[int | str, int] = {"n": n, "ends": n + 1, "patches": len(texts.patch_names)}
     for name, (kind, shape) in KINDS.items():
         found = arrays.get(name)
         if found is None:

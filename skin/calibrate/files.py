@@ -290,7 +290,7 @@ def with_fits(topology: Topology, units: Mapping[str, Iterable[Fit]]) -> Topolog
     """
     changed = {name: values.copy() for name, values in topology.parameters.items()}
     for name, fits in units.items():
-        index = topology.unit_index(name)
+        index = topology.index(name)
         most = float(topology.parameters["tangential_max_mm"][index])
         for parameter, (value, _) in parameter_values(name, fits, most).items():
             changed[parameter][..., index] = value

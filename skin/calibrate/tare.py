@@ -255,7 +255,7 @@ def chosen(topology: Topology, leave_out: Collection[str] = ()) -> np.ndarray:
     for name in leave_out:
         if name not in topology.unit_names:
             raise OptionError.unknown("leave_out", name, topology.unit_names)
-        taken[topology.unit_index(name)] = False
+        taken[topology.index(name)] = False
     if not taken.any():
         raise OptionError("leave_out: must leave a unit to be tared; got all of them")
     return taken

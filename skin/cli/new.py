@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 import json as json_text
+import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import tyro
 
 from skin.cli import options
 from skin.cli.table import end
 
 if TYPE_CHECKING:
+    from skin.robot.propose import Proposal
     from topology import Topology
 
 __all__ = ["new"]
 
-PITCH_M, GAP_M = 0.012, 0.02
-"""Between two units, and between two patches, which are put side by side [assumed]."""
+GAP_M = 0.02
+"""Between two patches, which are put side by side [assumed]."""
+PITCH_M = 0.012
+"""Width that a unit takes [paper]."""
+SHAPE = re.compile(
+    r"(?P<name>[A-Za-z0-9_][A-Za-z0-9_.-]*)=(?:dome:(?P<ball>\d+(?:\.\d+)?)mm|"
+    r"(?:cylinder:(?P<radius>\d+(?:\.\d+)?)mm:)?"
+    r"(?P<rows>[1-9]\d{0,2})x(?P<columns>[1-9]\d{0,2}))"
+)
 FIRST_ID, ALIGNED = 0x100, 0x10
 """First identifier of data frames, and that of which each patch begins with a multiple."""
 
@@ -46,17 +56,25 @@ data_bitrate = 5_000_000  # bit/s, CAN FD; a classic bus has no such line
 """
 PATCH = """
 [[patches]]
-name = "{name}"
-kind = "grid"  # or "hex", "cylinder", "dome", "list"
-rows = {rows}  # along y
-columns = {columns}  # along x
-pitch_m = {pitch_m}  # distance of neighbouring units
-pose = {{ xyz_m = [{x_m:.4g}, 0.0, 0.0], rpy_deg = [0, 0, 0] }}  # of its middle; z out of it
+name = "{name}"{reason}
+{shape}{place}
 bus = "main"
 layout = "f3t-fd64"  # what the bits of a frame mean; on a classic bus "f3t-classic"
-first_id = {first_id:#05x}  # of its first frame; others follow: more rows move them all
+first_id = {first_id:#05x}  # of its first frame; others follow: more units move them all
 calibration = "{calibration}"
 """
+ROBOT = """
+[robot]
+model = {model}
+"""
+MEANING = {
+    "kind": '"grid", "hex", "cylinder", "dome" or "list"',
+    "rows": "along y",
+    "columns": "along x, or around",
+    "rings": "around the middle unit, of 6, 12, 18, … units, as far as there is room",
+    "radius_m": "of the surface that the units are on",
+    "pitch_m": "distance of neighbouring units, along the surface",
+}
 STUB = """\
 # Calibration of the units of patch "{name}": any parameter of the unit model, by unit. `skin tare`
 # writes zeros here, `skin calibrate` what a bench has measured. All else is as of the model.
@@ -73,41 +91,52 @@ def new(
     name: Annotated[Path, tyro.conf.Positional, options.arg("NAME")],
     /,
     *,
-    patches: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PATCH=ROWSxCOLUMNS [...]")] = (
-        "palm=4x4",
-    ),
+    patches: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PATCH=SHAPE [...]")] = (),
+    robot: Annotated[Path | None, options.arg("FILE")] = None,
     json: options.Json = False,
 ) -> int:
     """Write a commented topology file, and a calibration file to be filled for each of its patches.
 
-    The patches lie side by side on one bus of CAN FD: change pitch, place and bus in the file.
-    Files that exist are left as they are, and the exit status is 2.
+    All units are on one bus of CAN FD: change pitch, place and bus in the file. Files that exist
+    are left as they are, and the exit status is 2.
 
     Parameters
     ----------
     name
         writes NAME.toml
     patches
-        patches, and how many units each
+        patches side by side: palm=4x4 (rows, columns), tip=dome:10mm (radius),
+        side=cylinder:10mm:3x4; one of 4x4 if neither these nor a robot are given
+    robot
+        URDF or MJCF: a patch for each fingertip, by the shapes of its links
     """
     from topology.files import NO_KIND, whole_file
 
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     text = HEAD.format(name=file.stem, quoted=json_text.dumps(file.stem), file=file)
+    found = [_patch(one) for one in patches or (() if robot else ("palm=4x4",))]
+    if robot is not None:
+        model = os.path.relpath(robot, file.parent)
+        text += ROBOT.format(model=json_text.dumps(model))
+        found += _fingertips(robot)
     stubs: dict[Path, str] = {}
-    x_m, first_id = 0.0, FIRST_ID
-    for number, one in enumerate(patches):
-        patch, rows, columns = _patch(one)
-        half_m = 0.5 * columns * PITCH_M
-        x_m += half_m if number else 0.0
-        calibration = f"{file.stem}.{patch}.calibration.toml"
+    edge_m, first_id = -GAP_M, FIRST_ID
+    for one in found:
+        units, width_m = _extent(one)
+        if one.link:
+            xyz_m, link = [*one.xyz_m], f"link = {json_text.dumps(one.link)}\n"
+        else:
+            x_m = edge_m + GAP_M + 0.5 * width_m if stubs else 0.0
+            edge_m, xyz_m, link = x_m + 0.5 * width_m, [round(x_m, 5), 0.0, 0.0], ""
+        place = f"{link}pose = {{ xyz_m = {xyz_m}, rpy_deg = {[*one.rpy_deg]} }}"
+        calibration = f"{file.stem}.{one.name}.calibration.toml"
         text += PATCH.format(
-            name=patch, rows=rows, columns=columns, pitch_m=PITCH_M, x_m=x_m, first_id=first_id,
-            calibration=calibration,
+            name=one.name, reason=f"  # {one.reason}: look at its place" if one.reason else "",
+            shape="".join(map(_line, one.shape.items())), first_id=first_id,
+            place=f"{place}  # of its middle; z out of it", calibration=calibration,
         )  # fmt: skip
-        stubs[file.with_name(calibration)] = STUB.format(name=patch)
-        x_m += half_m + GAP_M
-        first_id += -(-rows * columns // ALIGNED) * ALIGNED  # enough for one unit a frame
+        stubs[file.with_name(calibration)] = STUB.format(name=one.name)
+        first_id += -(-units // ALIGNED) * ALIGNED  # enough for one unit a frame
     for path in (file, *stubs):
         options.check_folder("NAME", path, NO_KIND)
     loaded = _tried(text, file)
@@ -121,14 +150,48 @@ def new(
     return 0
 
 
-def _patch(text: str) -> tuple[str, int, int]:
-    """Name, rows and columns of a patch."""
+def _patch(text: str) -> Proposal:
+    """A patch as it is asked for."""
     from skin.errors import OptionError
+    from skin.robot.propose import Proposal, cylinder, dome, grid
 
-    found = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)=([1-9]\d{0,2})x([1-9]\d{0,2})", text)
+    found = SHAPE.fullmatch(text)
     if found is None:
-        raise OptionError(f"--patches: must be NAME=ROWSxCOLUMNS, as in palm=8x8; got {text!r}")
-    return found[1], int(found[2]), int(found[3])
+        expected = "NAME=ROWSxCOLUMNS, NAME=dome:RADIUSmm or NAME=cylinder:RADIUSmm:ROWSxCOLUMNS"
+        raise OptionError(f"--patches: must be {expected}, as in palm=8x8; got {text!r}")
+    rows, columns = int(found["rows"] or 0), int(found["columns"] or 0)
+    radius_m = 1e-3 * float(found["radius"] or found["ball"] or 0.0)
+    if found["ball"]:
+        return Proposal(found["name"], dome(radius_m))
+    shape = cylinder(radius_m, rows, columns) if found["radius"] else grid(rows, columns)
+    return Proposal(found["name"], shape)
+
+
+def _fingertips(robot: Path) -> list[Proposal]:
+    """Patches on the fingertips of a model."""
+    from skin.robot.propose import proposed
+    from topology.robot import read_model
+
+    return proposed(read_model(robot))
+
+
+def _extent(one: Proposal) -> tuple[int, float]:
+    """Number of units, and width along x."""
+    from topology.layout import place
+    from topology.schema import Cylinder, Dome, Grid
+
+    kinds = {"grid": Grid, "cylinder": Cylinder, "dome": Dome}
+    keys: dict[str, Any] = {name: one.shape[name] for name in one.shape if name != "kind"}
+    kind: Any = kinds[str(one.shape["kind"])]
+    placed = place(kind(name="", bus="", layout="", first_id=0, **keys))
+    return len(placed.names), float(np.ptp(placed.position[0])) + PITCH_M
+
+
+def _line(item: tuple[str, Any]) -> str:
+    """A key with its value, and its meaning where that is not said by its name."""
+    name, value = item
+    meaning = f"  # {MEANING[name]}" if name in MEANING else ""
+    return f"{name} = {json_text.dumps(value)}{meaning}\n"
 
 
 def _tried(text: str, file: Path) -> Topology:

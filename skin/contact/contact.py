@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from skin.contact.field import Field
 from skin.contact.model import WAYPOINTS
 from skin.contact.record import Fields, SlipState
-from skin.errors import SkinError
+from skin.errors import SkinError, no_attribute
 
 if TYPE_CHECKING:
     from skin.contact.shock import Shocks
 
 __all__ = ["Contact", "Kept", "wrench_adjoint"]
+
+
+HIDDEN = {name for name, one in vars(Fields).items() if isinstance(one, Field) and not one.__doc__}
 
 
 class Kept(NamedTuple):
@@ -50,6 +54,14 @@ class Contact(Fields):
     """
 
     __slots__ = ("_kept", "_names", "_shocks", "_slot")
+    if not TYPE_CHECKING:  # which knows the fields, and no other attributes
+
+        def __getattr__(self, name: str) -> Any:
+            raise no_attribute(self, name)
+
+    def __dir__(self) -> list[str]:
+        """What users read: without the fields for kernels alone."""
+        return [name for name in super().__dir__() if name not in HIDDEN]
 
     def __init__(
         self, kept: Kept, slot: int, shocks: Shocks | None, names: Sequence[str] | None
@@ -154,9 +166,9 @@ class Contact(Fields):
             parts.append(f"{self.slip.name.lower()}, stick ratio {self.stick_ratio:.2f}")
         if (began := self.slip_began).size:
             parts.append(f"begun by {', '.join(map(self._name, began[:3]))}")
-        if np.isfinite(self.margin):
+        if np.isfinite(self.margin_at_least):
             least = "" if self.friction_known else "at least "
-            parts.append(f"margin {least}{self.margin:.2f}")
+            parts.append(f"margin {least}{self.margin_at_least:.2f}")
         if (noisy := self.noisy_units).size:
             parts.append(f"noise beyond sigma at {', '.join(map(self._name, noisy[:3]))}")
         if not self.whole:

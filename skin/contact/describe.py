@@ -158,6 +158,7 @@ def _no_centre(record):
     record["centroid_covariance"][:] = record["moment_covariance"][:] = np.nan
     record["torsion"] = record["torsion_sigma"] = np.nan
     record["margin"] = record["grip_force"] = np.nan
+    record["margin_at_least"] = record["grip_force_at_most"] = np.nan
 
 
 @jitable

@@ -71,7 +71,7 @@ class Flag(IntFlag):
     FEW_UNITS = 1 << 3
     """Fewer than three units: slip is detected by the friction cone alone."""
     NO_FRICTION = 1 << 4
-    """No friction estimate yet: friction and margin are lower bounds, grip force an upper one."""
+    """No friction estimate yet: friction, margin and grip force are NaN; their bounds are known."""
     NOISY = 1 << 5
     """The measured noise of a unit is greater than its sigma: sigmas are too small, since
     calibration or surroundings have changed. See `Contact.noisy_units`."""
@@ -150,11 +150,9 @@ class Fields:
     whole = Field(bool, "Whether no silent unit may bear some of its load.",
                   values=lambda found: found["flags"] & int(Flag.UNSEEN) == 0)  # fmt: skip
     friction_known = Field(
-        bool, "Whether friction is one that slip has shown, or was given. Where not, friction and "
-        "margin are lower bounds, grip_force an upper one.",
-        values=lambda found: (
-            np.isfinite(found["friction"]) & (found["flags"] & int(Flag.NO_FRICTION) == 0)
-        ),
+        bool, "Whether friction is one that slip has shown, or was given. Where not, friction, "
+        "margin and grip_force are NaN, and only their bounds are known.",
+        values=lambda found: np.isfinite(found["friction"]),
     )  # fmt: skip
     peak_unit = detail(int, "Its most loaded unit.")
     hot_unit = detail(int, "Its warmest unit.")
@@ -228,17 +226,20 @@ class Fields:
     gross_ratio = hidden(np.float64)  # used friction since then
     decided_ns = hidden(np.int64)  # when enough units were last heard to decide `slip`
     # -- friction: written by detect_slip
-    friction = Field(float, "Coefficient of friction that slip has shown; before, what units that "
-                     "stick have borne, and 0 at least: it is not less.")  # fmt: skip
+    friction = Field(float, "Coefficient of friction that slip has shown, or that was given; NaN "
+                     "where neither is known.")  # fmt: skip
     friction_sigma = Field(float, "One-sigma of `friction`.")
-    friction_lower = detail(float, "Lower bound of friction, by the loads of units that stick.")
+    friction_at_least = Field(float, "Lower bound of friction, by the loads of units that stick.")
     friction_information = hidden(np.float64)
     friction_mean = hidden(np.float64)
     friction_spread = detail(float, "One-sigma of friction over the faces of the contact.")
-    margin = Field(float, "Free fraction of the friction cone; where friction is not known, at "
-                   "least this.")  # fmt: skip
-    grip_force = Field(float, "Normal force that holds with the wanted safety; where friction is "
-                       "not known, at most this: what holds now does.", "N")  # fmt: skip
+    margin = Field(float, "Free fraction of the friction cone; NaN where friction is not known.")
+    margin_at_least = Field(float, "Lower bound of the margin by `friction_at_least`; the margin "
+                            "where friction is known.")  # fmt: skip
+    grip_force = Field(float, "Normal force that holds with the wanted safety; NaN where friction "
+                       "is not known.", "N")  # fmt: skip
+    grip_force_at_most = Field(float, "Upper bound of it: what holds now does; the grip force "
+                               "where friction is known.", "N")  # fmt: skip
     grip_force_sigma = Field(float, "One-sigma of `grip_force`, by friction and tangential load.",
                              "N")  # fmt: skip
 
@@ -258,7 +259,7 @@ def _blank(*zero: str) -> np.ndarray:
 
 
 NEW = _blank(
-    "travel", "friction_lower", "friction_information", "friction_mean", "gross_ratio"
+    "travel", "friction_at_least", "friction_information", "friction_mean", "gross_ratio"
 )  # fmt: skip
 """A contact that begins, shape (1,)."""
 UNTOUCHED = _blank("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area",

@@ -170,6 +170,7 @@ class Decoder:
         is_known = self.plan.wants.sigma is not None
         self.whole = self._out.reading(records.ROWS, sigma=is_known)
         self._reading = self._shown.reading(self.plan.quantities, sigma=is_known)
+        self.whole.topology = self._reading.topology = self.topology
         self.shown = self._shown.arrays
         counts, status = zeros((len(CHANNELS), n), np.int16), zeros(n, np.uint16)
         self._own = Inputs(counts, status, None if self.ambient is None else self.ambient.taken)
@@ -400,7 +401,9 @@ class Decoder:
             self._one(raw[t], flags, given, elapsed_s)
             for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
                 whole[t] = array
-        return out.reading(self.plan.quantities, sigma=self.plan.wants.sigma is not None)
+        reading = out.reading(self.plan.quantities, sigma=self.plan.wants.sigma is not None)
+        reading.topology = self.topology
+        return reading
 
 
 def _estimators(

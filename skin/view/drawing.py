@@ -190,8 +190,8 @@ def contact_label(contact: np.void) -> str:
     text = f"contact {contact['id']}   {contact['load']:.2f} N"
     if slip := SlipState(int(contact["slip"])):
         text += f"   {slip.name.lower()}" + (" slip" if slip > SlipState.STICK else "")
-    if np.isfinite(margin := float(contact["margin"])):
-        least = "≥ " if contact["flags"] & Flag.NO_FRICTION else ""
+    if np.isfinite(margin := float(contact["margin_at_least"])):
+        least = "" if np.isfinite(contact["friction"]) else "≥ "
         text += f"   margin {least}{100 * margin:.0f} %"
     return text + "   not whole" * bool(contact["flags"] & Flag.UNSEEN)
 

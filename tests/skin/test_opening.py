@@ -20,7 +20,7 @@ from skin.state import INVALID
 from skin.view.terminal import LiveTable
 
 PALM = topology.load("palm")
-UNIT = PALM.unit_index("palm/r3c3")
+UNIT = PALM.index("palm/r3c3")
 SILENT = slice(25, 50)
 """Cycles of the fault: 0.1 s to 0.2 s of the scene, at 250 Hz."""
 CYCLES = 70

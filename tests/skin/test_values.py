@@ -30,7 +30,8 @@ NUMBERS = (
     "moment", "moment_covariance", "area", "mean_pressure", "peak_pressure", "axes", "extent",
     "normal", "normal_condition", "shear", "torsion", "torsion_sigma", "arm", "temperature",
     "temperature_gradient", "hot_temperature", "coverage", "travel", "stick_ratio", "pattern",
-    "motion", "rotation", "friction", "friction_sigma", "friction_lower", "margin", "grip_force",
+    "motion", "rotation", "friction", "friction_sigma", "friction_at_least", "margin",
+    "margin_at_least", "grip_force", "grip_force_at_most",
 )  # fmt: skip
 WHOLE = ("id", "parent", "event", "flags", "peak_unit", "hot_unit", "slip", "slip_units")
 ARRAYS = (

@@ -23,7 +23,7 @@ ALONE = 'kind = "grid"\nrows = 1\ncolumns = 1\npitch_m = 0.012\nlayout = "f3t-fd
 
 
 def neighbours(skin, name):
-    unit = skin.unit_index(name)
+    unit = skin.index(name)
     row = slice(skin.neighbour_start[unit], skin.neighbour_start[unit + 1])
     return {skin.unit_names[i] for i in skin.neighbour_index[row]}
 
@@ -123,11 +123,11 @@ def test_arrays_of_a_topology_cannot_be_written_and_survive_pickling():
 
 def test_unit_index_finds_a_unit_and_names_the_nearest():
     palm = load("palm")
-    assert palm.unit_names[palm.unit_index("palm/r3c4")] == "palm/r3c4"
+    assert palm.unit_names[palm.index("palm/r3c4")] == "palm/r3c4"
     with pytest.raises(UnknownNameError, match="nearest: 'palm/r3c4'"):
-        palm.unit_index("palm/r3c4x")
+        palm.index("palm/r3c4x")
     with pytest.raises(KeyError):
-        palm.unit_index("r3c4")
+        palm.index("r3c4")
 
 
 def test_poses_chain_from_the_root_to_the_unit(tmp_path):
@@ -263,7 +263,7 @@ def test_exceptions_stand_above_calibration_and_calibration_above_the_model(tmp_
         "hall_reference_c": [25, 25],
     }
     theta = skin.parameters["theta_correction_rad"]
-    np.testing.assert_allclose(theta[:, skin.unit_index("patch/r1c2")], knots)
+    np.testing.assert_allclose(theta[:, skin.index("patch/r1c2")], knots)
     assert np.count_nonzero(theta.any(axis=0)) == 1
     assert skin.area[-1] == pytest.approx(np.pi * 0.004**2)
 
@@ -449,7 +449,7 @@ def test_every_commented_table_of_the_example_is_valid(tmp_path):
     vendor = "\n".join(["BO_ 256 TaxelData: 8 Node", *signals])
     (tmp_path / "vendor.dbc").write_text(vendor)
     skin = load(tmp_path / "all.toml")
-    unit = skin.unit_index("palm/r3c4")
+    unit = skin.index("palm/r3c4")
     assert not skin.enabled[unit]
     assert skin.parameters["frequency_rest_hz"][unit] == 4480.0
     assert skin.scale[0, unit] == 0.01

@@ -278,7 +278,7 @@ def check_bench(
             progress(done, len(bench.recordings), ", ".join(recording.units))
         series, found = _judged(skin, recording, folder, bench)
         for name, serial in _serials(recording, series).items():
-            index = skin.unit_index(name)
+            index = skin.index(name)
             faults = [*found, *_swapped(name, serial, serials)]
             entry: dict[str, Any] = {"serial": serial, "faults": faults}
             told[name] = entry
@@ -314,7 +314,7 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
     skin = load(path if path.exists() else bench.topology, allow_no_calibration=True)
     for recording in bench.recordings:
         for name in recording.units:
-            skin.unit_index(name)
+            skin.index(name)
     return bench, skin, source.path.parent
 
 

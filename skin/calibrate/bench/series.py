@@ -192,7 +192,7 @@ def load_series(
     paths = [folder / name for name in (recording.counts, recording.reference) if name]
     counts = read_counts(topology, paths[0], channels)
     columns = _reference(paths[1], recording) if recording.reference else {}
-    units = [topology.unit_index(name) for name in recording.units]
+    units = [topology.index(name) for name in recording.units]
     if not counts.heard[:, units].any():
         raise ScanError(f"{paths[0]}: must have counts of {', '.join(recording.units)}; got none")
     return series_of(topology, recording, counts, columns, (str(paths[-1]), hash_of(paths)))
@@ -221,7 +221,7 @@ def series_of(
     ScanError
         The clocks cannot be brought together.
     """
-    units = tuple(topology.unit_index(name) for name in recording.units)
+    units = tuple(topology.index(name) for name in recording.units)
     told = Alignment(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     if columns:
         told = _aligned(topology, counts, columns, units, source[0])

@@ -394,7 +394,7 @@ class _Relaxation:
 
 def _relaxation(topology: Topology, series: Series, result: UnitResult) -> _Relaxation:
     """Fit terms to the holds, on the elastic laws of `result`."""
-    unit = topology.unit_index(result.unit)
+    unit = topology.index(result.unit)
     known = with_fits(alone(topology, unit), {result.unit: tuple(result.fits)})
     elastic = _elastic(known, series, unit)
     turn = np.radians([result.goodness.get(f"sensor_turn_{a}_deg", 0.0) for a in "xyz"])

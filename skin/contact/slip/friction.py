@@ -44,7 +44,7 @@ def learn_friction(record, members, alarm, data):
         elif not slipping:
             bound = ratio - sigmas * np.sqrt(variance) / force[2]
             s["borne"] = max(s["borne"], bound)
-            record["friction_lower"] = max(record["friction_lower"], bound)
+            record["friction_at_least"] = max(record["friction_at_least"], bound)
         if _has_slid(s):
             seen += 1.0
             seen_sum += s["slid_shear"] / s["slid_load"]
@@ -142,17 +142,17 @@ def friction_margin(record, settings):
 
 @jitable
 def show_bounds(record, ratio, settings):
-    """Replace unknown friction, margin and grip force by bounds: the friction that sticking units
-    have borne is a lower bound, and the present load suffices.
+    """Bounds of margin and grip force where friction is not known: it is at least what sticking
+    units have borne, and the present load suffices. Else these numbers themselves.
 
-    `ratio` is the friction in use. Nothing is decided by these numbers.
+    `ratio` is the friction in use. Nothing is decided by these bounds.
     """
+    record["margin_at_least"], record["grip_force_at_most"] = record["margin"], record["grip_force"]
     if record["flags"] & NO_FRICTION == 0:
         return
-    least, holds = max(record["friction_lower"], 0.0), record["slip"] < SlipState.INCIPIENT
-    record["friction"] = least
-    record["margin"] = 0.0
-    record["grip_force"] = settings["safety"] * record["load"] if holds else np.nan
+    least, holds = record["friction_at_least"], record["slip"] < SlipState.INCIPIENT
+    record["margin_at_least"] = 0.0
+    record["grip_force_at_most"] = settings["safety"] * record["load"] if holds else np.nan
     if holds and ratio < least:
-        record["margin"] = 1.0 - ratio / least
-        record["grip_force"] *= ratio / least
+        record["margin_at_least"] = 1.0 - ratio / least
+        record["grip_force_at_most"] *= ratio / least

@@ -106,7 +106,7 @@ def units_on(topology: Topology, on: str) -> np.ndarray:
         return np.arange(topology.n)
     if on in topology.patch_names:
         return np.flatnonzero(topology.patch == topology.patch_names.index(on))
-    return np.array([topology.unit_index(on)])
+    return np.array([topology.index(on)])
 
 
 def frame_of(topology: Topology, on: str | None) -> Pose:

@@ -70,7 +70,7 @@ def test_recorded_forces_are_near_the_truth(name):
     error = force.copy()
     # of the scene that was played when the log was recorded; all that is not named was 0
     truth = table(LOGS / f"{name}-vcan-truth.csv")
-    units = [loaded.unit_index(unit) for unit in truth["unit"]]
+    units = [loaded.index(unit) for unit in truth["unit"]]
     for axis, k in enumerate(("fx_n", "fy_n", "fz_n")):
         error[axis, truth["cycle"].astype(int), units] -= truth[k].astype(float)
     assert np.sqrt((error**2).mean()) < (0.12 if name == "strip" else 0.04)

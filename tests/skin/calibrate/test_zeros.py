@@ -27,7 +27,7 @@ TRUE = dataclasses.replace(differing(PALM, seed=3))
 N, PERIOD_NS = PALM.n, round(1e9 / PALM.cycle_rate_hz)
 WINDOW = 300
 """Cycles of a window at 250 Hz."""
-PRESSED = PALM.unit_index("palm/r3c4")
+PRESSED = PALM.index("palm/r3c4")
 FREQUENCY, BX, BY = (CHANNELS.index(name) for name in ("frequency", "bx", "by"))
 
 
@@ -290,11 +290,11 @@ def test_zeros_are_retaken_of_what_is_untouched_and_once():
         assert pressed <= set(report["refused"])
         assert set(report["tared"]) | set(report["refused"]) == set(palm.topology.unit_names)
         for name in report["refused"]:
-            i = palm.topology.unit_index(name)
+            i = palm.topology.index(name)
             for values in ("frequency_rest_hz", "hall_offset_x_ut", "hall_offset_y_ut"):
                 assert after.parameters[values][i] == before.parameters[values][i]
         assert len(report["tared"]) > 30
-        last = [palm.topology.unit_index(name) for name in report["tared"]]
+        last = [palm.topology.index(name) for name in report["tared"]]
         assert np.abs(state.units.force[2, last]).max() < 0.2
 
 

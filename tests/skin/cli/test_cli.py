@@ -222,7 +222,7 @@ def test_listeners_say_what_was_never_tared(name, on_a_real_bus, monkeypatch, ca
 @pytest.fixture
 def recorded(tmp_path, monkeypatch):
     """A candump log of the simulated strip, written by python-can, and the forces felt live."""
-    monkeypatch.setattr(SimulatedUnits, "exact", False)  # as for who reads the log
+    monkeypatch.setattr("skin.sim.node.is_exact", lambda scene: False)  # as for who reads the log
     loaded = topology.load("strip")
     path = tmp_path / "strip.log"
     nodes, sync, answers = SimulatedUnits(loaded, seed=5), FrameBatch(1), FrameBatch(64)

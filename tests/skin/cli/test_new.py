@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 import topology
 from skin.cli import main
+from skin.robot.mount import check_patches
 
 
 @pytest.fixture(autouse=True)
@@ -39,6 +41,48 @@ def test_a_new_hand_is_checked_simulated_and_tared(is_classic, folder, capsys):
     assert topology.load("my_hand.toml").tared.all()
 
 
+def test_domes_and_cylinders_lie_next_to_one_another(capsys):
+    assert main(["new", "my_hand", "--patches", "tip=dome:10mm", "side=cylinder:10mm:3x2"]) == 0
+    skin = topology.load("my_hand.toml")
+    assert skin.patch_names == ("tip", "side")
+    tip, side = (skin.position[:, skin.patch == patch] for patch in (0, 1))
+    assert (tip.shape[1], side.shape[1]) == (5, 6)
+    assert side[0].min() - tip[0].max() > 0.02
+    np.testing.assert_allclose(np.linalg.norm(tip - [[0], [0], [-0.01]], axis=0), 0.01)
+    assert main(["run", "my_hand.toml", "--simulate", "--seconds", "0.2"]) == 0
+
+
+LINK = """<link name="{name}"><collision><origin xyz="{xyz}" rpy="{rpy}"/>
+<geometry>{shape}</geometry></collision></link><joint name="to_{name}" type="fixed">
+<parent link="palm"/><child link="{name}"/><origin xyz="{at}"/></joint>"""
+SHAPES = {
+    "ball": '<sphere radius="0.012"/>',
+    "thumb": '<cylinder radius="0.01" length="0.03"/>',
+    "plate": '<box size="0.05 0.008 0.03"/>',
+}
+
+
+def test_fingertips_of_a_robot_get_patches_on_their_surfaces(folder, capsys):
+    links = "".join(
+        LINK.format(name=name, shape=shape, xyz="0 0 0.03", rpy="0.3 0 0.2", at=f"0 {0.1 * i} 0")
+        for i, (name, shape) in enumerate(SHAPES.items())
+    )
+    (folder / "hand.urdf").write_text(
+        f'<robot name="hand"><link name="palm"><collision><geometry><box size="0.1 0.1 0.02"/>'
+        f"</geometry></collision></link>{links}</robot>"
+    )
+    assert main(["new", "my_hand", "--robot", "hand.urdf"]) == 0
+    skin = topology.load("my_hand.toml")
+    assert skin.patch_links == ("ball", "thumb", "plate")
+    assert np.bincount(skin.patch).tolist() == [6, 4, 8]
+    for mount in check_patches(skin):
+        assert mount.problems == ()
+        assert np.abs(mount.distance_mm).max() < 0.1
+        assert mount.tilt_deg < 3.5
+    assert main(["check", "my_hand.toml"]) == 0
+    assert main(["run", "my_hand.toml", "--simulate", "--seconds", "0.2"]) == 0
+
+
 @pytest.mark.parametrize("there", ["my_hand.toml", "my_hand.palm.calibration.toml"])
 def test_what_is_there_stays(there, folder, capsys):
     (folder / there).write_text("Notes of the lab\n")
@@ -52,7 +96,10 @@ def test_what_is_there_stays(there, folder, capsys):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--patches", "palm"], "--patches: must be NAME=ROWSxCOLUMNS, as in palm=8x8; got 'palm'"),
+        (["--patches", "palm"], "--patches: must be NAME=ROWSxCOLUMNS, NAME=dome:RADIUSmm or "
+         "NAME=cylinder:RADIUSmm:ROWSxCOLUMNS, as in palm=8x8; got 'palm'"),
+        (["--patches", "tip=dome:10"], "--patches: must be NAME=ROWSxCOLUMNS"),
+        (["--robot", "none.urdf"], "none.urdf: must be an existing file"),
         (["--patches", "palm=0x3"], "--patches: must be NAME=ROWSxCOLUMNS"),
         (["--patches", "a=2x2", "a=2x2"], "must be a name used once"),
         (["--patches", "a=20x20"], "\nmy_hand.toml:"),

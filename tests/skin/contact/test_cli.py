@@ -28,13 +28,12 @@ def touched():
 def test_table_names_what_touches(touched):
     _, state, table = touched
     record = state.contacts[0].record
-    record["slip"], record["margin"] = SlipState.STICK, 0.62
-    record["flags"] &= ~int(Flag.NO_FRICTION)
+    record["slip"], record["margin_at_least"], record["friction"] = SlipState.STICK, 0.62, 0.5
     (line,) = (line for line in table.lines(state) if "contact 1" in line)
     assert f"{record['load']:.2f} N" in line
     assert "stick" in line
     assert "margin 62 %" in line
-    record["slip"], record["margin"] = SlipState.UNKNOWN, np.nan
+    record["slip"], record["margin_at_least"] = SlipState.UNKNOWN, np.nan
     (line,) = (line for line in table.lines(state) if "contact 1" in line)
     assert "margin" not in line
     assert "none" not in line

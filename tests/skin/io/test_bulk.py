@@ -63,7 +63,7 @@ def test_tables_hold_what_the_live_skin_shows(logs, tmp_path):
     times = column(tmp_path, "cycles", "time").astype(np.int64)
     loads, slips = (column(tmp_path, "contacts", name) for name in ("load", "slip"))
     forces = [column(tmp_path, "cycles", f"palm/r3c3.f{axis}") for axis in "xyz"]
-    unit, at = topology.load("palm").unit_index("palm/r3c3"), 0
+    unit, at = topology.load("palm").index("palm/r3c3"), 0
     for t, state in enumerate(skin.decode_log("palm", logs[0])):
         assert times[t] == state.stamp_ns
         assert [one[t] for one in forces] == state.units.force[:, unit].tolist()

@@ -212,7 +212,7 @@ def test_a_weight_is_borne_by_its_unit_alone(x: float, y: float, z: float) -> No
     load_table = LoadTable(units=("palm/r3c3",), keys=(LoadKey(t_s=0.0, force_n=(x, y, z)),))
     scene = ScriptedScene(skin(), SceneFile(format=1, seconds=1.0, loads=(load_table,)))
     truth = scene.at(0.5)
-    unit = skin().unit_index("palm/r3c3")
+    unit = skin().index("palm/r3c3")
     assert truth.force[:, unit] == pytest.approx([x, y, z])
     assert np.abs(truth.force).sum() == pytest.approx(abs(x) + abs(y) + z)
     direction = truth.displacement_mm[:, unit]

@@ -113,7 +113,7 @@ def test_an_untouched_skin_has_no_arrow_and_no_label(skin):
 def test_contacts_have_arrow_normal_colour_and_label(skin):
     contacts = [skin.contact(4, 5.0, SlipState.STICK, 7), skin.contact(9, 2.0, SlipState.GROSS, 8)]
     contacts.append(skin.contact(1, 1.0, SlipState.UNKNOWN, 9))
-    contacts[2].record["centroid"] = contacts[2].record["margin"] = np.nan
+    contacts[2].record["centroid"] = contacts[2].record["margin_at_least"] = np.nan
     record, pose = snapshot_of(skin, contacts=contacts), pose_of(skin)
     frame = frame_of(pose, np.full(35, 0.005))
     forces, normals, hues, known = contact_arrows(record, frame, 10.0)

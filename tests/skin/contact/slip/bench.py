@@ -17,7 +17,8 @@ STIFFNESS = 0.5
 TOLD = (
     "slip", "slip_units", "body_units", "onset_ns", "stick_ratio", "pattern", "slip_probability",
     "slip_direction", "motion", "friction", "friction_sigma", "friction_spread", "margin",
-    "grip_force", "grip_force_sigma",
+    "margin_at_least", "grip_force", "grip_force_at_most",
+    "grip_force_sigma",
 )  # fmt: skip
 KEPT = {
     "anchor": "anchor", "anchor_variance": "anchor_variance", "lag": "lag", "moved": "moved",
@@ -163,32 +164,33 @@ class Bench:
 def compare(record, told):
     """Hold what the kernel says of a contact against what the slow algebra says."""
     is_unknown = bool(np.isnan(told.margin))
-    if is_unknown:
-        of_what_holds(told, record["load"])
+    told.margin_at_least, told.grip_force_at_most = (
+        bounds(told, record["load"]) if is_unknown else (told.margin, told.grip_force)
+    )  # fmt: skip
     grip_n = 1e-5 * told.safety * record["load"]
     for name in TOLD:
         # a pattern is the root of its odds, a probability has rounding of their logarithm, a margin
         # is one less a ratio near one, and a grip that ratio of the load
-        least = {"pattern": 1e-4, "margin": 1e-5, "grip_force": grip_n}.get(name, 1e-8)
+        least = {"pattern": 1e-4, "margin": 1e-5, "margin_at_least": 1e-5, "grip_force": grip_n,
+                 "grip_force_at_most": grip_n}.get(name, 1e-8)  # fmt: skip
         share = {"slip_probability": 1e-4, "grip_force_sigma": 1e-5}.get(name, 1e-6)
         np.testing.assert_allclose(record[name], getattr(told, name), share, least, err_msg=name)
     np.testing.assert_allclose(record["rotation"], told.turn, 1e-6, 1e-9)
     lower = max(told.friction_lower, 0.0)
-    np.testing.assert_allclose(record["friction_lower"], lower, 1e-6, 1e-9)
+    np.testing.assert_allclose(record["friction_at_least"], lower, 1e-6, 1e-9)
     assert bool(record["flags"] & Flag.FEW_UNITS) == told.few
     assert bool(record["flags"] & Flag.NO_FRICTION) == is_unknown
     assert bool(record["flags"] & Flag.NOISY) == told.noisy
 
 
-def of_what_holds(told, load):
-    """Bounds where no slip was seen: what was borne is friction, and what holds is enough grip."""
-    told.friction = max(told.friction_lower, 0.0)
+def bounds(told, load):
+    """Margin at least, and grip force at most, where no slip was seen: what was borne is friction,
+    and what holds is enough grip."""
     if told.slip >= SlipState.INCIPIENT:
-        told.margin, told.grip_force = 0.0, np.nan
-        return
-    needed = told.used / told.friction if told.friction else 1.0  # of the load
-    told.margin = 1.0 - min(needed, 1.0)
-    told.grip_force = told.safety * load * min(needed, 1.0)
+        return 0.0, np.nan
+    friction = max(told.friction_lower, 0.0)
+    needed = min(told.used / friction if friction else 1.0, 1.0)  # of the load
+    return 1.0 - needed, told.safety * load * needed
 
 
 def compare_units(data, naive, members):

@@ -1,0 +1,154 @@
+"""A part of the skin in one cycle: a patch, or all patches on one frame or link of a robot."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skin.contact.contact import Contact, wrench_adjoint
+from skin.errors import OptionError
+
+if TYPE_CHECKING:
+    from skin.state import Reading, State
+
+__all__ = ["Patch"]
+
+
+class Patch:
+    """A view of a state; nothing is computed before it is read.
+
+    Parameters
+    ----------
+    state : State
+    name : str
+        Of a patch, or of a frame or link that carries patches: those are one part then, whose frame
+        is that of the first of them.
+
+    Attributes
+    ----------
+    state : State
+    name : str
+    index : ndarray, shape (m,), int
+        Its units, as indices of the skin.
+
+    Raises
+    ------
+    OptionError
+        There is no patch, frame or link of this name.
+
+    Examples
+    --------
+    >>> import skin
+    >>> with skin.open("gripper", simulate=True, pace=False) as gripper:
+    ...     state = next(iter(gripper))
+    >>> pad = state.patch("left")
+    >>> pad.index.size, pad.units.force.shape, len(pad.contacts), pad.wrench.tolist()
+    (16, (3, 16), 0, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    """
+
+    def __init__(self, state: State, name: str) -> None:
+        self.state, self.name = state, name
+        skin = state.topology
+        if name in skin.patch_names:
+            self._first, found = skin.patch_names.index(name), skin.patch_names
+        elif name in skin.patch_frames:
+            self._first, found = skin.patch_frames.index(name), skin.patch_frames
+        else:
+            raise OptionError.unknown("patch", name, {*skin.patch_names, *skin.patch_frames})
+        self.index = np.flatnonzero(np.array([one == name for one in found])[skin.patch])
+
+    @property
+    def unit_names(self) -> list[str]:
+        """Names of its units."""
+        return [self.state.topology.unit_names[i] for i in self.index]
+
+    @property
+    def units(self) -> Reading:
+        """Its units; the arrays are copies."""
+        return self.state.units[self.index]
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """Contacts that have units of it; also one that lies across its edge."""
+        own = set(self.index.tolist())
+        return [one for one in self.state.contacts if not own.isdisjoint(one.units.tolist())]
+
+    @property
+    def coverage(self) -> float:
+        """Share of its sensing area whose units are valid."""
+        area = self.state.topology.area[self.index]
+        return float(area @ self.state.units.valid[self.index] / area.sum())
+
+    @property
+    def whole(self) -> bool:
+        """Whether `wrench` is complete: all units that are not disabled are valid, or the contacts
+        of the patch are whole, and no unit elsewhere in it is silent."""
+        silent = self.index[~self.state.units.valid[self.index]]
+        silent = silent[self.state.topology.feels[silent]]
+        return silent.size == 0 or (self.state.whole and all(one.whole for one in self.contacts))
+
+    @property
+    def pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where its frame is now: R_skin_patch, shape (3, 3), and the origin, shape (3,), metre,
+        skin frame. That of the file, moved as its units have moved since."""
+        skin, unit = self.state.topology, self.index[0]
+        position, rotation = self.state.poses
+        turn = rotation[..., unit] @ skin.rotation[..., unit].T
+        away = skin.patch_position[:, self._first] - skin.position[:, unit]
+        return turn @ skin.patch_rotation[..., self._first], position[:, unit] + turn @ away
+
+    @property
+    def wrench(self) -> np.ndarray:
+        """Force in newton and torque in newton metre about the origin of the skin frame, exerted by
+        the world on the valid units of the patch in contact; shape (6,)."""
+        return self._wrench[0]
+
+    @property
+    def wrench_sigma(self) -> np.ndarray:
+        """One-sigma of each component of `wrench`, shape (6,): by the covariances of its contacts,
+        that of a contact across its edge as a whole. Where nothing touches, the noise of the sum of
+        its units, or that sum; never 0. Errors that contacts have in common (the ambient field)
+        count as independent, and units that are silent far from any contact are in `whole` alone.
+        """
+        return np.sqrt(np.diag(self._wrench[1]))
+
+    @property
+    def local_wrench(self) -> np.ndarray:
+        """`wrench` in the frame of the patch, about its origin; shape (6,)."""
+        return wrench_adjoint(*self.pose) @ self._wrench[0]
+
+    @property
+    def local_wrench_sigma(self) -> np.ndarray:
+        """One-sigma of each component of `local_wrench`, shape (6,)."""
+        adjoint = wrench_adjoint(*self.pose)
+        return np.sqrt(np.diag(adjoint @ self._wrench[1] @ adjoint.T))
+
+    @cached_property
+    def _wrench(self) -> tuple[np.ndarray, np.ndarray]:
+        """Wrench and covariance, skin frame."""
+        state = self.state
+        touching = state.label[self.index] >= 0
+        if touching.any():
+            wrenches, _ = self._of_units(self.index[touching & state.units.valid[self.index]])
+            return wrenches.sum(axis=1), sum(one.wrench_covariance for one in self.contacts)
+        wrenches, noise = self._of_units(self.index[state.units.valid[self.index]])
+        rest = wrenches.sum(axis=1)
+        larger = np.maximum(np.abs(rest) / np.sqrt(np.maximum(np.diag(noise), 1e-300)), 1.0)
+        return np.zeros(6), noise * np.outer(larger, larger)
+
+    def _of_units(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Wrenches of units, shape (6, m), and the covariance of their sum by their noise."""
+        position, rotation = (pose[..., units] for pose in self.state.poses)
+        read = self.state.units
+        axes = np.concatenate([rotation, np.cross(position[:, np.newaxis], rotation, axis=0)])
+        wrenches = np.einsum("abn,bn->an", axes, read.force[:, units], dtype=float)
+        variance = np.square(read.force_sigma[:, units], dtype=float)
+        return wrenches, np.einsum("abn,bn,cbn->ac", axes, variance, axes)
+
+    def __repr__(self) -> str:
+        valid = f"{self.coverage:.0%} valid"
+        force = ", ".join(f"{newton:.2f}" for newton in self.wrench[:3])
+        return (f"<Patch {self.name!r}: {self.index.size} units, {valid}, "
+                f"{len(self.contacts)} contacts, force ({force}) N>")  # fmt: skip

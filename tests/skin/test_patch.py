@@ -1,0 +1,101 @@
+"""A part of the skin by its name: units, contacts, and their wrench in both frames."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import skin
+from skin.errors import OptionError
+from topology.errors import UnknownNameError
+
+
+@pytest.fixture(scope="module")
+def states():
+    """Some cycles of the gripper, pressed on one pad."""
+    with skin.open("gripper", simulate=True, pace=False) as gripper:
+        return [*itertools.islice(gripper, 0, 1500, 50)]
+
+
+def test_parts_add_up_to_the_whole_skin(states):
+    touched = 0
+    for state in states:
+        parts = [state.patch(name) for name in state.topology.patch_names]
+        np.testing.assert_allclose(sum(one.wrench for one in parts), state.wrench, 1e-5, 1e-6)
+        assert sum(one.index.size for one in parts) == state.topology.n
+        touched += any(one.contacts for one in parts)
+        for one in parts:
+            assert (one.wrench_sigma > 0.0).all()
+            if len(one.contacts) == 1:
+                np.testing.assert_allclose(one.wrench_sigma, one.contacts[0].wrench_sigma)
+    assert touched
+
+
+def test_the_frame_of_a_patch_moves_with_it(states):
+    state = max(states, key=lambda one: len(one.contacts))
+    for name in state.topology.patch_names:
+        part = state.patch(name)
+        turn, origin = part.pose
+        np.testing.assert_allclose(turn @ part.local_wrench[:3], part.wrench[:3], atol=1e-9)
+        torque = turn @ part.local_wrench[3:] + np.cross(origin, part.wrench[:3])
+        np.testing.assert_allclose(torque, part.wrench[3:], atol=1e-9)
+        assert (part.local_wrench_sigma > 0.0).all()
+    with skin.open("gripper", simulate=True, pace=False) as gripper:
+        home = next(iter(gripper)).patch("left")
+        shift, quarter = np.array([0.0, 0.03, 0.0]), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        gripper.move_patch("left", quarter, shift)
+        moved = next(iter(gripper)).patch("left")
+    np.testing.assert_allclose(moved.pose[0], quarter @ home.pose[0], atol=1e-12)
+    np.testing.assert_allclose(moved.pose[1], quarter @ home.pose[1] + shift, atol=1e-12)
+
+
+def test_units_are_found_by_name(states):
+    state = states[-1]
+    name = state.topology.unit_names[5]
+    unit = state.units[name]
+    assert state.topology.index(name) == 5
+    np.testing.assert_array_equal(unit.force, state.units.force[:, 5])
+    assert unit.temperature == state.units.temperature[5]
+    assert repr(unit).startswith("<Reading: 1 units, 100% valid")
+    assert state.patch("left").units.force.shape == (3, 16)
+    with pytest.raises(UnknownNameError, match=r"left/r0c9.*nearest: 'left/r0c"):
+        _ = state.units["left/r0c9"]
+
+
+def test_patches_of_one_link_are_one_part():
+    with skin.open("gripper", simulate=True, pace=False) as gripper:
+        state = next(iter(gripper))
+    links = state.topology.patch_links
+    assert state.patch(links[0]).index.tolist() == state.patch("left").index.tolist()
+
+
+def test_an_unknown_part_names_the_nearest(states):
+    with pytest.raises(OptionError, match=r"patch: must be .*got 'lefft' \(nearest: 'left'\)"):
+        states[0].patch("lefft")
+
+
+def test_a_patch_with_silent_units_is_not_whole(states):
+    state = states[0].copy()
+    left, right = state.patch("left"), state.patch("right")
+    assert left.whole
+    assert right.whole
+    state.units.valid[left.index[3]], state.whole = False, False
+    assert not state.patch("left").whole
+    assert state.patch("left").coverage == pytest.approx(15 / 16)
+    assert state.patch("right").whole
+
+
+def test_what_is_not_there_names_the_nearest(states):
+    state = max(states, key=lambda one: len(one.contacts))
+    (contact, *_) = state.contacts
+    for one, wrong, near in (
+        (contact, "centre", "centroid"),
+        (state, "wrenches", "wrench"),
+        (state.units, "forces", "force"),
+    ):
+        with pytest.raises(AttributeError, match=f"nearest: '{near}'"):
+            getattr(one, wrong)
+    assert {"load", "wrench", "copy"} <= {*dir(contact)}
+    assert {"born_ns", "begin", "track"}.isdisjoint(dir(contact))
