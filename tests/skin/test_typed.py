@@ -18,7 +18,7 @@ import skin
 with skin.open("palm", simulate=True) as palm:
     for state in palm:
         for contact in state.contacts:
-            print(contact.load + 1.0, contact.wrench[:3], contact.slip.name, contact.margin_at_least)
+            print(contact.load + 1.0, contact.wrench[:3], contact.slip.name, contact.margin)
             print(contact.centre)  # wrong
         print(state.units.forces)  # wrong
         print(state.wrenches)  # wrong
