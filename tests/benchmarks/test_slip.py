@@ -11,6 +11,7 @@ from benchmarks.slip_seen import see
 from skin.contact.record import SlipState
 from skin.contact.stream import ContactStream
 from skin.sim.mechanics.body import Body
+from tests.fixtures.cases import long_after_first
 
 
 def plan(**changes):
@@ -73,7 +74,7 @@ def test_a_grip_that_holds_is_quiet(modulation):
     assert not alarm.any()
 
 
-@pytest.mark.parametrize("rate_hz", [10.0, pytest.param(250.0, marks=pytest.mark.long)])
+@long_after_first("rate_hz", [10.0, pytest.param(250.0, marks=pytest.mark.long)])
 def test_an_hour_of_holding_is_quiet_while_the_elastomer_relaxes(rate_hz):
     held = play(plan(kind="hold", farthest_mm=0.5, friction=np.full(64, 0.9)))
     skin, rng = skin_of("flat"), np.random.default_rng(8)

@@ -105,8 +105,7 @@ class Bench:
     def judge(self, contacts, dt_s=0.004, kind=None):
         """Judge contacts, each a dict of `id`, `members` and perhaps `parent`, `event`, `flags`,
         and write some cycles down; the records."""
-        reading, data = self.reading, self.data
-        units = data.units
+        data, units = self.data, self.data.units
         self.now_ns += round(1e9 * dt_s)
         data.label[:], units["kind"] = -1, UnitKind.OUT if kind is None else kind
         records, begin = [], 0

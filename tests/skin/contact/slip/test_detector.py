@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skin.contact.record import SlipState, UnitSlip
+from tests.fixtures.cases import long_after_first
 from tests.skin.contact.slip.bench import curved_skin, flat_skin
 
 NONE, STICK, INCIPIENT, GROSS = SlipState
@@ -31,8 +32,8 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize("name", SETTINGS)
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+@long_after_first("name", SETTINGS)
+@long_after_first("skin", [flat_skin, curved_skin])
 def test_a_body_that_is_dragged_until_it_slides(name, skin, bench_of):
     rng = np.random.default_rng(len(name))
     bench = bench_of(skin(6, rng), rng, **SETTINGS[name])
@@ -41,7 +42,7 @@ def test_a_body_that_is_dragged_until_it_slides(name, skin, bench_of):
     assert max(states) >= INCIPIENT
 
 
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+@long_after_first("skin", [flat_skin, curved_skin])
 def test_units_that_slip_stick_again_when_the_body_rests(skin, bench_of):
     rng = np.random.default_rng(3)
     bench = bench_of(skin(7, rng), rng)
@@ -91,7 +92,7 @@ def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction,
     assert (GROSS in states) == (friction < 0.4)
 
 
-@pytest.mark.parametrize("gap_s", [0.3, 2.0, 4.0, 11.0])
+@long_after_first("gap_s", [0.3, 2.0, 4.0, 11.0])
 def test_a_gap_in_the_cycles_in_the_midst_of_slip(gap_s, bench_of):
     rng = np.random.default_rng(13)
     bench = bench_of(flat_skin(5, rng), rng)

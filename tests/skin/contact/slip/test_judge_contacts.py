@@ -5,12 +5,13 @@ import pytest
 
 from skin.contact.record import Event, SlipState, UnitKind, UnitSlip
 from skin.contact.slip import PARAMETERS
+from tests.fixtures.cases import long_after_first
 from tests.skin.contact.slip.bench import curved_skin, flat_skin
 
 NONE, STICK, INCIPIENT, GROSS = SlipState
 
 
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+@long_after_first("skin", [flat_skin, curved_skin])
 def test_two_contacts_at_once_slip_each_for_itself(skin, bench_of):
     rng = np.random.default_rng(31)
     bench = bench_of(skin(9, rng), rng)
@@ -30,7 +31,7 @@ def test_two_contacts_at_once_slip_each_for_itself(skin, bench_of):
     assert any(both[0] != both[1] for both in states)
 
 
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+@long_after_first("skin", [flat_skin, curved_skin])
 def test_contacts_that_grow_together_and_part_again(skin, bench_of):
     rng = np.random.default_rng(22)
     bench = bench_of(skin(8, rng), rng)
@@ -56,8 +57,8 @@ def test_contacts_that_grow_together_and_part_again(skin, bench_of):
     assert INCIPIENT in seen
 
 
-@pytest.mark.parametrize("kind", [UnitKind.OUT, UnitKind.SILENT, UnitKind.BRIDGE])
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+@long_after_first("kind", [UnitKind.OUT, UnitKind.SILENT, UnitKind.BRIDGE])
+@long_after_first("skin", [flat_skin, curved_skin])
 def test_a_unit_that_comes_late_and_goes_and_comes_again(skin, kind, bench_of):
     rng = np.random.default_rng(24)
     bench = bench_of(skin(6, rng), rng)
@@ -113,7 +114,7 @@ def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles, b
         assert set(states[states.index(GROSS) :]) == {GROSS}
 
 
-def test_contacts_side_by_side_and_again_on_units_that_have_slid_know_nothing_of_each_other(bench_of):
+def test_contacts_next_to_each_other_and_after_each_other_are_independent(bench_of):
     """The second begins where the first ends, and a new one
     takes the place of one that slid and was lifted."""
     rng = np.random.default_rng(61)
