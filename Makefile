@@ -1,5 +1,5 @@
 # make demo: install and see it work.   make test: everything that does not run for minutes.
-# make check: what needs no run, and the figures of the house.
+# make check: what needs no run.
 PYTHON ?= python3
 BIN := .venv/bin
 
@@ -18,7 +18,7 @@ if importlib.util.find_spec("ensurepip") is None:
 endef
 export CHECK_PYTHON
 
-.PHONY: help install demo docs reference links check test test-long test-versions lock mutate bench lint clean
+.PHONY: help install demo docs reference links check test test-long test-versions lock bench lint clean
 
 help:
 	@echo "make demo       a simulated skin, no hardware needed; into .venv, the core and plots alone (PYTHON=python3)"
@@ -26,12 +26,11 @@ help:
 	@echo "make docs       the site into build/docs, with the output of all examples, kept until code changes; a warning is an error"
 	@echo "make reference  the tables of docs/reference, which the program knows"
 	@echo "make links      the links of the site to other sites: are they there? (needs the net)"
-	@echo "make check      ruff, types, doctests, imports, rules for code; the figures of the house"
+	@echo "make check      ruff, types, doctests, imports, rules for code"
 	@echo "make test       all tests but the long ones"
-	@echo "make test-long  the long ones, others on a busy machine, and make test-versions"
+	@echo "make test-long  the long ones, the site among them, and make test-versions"
 	@echo "make test-versions  with the oldest versions of all packages, and with the newest"
 	@echo "make lock       renew constraints.txt, the versions that make install takes"
-	@echo "make mutate     break the code in small ways: do the tests see it? (hours; it resumes)"
 	@echo "make bench      the benchmarks: error beside time"
 	@echo "make lint       ruff, check and format"
 	@echo "make clean      remove .venv and everything built"
@@ -81,9 +80,8 @@ test-long: install
 	@.ci/debian-packages
 	@$(BIN)/python -m pip install -q --disable-pip-version-check --only-binary atheris -e '.[fuzz]' \
 	|| echo "No atheris for this Python: the tests that fuzz skip."
-	$(BIN)/python -m tests.house.under_load; busy=$$?; \
 	$(MAKE) test-versions; versions=$$?; \
-	$(BIN)/python -m pytest -m long; tests=$$?; exit $$((tests ? tests : busy ? busy : versions))
+	$(BIN)/python -m pytest -m long; tests=$$?; exit $$((tests ? tests : versions))
 
 # The oldest versions that pyproject.toml declares, and the newest that there are.
 test-versions: install
@@ -91,9 +89,6 @@ test-versions: install
 
 lock: install
 	$(BIN)/python -m tests.house.versions lock
-
-mutate: install
-	$(BIN)/python -m tests.house.mutate
 
 bench: install
 	$(BIN)/python -m benchmarks

@@ -30,8 +30,8 @@ settings.load_profile("f3t")
 
 @pytest.hookimpl(tryfirst=True)  # before -m leaves tests out
 def pytest_collection_modifyitems(items):
-    """Mark as `long`: all cases but the first of a test that is `long_but_first`, or slow
-    (`tests/house/slow.py`), and a slow test with one case."""
+    """Mark as `long`: all cases but the first of a test that is `long_but_first`, or in the list
+    of slow ones, and a slow test with one case."""
     slow, begun = set(SLOW.read_text().split()), set()
     for item in items:
         test = item.nodeid.split("[")[0]

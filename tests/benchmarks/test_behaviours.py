@@ -8,8 +8,10 @@ import pytest
 from benchmarks.handover_trial import run_carry, run_take
 from benchmarks.touch_trial import TOUCH_KINDS, run_touches
 
+pytestmark = pytest.mark.long
 
-@pytest.mark.parametrize("seed", [1, pytest.param(4, marks=pytest.mark.long)])
+
+@pytest.mark.parametrize("seed", [1, 4])
 def test_a_person_takes_a_block_out_of_the_gripper(seed):
     trial = run_take(seed)
     assert trial.recognised, trial.why
@@ -23,7 +25,6 @@ def test_bumps_and_brushes_on_the_way_release_nothing():
     assert carry.bumps + carry.brushes + carry.tugs >= 1
 
 
-@pytest.mark.long
 def test_a_finger_on_a_bare_skin_is_understood():
     trial = run_touches(5)
     kinds = {seen.asked.kind: seen.reported for seen in trial.seen}

@@ -24,11 +24,11 @@ def short(monkeypatch):
     monkeypatch.setattr(skip, "WARM", 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "benchmark",
-    [decode, fig3, *(pytest.param(each, marks=pytest.mark.long)
-                     for each in (contact, skip, recorded))],
-)  # fmt: skip
+    [decode, fig3, contact, skip, recorded],
+)
 def test_a_benchmark_runs_and_shows(benchmark):
     figures = json.loads(json.dumps(benchmark.run(True)))
     assert benchmark.table(figures)

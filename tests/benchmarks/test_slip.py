@@ -12,6 +12,8 @@ from skin.contact.record import SlipState
 from skin.contact.stream import ContactStream
 from skin.sim.mechanics.body import Body
 
+pytestmark = pytest.mark.long
+
 
 def plan(**changes):
     """A ball of half a metre on a flat skin; friction 0.5 at rest, 0.45 in motion."""
@@ -73,7 +75,7 @@ def test_a_grip_that_holds_is_quiet(modulation):
     assert not alarm.any()
 
 
-@pytest.mark.parametrize("rate_hz", [10.0, pytest.param(250.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize("rate_hz", [10.0, 250.0])
 def test_an_hour_of_holding_is_quiet_while_the_elastomer_relaxes(rate_hz):
     held = play(plan(kind="hold", farthest_mm=0.5, friction=np.full(64, 0.9)))
     skin, rng = skin_of("flat"), np.random.default_rng(8)
@@ -113,7 +115,6 @@ def test_trials_are_what_they_were_when_the_stored_figures_were_measured():
         assert one.displacement_mm.sum() == pytest.approx(moved, rel=1e-6)
 
 
-@pytest.mark.long
 def test_the_benchmark_runs_and_shows(monkeypatch):
     monkeypatch.setattr(workers, "processors", lambda: 1)
     figures = slip.run(quick=True)

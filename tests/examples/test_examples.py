@@ -23,8 +23,8 @@ NEEDS = {"lerobot_dataset": "pyarrow", "record_replay_plot": "mcap", "ros2_topic
          "grasp_in_mujoco": "mujoco", "train_policy": "gymnasium", "fig4b_gestures": "mujoco",
          "fig4c_adaptive_grasp": "mujoco", "fig5_pva": "mujoco", "fig6_tea": "mujoco"}  # fmt: skip
 """What an example needs by way of this project."""
-LONG = {"calibrate_bench", "train_policy"}
-"""Take 10 s of a processor or more."""
+QUICK = {"own_hand", "slip_margin_loop"}
+"""What `make test` runs; `make docs` runs all of them."""
 SHORT = {"fig4b_gestures": ["--last", "2"], "fig4c_adaptive_grasp": ["--seconds", "0.5"],
          "fig5_pva": ["--rounds", "0"], "fig6_tea": ["--goal", "24"]}  # fmt: skip
 """Arguments with which a figure of the paper is the begin or the end of it."""
@@ -81,7 +81,7 @@ def test_it_is_short_and_says_what_it_shows(script):
 
 @pytest.mark.parametrize(
     "script",
-    [pytest.param(each, marks=[pytest.mark.long] * (each.stem in LONG)) for each in SCRIPTS],
+    [pytest.param(each, marks=[pytest.mark.long] * (each.stem not in QUICK)) for each in SCRIPTS],
     ids=lambda script: script.stem,
 )
 def test_it_runs(script, tmp_path):

@@ -16,6 +16,7 @@ from tests.house.sources import ROOT
 pytest.importorskip("sphinx", reason="sphinx is not installed")
 pytest.importorskip("myst_parser", reason="myst-parser is not installed")
 pytest.importorskip("furo", reason="furo is not installed")
+pytestmark = pytest.mark.long
 BUILTIN = ROOT / "topology" / "builtin"
 
 

@@ -11,6 +11,7 @@ from bus.logs import write
 from skin.blocks import CLOSED_BY
 from skin.contact.record import CONTACT
 from skin.state import Reading, if_wanted
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
 
 WANT = ("temperature", "force", "sigma", "wrench", "centroid", "contacts", "slip")
@@ -76,12 +77,12 @@ def same(block, state, t=None):
     assert np.ascontiguousarray(got).tobytes() == np.ascontiguousarray(state).tobytes()
 
 
-@pytest.mark.parametrize("name", ["whole", "holed", "jitter", "back"])
+@long_after_first("name", ["whole", "holed", "jitter", "back"])
 def test_blocks_are_the_states_of_the_log(logs, name):
     assert compare(logs / f"{name}.log", want=WANT) > 50
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     "options",
     [
         {"want": "temperature"},

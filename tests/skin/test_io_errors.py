@@ -28,6 +28,7 @@ from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.sim.scenes.record import Recorder
 from skin.sim.truth import Truth
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.failing_disk import FailingDisk
 
 STRIP = topology.load("strip")
@@ -103,7 +104,7 @@ def each(operations):
     return sorted({0, 1, 2, operations // 2, *range(operations - 4, operations)})
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@long_after_first("name", WRITERS)
 def test_what_stood_there_stays_whole_and_a_message_says_why(name, run, tmp_path):
     check(name, run, tmp_path, each)
 

@@ -22,6 +22,7 @@ from skin.errors import SkinError
 from skin.live import SYNC_BITS
 from skin.sim.node import SimulatedUnits
 from skin.state import WANTS
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of, over
 
 STRIP = topology.load("strip")
@@ -42,7 +43,7 @@ def topology_of(tmp_path, *changes, base="strip"):
     return topology.load(file)
 
 
-@pytest.mark.parametrize("name", ["palm", "fingertip", "hand", "strip"])
+@long_after_first("name", ["palm", "fingertip", "hand", "strip"])
 def test_every_ready_made_skin_runs_simulated(name):
     with skin.open(name, simulate=True, pace=False) as opened:
         for number, state in enumerate(itertools.islice(opened, 20)):
@@ -95,7 +96,7 @@ BROUGHT_ALONG = {
 }
 
 
-@pytest.mark.parametrize("wanted", WANTS)
+@long_after_first("wanted", WANTS)
 @pytest.mark.usefixtures("interpreted")
 def test_what_is_not_wanted_is_not_there(wanted):
     with skin.open("strip", simulate=True, pace=False, want={wanted}) as strip:
@@ -258,7 +259,7 @@ def test_wrong_option_is_refused(options, message):
         skin.open("strip", **{"simulate": True, **options})
 
 
-@pytest.mark.parametrize("simulate", [False, None, "", 0])
+@long_after_first("simulate", [False, None, "", 0])
 def test_what_is_false_opens_the_buses_and_invents_no_forces(simulate):
     with skin.open("strip", simulate=simulate) as opened:
         assert opened.nodes is None
@@ -273,6 +274,7 @@ def test_a_skin_has_a_transport_for_each_bus():
         over("strip", [], deadline_s=0.0)
 
 
+@pytest.mark.long
 def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
     file = tmp_path / "still.toml"
     file.write_text('format = 1\nname = "nothing"\nseconds = 1.0\n')
@@ -284,6 +286,7 @@ def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
             assert next(iter(opened)).units.valid.all()
 
 
+@pytest.mark.long
 def test_a_scene_that_ends_ends_the_loop_and_one_that_repeats_does_not(tmp_path):
     scene = tmp_path / "press.toml"
     scene.write_text("format = 1\nseconds = 0.1\n")
@@ -453,7 +456,7 @@ def test_poses_are_checked_where_no_contacts_are_wanted_too():
             strip.move_patch(here.patch_names[0], np.eye(3), np.full(3, np.nan))
 
 
-@pytest.mark.parametrize("sync", ["host", "bus"])
+@long_after_first("sync", ["host", "bus"])
 def test_a_second_loop_goes_on_with_the_cycles_of_the_first(sync):
     """No cycle is invented, and no frame that the first loop left in its batch is lost."""
     near, host = MemoryTransport.pair()

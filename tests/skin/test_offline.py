@@ -31,6 +31,7 @@ def told(state):
     return state.cycle, state.counters, repr(contacts), repr([one.id for one in state.slips])
 
 
+@pytest.mark.long
 def test_states_of_a_log_are_those_felt_live(tmp_path):
     """Contacts, slip and counters included: the same frames, once from a bus, once from a file."""
     frames = frames_of("palm", "slide", 900)

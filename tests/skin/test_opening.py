@@ -18,6 +18,7 @@ from skin.errors import SkinError
 from skin.sim import load_scene
 from skin.state import INVALID
 from skin.view.terminal import LiveTable
+from tests.fixtures.cases import long_after_first
 
 PALM = topology.load("palm")
 UNIT = PALM.index("palm/r3c3")
@@ -171,7 +172,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@long_after_first("name", COMMANDS)
 def test_commands_that_play_a_scene_do_its_faults(name, scene, opened, tmp_path, capsys):
     needs, more = COMMANDS[name]
     if needs:

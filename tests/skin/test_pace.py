@@ -69,6 +69,7 @@ def test_a_board_that_comes_back_after_all_others_is_heard():
     assert not any(Status.LATE in each for each in flags[12:])
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not has_batches(), reason="needs a 64-bit Linux")
 def test_arrivals_that_complete_no_cycle_are_slept_through(slow_palm):
     """13 frames, 0.5 ms apart: a look at each would be 13 looks a cycle. A busy machine delays the

@@ -62,13 +62,6 @@ def test_the_source_archive_holds_every_file(tracked):
     assert {file for file in held if file.endswith((".pyc", ".nbc"))} == set()
 
 
-def test_the_source_archive_holds_what_its_makefile_needs(tracked):
-    table = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    held = set(table["tool"]["hatch"]["build"]["targets"]["sdist"]["include"])
-    tops = {line.partition("/")[0] for line in tracked}
-    assert tops - held == {".gitignore", "pyproject.toml"}  # these go in by themselves
-
-
 def test_the_extra_all_is_every_extra_of_users():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"

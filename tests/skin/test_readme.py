@@ -22,6 +22,7 @@ def examples():
     return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
 
 
+@pytest.mark.long
 def test_examples_have_no_type_errors(tmp_path):
     pytest.importorskip("basedpyright")
     (tmp_path / "pyrightconfig.json").write_text(

@@ -18,12 +18,13 @@ import topology
 from bus.logs import Recording, buses_of
 from bus.logs.channels import names_of
 from skin.cli import main
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
 from tests.fixtures.patience import LONG_S
 
 
-@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".blf"])
-@pytest.mark.parametrize("name", ["strip", "hand"])
+@long_after_first("suffix", [".log", ".log.gz", ".blf"])
+@long_after_first("name", ["strip", "hand"])
 def test_what_a_skin_recorded_decodes_to_what_it_felt(name, suffix, tmp_path):
     log = tmp_path / f"run{suffix}"
     with skin.open(name, simulate=True, pace=False, record=log) as opened:
@@ -52,7 +53,7 @@ def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
     assert decoded.faults == []
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     "command",
     [
         ["run", "hand", "--simulate", "--seconds", "1.0"],
@@ -60,7 +61,7 @@ def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
         ["sim", "hand", "press", "--seconds", "1.0"],
     ],
 )
-@pytest.mark.parametrize("suffix", [".log", ".blf"])
+@long_after_first("suffix", [".log", ".blf"])
 def test_logs_of_the_commands_are_decoded_as_they_are(command, suffix, tmp_path, capsys):
     log = tmp_path / f"run{suffix}"
     assert main([*command, "--record", str(log)]) == 0
@@ -72,6 +73,7 @@ def test_logs_of_the_commands_are_decoded_as_they_are(command, suffix, tmp_path,
     assert report["faults"] == []
 
 
+@pytest.mark.long
 def test_simulated_units_on_a_bus_record_what_it_carries(tmp_path):
     loaded = topology.load("strip")
     log = tmp_path / "sim.log"
@@ -100,7 +102,7 @@ def test_names_of_channels_follow_the_topology():
         assert buses_of(there, "run.blf") == numbers
 
 
-@pytest.mark.parametrize("suffix", ["log", "blf"])
+@long_after_first("suffix", ["log", "blf"])
 def test_a_full_disk_is_told_with_the_name_of_the_log(suffix, tmp_path):
     log = tmp_path / f"run.{suffix}"
     log.symlink_to("/dev/full")
@@ -118,6 +120,7 @@ def recorded(log, frames):
         recording.close()
 
 
+@pytest.mark.long
 def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
     log = tmp_path / "run.blf"
     code = "import sys; from skin.cli import main; sys.exit(main(sys.argv[1:]))"

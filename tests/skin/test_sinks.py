@@ -15,6 +15,7 @@ from bus.logs import read
 from bus.memory import MemoryTransport
 from skin.errors import OptionError, SkinError
 from skin.sinks import LEAST_WAITING, WAITING_S, Ending
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 
@@ -109,7 +110,7 @@ def test_a_sink_sees_the_states_of_the_loop_and_the_frames_of_the_log(tmp_path):
     assert strip.sinks == [(keeper, 0, None)]
 
 
-@pytest.mark.parametrize("way", ["states", "blocks", "replay"])
+@long_after_first("way", ["states", "blocks", "replay"])
 def test_a_sink_sees_the_cycles_of_a_log_and_stops_at_its_end(way, tmp_path):
     log = tmp_path / "run.log"
     with skin.open("strip", simulate="press", pace=False, record=log) as strip:
@@ -160,7 +161,7 @@ def test_poses_are_seen_as_they_are_set():
     np.testing.assert_allclose(rotation[:, :, 3], turn @ at.rotation[:, :, 3], atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [Failing, FailingInline])
+@long_after_first("kind", [Failing, FailingInline])
 def test_a_sink_that_raises_is_detached_and_the_run_goes_on(kind, caplog):
     with skin.open("strip", simulate=True, pace=False) as strip:
         failing, keeper = strip.attach(kind()), strip.attach(Keeper())
@@ -175,7 +176,7 @@ def test_a_sink_that_raises_is_detached_and_the_run_goes_on(kind, caplog):
     same(keeper.of("state"), states)
 
 
-@pytest.mark.parametrize("detached", [False, True])
+@long_after_first("detached", [False, True])
 def test_a_sink_that_has_failed_is_waited_for_until_it_has_stopped(detached):
     class Slow(Failing):
         stopping = threading.Event()

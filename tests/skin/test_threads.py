@@ -14,13 +14,13 @@ import topology
 from bus.memory import MemoryTransport
 from skin.sim.node import SimulatedUnits
 from skin.state import if_wanted
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("name", ["strip", "fingertip"])
-@pytest.mark.parametrize("sync", ["host", "bus"])
+@long_after_first("name", ["strip", "fingertip"])
+@long_after_first("sync", ["host", "bus"])
 def test_a_skin_that_another_thread_closes_ends(name, sync):
     """At any moment of a cycle, while the thread that iterates may close it as well."""
     for delay_ms in (0.0, 0.3, 1.0, 3.0):
@@ -81,6 +81,7 @@ def test_a_copy_keeps_what_the_state_said():
         assert copied.time_s == pytest.approx(1e-9 * copied.stamp_ns)
 
 
+@pytest.mark.long
 def test_slips_are_told_once_and_units_by_their_names():
     names = topology.load("palm").unit_names
     with skin.open("palm", simulate="slide", pace=False, want={"slip"}) as palm:

@@ -16,6 +16,7 @@ from skin.contact.stream import ContactStream
 from skin.errors import CountsError, SkinError
 from skin.options import Options
 from skin.pipeline import Pipeline
+from tests.fixtures.cases import long_after_first
 from tests.skin.test_values import FOLDER, PERIOD_NS
 
 TIP = topology.load("fingertip").exact()
@@ -62,7 +63,7 @@ STREAMS = {
 }
 
 
-@pytest.mark.parametrize("name", STREAMS)
+@long_after_first("name", STREAMS)
 def test_seldom_cycles_give_the_forces_and_times_of_the_steady_stream(name, recorded):
     """The neighbours' displacements are those of the cycle before; the rest keeps to the time."""
     cycles, numbers, stamps, bound = STREAMS[name]
@@ -83,6 +84,7 @@ def test_forces_keep_to_the_steady_stream_where_two_sweeps_are_taken(recorded):
     assert max(np.nanmax(np.abs(force[c] - steady[c])) for c in FIFTH) < 0.02
 
 
+@pytest.mark.long
 def test_a_slow_consumer_sees_the_time_that_passed():
     with skin.open("strip", simulate=True) as strip:
         states = iter(strip)

@@ -14,6 +14,7 @@ import pytest
 import skin
 import topology
 from skin.contact.stream import ContactStream
+from tests.fixtures.cases import long_after_first
 
 FOLDER = Path(__file__).parents[1] / "golden" / "values"
 PERIOD_NS = 4_000_000
@@ -117,7 +118,7 @@ def held_to(name, found):
             )
 
 
-@pytest.mark.parametrize("plan", PLANS)
+@long_after_first("plan", PLANS)
 def test_readings_are_what_they_were(recorded, plan):
     held_to(plan, decoded(*recorded, PLANS[plan]))
 

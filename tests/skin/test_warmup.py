@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.fixtures.cases import long_after_first
+
 ROOT = Path(__file__).parents[2]
 CYCLES = 400
 """Longer than it takes until zeros are taken."""
@@ -93,7 +95,7 @@ def record(path):
                 return
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     "way", [pytest.param(way, marks=[] if way == "demo" else pytest.mark.long) for way in WAYS]
 )
 def test_nothing_is_compiled_or_imported_once_cycles_have_begun(way, tmp_path, monkeypatch):

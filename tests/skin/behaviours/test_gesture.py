@@ -10,6 +10,7 @@ from bus.status import Status
 from fig4b_gestures import run, story
 from skin.behaviours.gesture import Gestures
 from skin.errors import OptionError
+from tests.fixtures.cases import long_after_first
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
 from topology import load
 
@@ -72,7 +73,7 @@ def test_away_from_the_person_is_a_push():
     assert (away.kind, here.kind) == ("push", "pull")
 
 
-@pytest.mark.parametrize("rise_s", [0.02, 0.15, 0.5])
+@long_after_first("rise_s", [0.02, 0.15, 0.5])
 def test_a_pull_of_fifteen_seconds_is_told_once_and_its_end_is_no_gesture(rise_s):
     gestures, held = rested()
     told = play(gestures, held, ramp(1.2, rise_s, 15.0), 16.0, (0.0, 1.0, 0.0))
@@ -161,6 +162,7 @@ def test_a_magnet_that_is_seen_is_no_gesture():
     assert play(gestures, held, nothing, 0.4) == []
 
 
+@pytest.mark.long
 def test_people_are_understood_on_the_simulator():
     trial = run(3, lambda random: story(random)[6:])
     assert [seen.is_right for seen in trial.seen] == [True] * 5

@@ -9,6 +9,7 @@ import pytest
 
 from skin.behaviours.grip import GripControl, GripParameters, Phase
 from skin.errors import OptionError
+from tests.fixtures.cases import long_after_first
 from tests.skin.behaviours.pinch import PERIOD_S, Pinch
 
 
@@ -21,8 +22,8 @@ def held(seconds=3.0, **options):
     return pinch, control
 
 
-@pytest.mark.parametrize("friction", [0.32, 0.55, 0.85])
-@pytest.mark.parametrize("share", [0.8, 1.0])
+@long_after_first("friction", [0.32, 0.55, 0.85])
+@long_after_first("share", [0.8, 1.0])
 def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, share):
     shares = []
     for seed in range(5):

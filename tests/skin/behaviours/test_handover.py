@@ -8,6 +8,7 @@ import pytest
 from bus.status import Status
 from skin.behaviours.handover import Handover, Phase
 from skin.errors import OptionError
+from tests.fixtures.cases import long_after_first
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
 from topology import load
 
@@ -69,7 +70,7 @@ def test_what_is_not_a_take_releases_nothing(course, way):
     assert taken_s(play(handover, held, course, 1.2, way)) is None
 
 
-@pytest.mark.parametrize("size", [1.5, 3.0, 4.5])
+@long_after_first("size", [1.5, 3.0, 4.5])
 def test_who_pulls_it_down_for_long_and_lets_go_bears_nothing(size):
     handover, held = giving()
     told = play(handover, held, lambda t: -size if t < 11.0 else 0.0, 13.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-import pytest
 
 from skin.behaviours.friction import LOWER, Friction, G
 from skin.behaviours.probe import Outcome, Probe
+from tests.fixtures.cases import long_after_first
 
 PERIOD_S = 0.004
 HUNG_N, SIGMA_N, START_N = 0.8, 0.04, 4.0
@@ -58,7 +58,7 @@ class Played:
         raise AssertionError
 
 
-@pytest.mark.parametrize(("static", "share"), [(0.35, 1.0), (0.5, 0.85), (0.8, 0.9)])
+@long_after_first(("static", "share"), [(0.35, 1.0), (0.5, 0.85), (0.8, 0.9)])
 def test_friction_is_found_and_its_lower_bound_holds(static, share):
     spread = []
     for seed in range(12):
@@ -69,7 +69,7 @@ def test_friction_is_found_and_its_lower_bound_holds(static, share):
     assert np.median(spread) < 1.3
 
 
-@pytest.mark.parametrize("delay", [0, 5, 15])
+@long_after_first("delay", [0, 5, 15])
 def test_a_late_gripper_does_not_lengthen_the_slide_and_its_delay_is_found(delay):
     found = [Played(delay=delay, seed=seed) for seed in range(12)]
     assert max(played.slid_m for played in found) < 6e-3

@@ -22,6 +22,7 @@ from bus.memory import MemoryTransport
 from skin.cli import COMMANDS, main
 from skin.cli.calibrate import SUBCOMMANDS
 from skin.sim.node import SimulatedUnits
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
 
 
@@ -94,8 +95,7 @@ def test_demo_ends_with_one_json_object(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [picture]
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("name", ["fingertip", "hand", "strip"])
+@long_after_first("name", ["fingertip", "hand", "strip"])
 def test_demo_runs_on_every_ready_made_skin(name, tmp_path, capsys):
     picture = tmp_path / "demo.png"
     arguments = ["demo", name, "--seconds", "6", "--json", "--picture", str(picture)]
@@ -245,6 +245,7 @@ def recorded(tmp_path, monkeypatch):
     return path, np.stack(live)
 
 
+@pytest.mark.long
 def test_decoded_log_is_what_was_felt_live(recorded, tmp_path, capsys):
     log, live = recorded
     output = tmp_path / "forces.npz"
@@ -257,7 +258,7 @@ def test_decoded_log_is_what_was_felt_live(recorded, tmp_path, capsys):
         assert np.abs(arrays["force"] - live).max() < 1e-4
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
+@long_after_first("suffix", ["csv", "npz"])
 def test_a_log_without_contacts_or_cycles_decodes(suffix, tmp_path, capsys):
     frames = frames_of("strip", "press", 5)
     for name, some, status in (("a", frames, 0), ("b", frames[frames["id"] != 0x80], 1)):

@@ -115,6 +115,7 @@ def assert_same(container, reports, normal):
         assert container.joinpath("work", name).read_bytes() == folder.joinpath(name).read_bytes()
 
 
+@pytest.mark.long
 def test_commands_run_in_a_read_only_image_with_its_code_compiled(container, user, normal):
     kept = container / "kernels"
     passing = shutil.ignore_patterns("*.nb?.*")  # locks and unfinished files of other processes

@@ -18,6 +18,7 @@ from skin.io.messages.record import COUNTERS
 from skin.state import Status
 from skin.view.health import Health, flagged
 from skin.view.terminal import LiveTable
+from tests.fixtures.cases import long_after_first
 from tests.naive.record import snapshots
 
 
@@ -35,7 +36,7 @@ def partly_off(tmp_path):
     return str(file)
 
 
-@pytest.mark.parametrize("name", ["run", "publish"])
+@long_after_first("name", ["run", "publish"])
 def test_a_unit_that_is_switched_off_is_no_loss(name, partly_off, tmp_path, capsys):
     if name == "publish":
         pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")

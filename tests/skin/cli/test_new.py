@@ -10,6 +10,7 @@ import pytest
 import topology
 from skin.cli import main
 from skin.robot.mount import check_patches
+from tests.fixtures.cases import long_after_first
 
 
 @pytest.fixture(autouse=True)
@@ -18,7 +19,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("is_classic", [False, True])
+@long_after_first("is_classic", [False, True])
 def test_a_new_hand_is_checked_simulated_and_tared(is_classic, folder, capsys):
     patches = ["--patches", "palm=3x4", "thumb=2x2"]
     assert main(["new", "my_hand", *patches, "--json"]) == 0

@@ -12,6 +12,7 @@ import skin
 from bus.logs import write
 from skin.cli import main
 from skin.io.bulk import WANT, decode_logs
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
@@ -71,7 +72,7 @@ def test_a_file_and_a_folder_have_the_forces_of_decode_log(form, case, log, tmp_
         assert stated == options
 
 
-@pytest.mark.parametrize("case", [{}], indirect=True)
+@long_after_first("case", [{}], indirect=True)
 def test_a_data_set_has_the_forces_of_decode_log(case, log, tmp_path, capsys):
     image_library = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
     _, states, options = case

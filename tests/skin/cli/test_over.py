@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from skin.cli import main
+from tests.fixtures.cases import long_after_first
 
 TOPOLOGY = """name = "palm"
 [[buses]]
@@ -47,8 +48,8 @@ WRITERS = {
 }
 
 
-@pytest.mark.parametrize("held", [TOPOLOGY, NOTES], ids=["a topology", "notes"])
-@pytest.mark.parametrize("name", WRITERS)
+@long_after_first("held", [TOPOLOGY, NOTES], ids=["a topology", "notes"])
+@long_after_first("name", WRITERS)
 def test_what_another_has_written_stays_and_is_named(name, held, tmp_path, capsys):
     file, command = WRITERS[name]
     path = tmp_path / "there" / file
@@ -95,6 +96,7 @@ def test_a_calibration_of_another_skin_stays(other, tmp_path):
     assert path.read_text() == held
 
 
+@pytest.mark.long
 def test_every_writer_writes_over_its_own(tmp_path):
     calibration, truth, table = (tmp_path / name for name in ("p.toml", "t.npz", "d.csv"))
     for _ in range(2):

@@ -17,6 +17,7 @@ import skin
 import topology
 from skin.cli import main
 from skin.view.terminal import LiveTable
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.patience import LONG_S
 
 pytest.importorskip("mcap", reason="mcap is not installed")
@@ -90,7 +91,7 @@ def test_a_speed_is_not_negative(file, capsys):
     assert capsys.readouterr().err == "--speed: must be 0, or from 1e-06 to 1e+06; got -1\n"
 
 
-@pytest.mark.parametrize(("number", "status"), [
+@long_after_first(("number", "status"), [
     (signal.SIGINT, 0), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long),
 ])  # fmt: skip
 def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number, status):

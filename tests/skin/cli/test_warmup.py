@@ -45,6 +45,7 @@ def test_what_is_compiled_is_found_the_second_time(capsys):
     assert ["folder", str(cache.folder())] in said
 
 
+@pytest.mark.long
 def test_a_start_finds_all_that_was_compiled_for_it(tmp_path, capsys):
     """With a recording, which has kernels of its own."""
     assert main(["warmup", "palm", "--json"]) == 0

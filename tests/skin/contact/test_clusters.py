@@ -1,6 +1,7 @@
 """Gate and clusters: against scipy, and the laws that they keep on any graph."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,6 +52,7 @@ def scenes(draw):
     return load, neighbour_graph(position, reach), valid, touching
 
 
+@pytest.mark.long
 @given(scenes())
 def test_clusters_are_the_connected_components(scene):
     load, graph, valid, touching = scene

@@ -48,6 +48,7 @@ def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
     assert (spread < 1.6).all(), spread
 
 
+@pytest.mark.long
 def test_balls_that_merge_and_part_keep_their_identities():
     palm = topology.load("palm").exact()
     scene = ScriptedScene(palm, load_scene("merge", palm))
@@ -71,6 +72,7 @@ def test_balls_that_merge_and_part_keep_their_identities():
     assert len(merged) == len(parted) == 1
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_variants")
 def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     palm = topology.load("palm").exact()

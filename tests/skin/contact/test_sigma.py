@@ -13,6 +13,7 @@ from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.stream import ContactStream
 from skin.contact.unseen import Common
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.contact_stream import with_gate
 
 PITCH, FACE = 0.012, 0.0105
@@ -50,9 +51,9 @@ def shear_of(field):
     return radius * field[:2] / strength, force * field[:2] / strength
 
 
-@pytest.mark.parametrize("curved", [False, True])
-@pytest.mark.parametrize("bodies", [1, 2])
-@pytest.mark.parametrize(("drag", "rest_ut"), [(0.02, 0.0), (1.4, 0.0), (1.4, 40.0)])
+@long_after_first("curved", [False, True])
+@long_after_first("bodies", [1, 2])
+@long_after_first(("drag", "rest_ut"), [(0.02, 0.0), (1.4, 0.0), (1.4, 40.0)])
 def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, drag, rest_ut):
     """Chi-square of wrenches whose units share an unknown field of each body, and, along their own
     axes, the one in which Bz at rest was learnt; in all six rows and in each: mean 6 of 6, within
@@ -251,9 +252,7 @@ def pressed(rng, position, load):
     return faces.sum(axis=(1, 2)), np.array([(faces * x).sum(), (faces * y).sum()]) / total
 
 
-@pytest.mark.parametrize(
-    ("span", "most"), [((0.15, 0.5), 0.74), ((0.5, 1.0), 0.76), ((1.0, 5.0), 0.81)]
-)
+@long_after_first(("span", "most"), [((0.15, 0.5), 0.74), ((0.5, 1.0), 0.76), ((1.0, 5.0), 0.81)])
 def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span, most):
     """Above 1 N ends that are flat and such as fade count alike, so that most errors are less."""
     rng = np.random.default_rng(11)

@@ -12,6 +12,7 @@ from bus.status import Status
 from skin.decode import ambient_kernels
 from skin.decode.ambient import Ambient
 from tests.fixtures.ambient import World, apart, look, without_bz
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated
 
 EARTH = np.array([[20.0], [30.0], [-44.0]])
@@ -25,7 +26,7 @@ def settled(skin, *, seed=0, noise=True, seconds=8.0, **options):
     return ambient, world
 
 
-@pytest.mark.parametrize("name", ["palm", "fingertip", "strip"])
+@long_after_first("name", ["palm", "fingertip", "strip"])
 def test_uniform_field_is_found_on_skins_of_any_shape(name):
     skin = calibrated(topology.load(name).exact(), seed=3)
     ambient, world = settled(skin, noise=False, dtype="float64")
@@ -156,7 +157,7 @@ def test_flat_skin_without_bz_knows_nothing_of_the_field_across_it():
     assert sigma[:2].max() < 6.0
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@long_after_first("dtype", ["float32", "float64"])
 def test_kernel_does_as_its_python(dtype):
     skin = calibrated(topology.load("fingertip").exact(), seed=2)
     ambient, world = settled(skin, seconds=1.0, dtype=dtype)

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import amplitude_of, angle_of, row_of, sine, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
@@ -45,8 +46,8 @@ PARTS = {
 }
 
 
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-@pytest.mark.parametrize("part", PARTS)
+@long_after_first("estimator", ["sine", "field-angle"])
+@long_after_first("part", PARTS)
 def test_a_field_is_an_anomaly_beyond_its_tolerance(part, estimator):
     """2 %, sigmas, and 0.3 mT of neighbours whose rest is known.
 
@@ -224,7 +225,7 @@ def test_units_that_are_left_out_or_decoded_again_do_not_count_for_the_mean():
     assert (status & Status.MAGNETIC_ANOMALY != 0).tolist() == [False] + [True] * (UNITS - 1)
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@long_after_first("dtype", ["float32", "float64"])
 def test_noise_makes_no_more_anomalies_than_it_may(dtype):
     """Of a skin that may have them so often that they can be counted."""
     skin = with_parameters(row_of(400), gel_noise_relative=0.0)

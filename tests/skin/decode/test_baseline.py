@@ -10,6 +10,7 @@ from skin.decode.decoder import Decoder
 from skin.sim.thermal import ThermalChain
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.ambient import World, apart, look, without_bz
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 UNITS = 24
@@ -94,7 +95,7 @@ def test_presses_too_light_to_be_contacts_are_no_ambient_field():
     assert np.abs(found[:2]).max() < 12.0  # of the six units that nothing touches
 
 
-@pytest.mark.parametrize("rate_hz_per_min", [0.5, -0.5, 0.9])
+@long_after_first("rate_hz_per_min", [0.5, -0.5, 0.9])
 def test_drift_of_unloaded_units_is_followed(rate_hz_per_min):
     ambient, world = begun()
     creep(world, ambient, 1200.0, drift=rate_hz_per_min)
@@ -113,8 +114,7 @@ def test_drift_of_an_offset_is_followed():
     assert np.abs(world.stray_ut[:2] - ambient.zero[1:]).max() < 15.0
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("rate_hz_per_min", [0.3, 0.5, 0.9, 1.2, 2.0, 5.0])
+@long_after_first("rate_hz_per_min", [0.3, 0.5, 0.9, 1.2, 2.0, 5.0])
 def test_press_that_creeps_is_not_taken_for_drift(rate_hz_per_min):
     """Three units of 24, slower and faster than a zero may follow: Bz tells it from drift."""
     ambient, world = begun()
@@ -203,8 +203,7 @@ def moved(skin, counts, estimator):
     return np.abs(minutes - minutes[0]).max(axis=(0, 2))
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize(
+@long_after_first(
     ("layout", "depth_mm", "displacement_mm"),
     [("f3t-fd16", 0.0, 0.0), ("f3t-fd16", 1.0, 1.5), ("f3t-classic", 1.0, 1.5)],
 )

@@ -15,6 +15,7 @@ from skin.errors import OptionError
 from skin.physics.elastic import Elastic
 from skin.sim.mechanics.viscoelastic import Prony
 from skin.state import if_wanted
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import row_of, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
@@ -82,8 +83,7 @@ def run(decoder, raw, gaps=None):
     return np.array(found)
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@long_after_first("dtype", ["float32", "float64"])
 def test_forces_are_those_of_the_integral(dtype):
     """On each axis, with gaps; units without terms bear the elastic force alone."""
     rng = np.random.default_rng(3)
@@ -138,8 +138,8 @@ def test_without_terms_or_when_not_wanted_nothing_is_there():
         Decoder(SKIN, creep=1, sweeps=0, ambient=False)
 
 
-@pytest.mark.parametrize("want", [{"force"}, {"tangential"}, {"theta", "sigma"}, None])
-@pytest.mark.parametrize("loop", [{"sweeps": 0, "ambient": False}, {"sweeps": 2, "ambient": True}])
+@long_after_first("want", [{"force"}, {"tangential"}, {"theta", "sigma"}, None])
+@long_after_first("loop", [{"sweeps": 0, "ambient": False}, {"sweeps": 2, "ambient": True}])
 def test_batches_are_single_cycles_whatever_is_wanted(want, loop):
     rng = np.random.default_rng(5)
     raw = counts_at(SKIN, *history(rng, 20), DIRECTION)

@@ -16,6 +16,7 @@ from skin.decode.crosstalk import CrossTalk
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import strokes
 from tests.skin.physics.test_stencil import change_ut, displaced, neighbours_ut, palm
 
@@ -66,7 +67,7 @@ def plane(rows, columns, pitch_mm=12.0, slant=0.0):
 
 
 # -- against the stencil ---------------------------------------------------------------------------
-@pytest.mark.parametrize("name", SKINS)
+@long_after_first("name", SKINS)
 def test_the_prediction_is_that_of_the_stencil(name):
     skin, stencil = topology.load(name).exact(), stencil_of(name)
     moved = displaced(skin.n, cycles=1)[0]
@@ -77,8 +78,7 @@ def test_the_prediction_is_that_of_the_stencil(name):
 
 
 # -- against magnet theory -------------------------------------------------------------------------
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("name", ["palm", "hand", "fingertip"])
+@long_after_first("name", ["palm", "hand", "fingertip"])
 def test_what_is_missed_is_what_the_residue_says(name):
     skin = topology.load(name).exact()
     moved = displaced(skin.n, cycles=40, seed=3)
@@ -220,7 +220,7 @@ def swept(skin, crosstalk, moved, sweeps):
     return errors
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("pitch_mm", "raw", "one", "two"),
     [(12.0, 100.0, 15.0, 7.0), (13.5, 60.0, 9.0, 6.0), (15.0, 35.0, 8.0, 4.0)],
 )

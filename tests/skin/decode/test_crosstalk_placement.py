@@ -11,6 +11,7 @@ from skin.decode.crosstalk import CrossTalk
 from skin.decode.resting import stray_ut2
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import with_parameters
 from tests.skin.decode.test_crosstalk import plane
 from topology.pose import from_rpy
@@ -33,8 +34,8 @@ def strayed(skin, moved, depth, reach_m):
     return both - own
 
 
-@pytest.mark.parametrize("tared", [False, True])
-@pytest.mark.parametrize("kind", PLACED)
+@long_after_first("tared", [False, True])
+@long_after_first("kind", PLACED)
 def test_units_off_their_places_add_what_the_variance_says(kind, tared):
     """Root mean square over many skins; single units differ by their neighbours' directions."""
     place_mm, tilt_rad = PLACED[kind]

@@ -12,6 +12,7 @@ import pytest
 from bus.status import Status
 from skin.decode.decoder import Decoder
 from skin.errors import CalibrationError, CountsError, OptionError
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
 pytestmark = pytest.mark.usefixtures("few_variants")
@@ -36,7 +37,7 @@ def frequency_of(depth_mm):
     return round(4 * (4500.0 - 900.0 * depth_mm))
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("changed", "flags"),
     [
         ({}, Status.OK),
@@ -74,7 +75,7 @@ def frequency_of(depth_mm):
         ({"frequency": 18000 + 4 * 37}, Status.EXTRAPOLATED),
     ],
 )
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@long_after_first("dtype", ["float32", "float64"])
 def test_each_flag_has_its_count(changed, flags, dtype):
     reading = sine(row_of(1), dtype=dtype)(counts_of(**changed))
     assert Status(int(reading.status[0])) == flags

@@ -15,6 +15,7 @@ from skin.decode.density import sparse_enough
 from skin.errors import TooDenseError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
+from tests.fixtures.cases import long_after_first
 
 BUS = """
 format = 1
@@ -54,8 +55,7 @@ def checked(tmp_path, text, capsys):
     return file, status, json.loads(capsys.readouterr().out.splitlines()[-1])
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize(
+@long_after_first(
     ("text", "line", "where"),
     [
         (GRID, 20, "patches[0] 'p' pitch_m: must be larger, for "),

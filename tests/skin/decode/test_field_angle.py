@@ -11,6 +11,7 @@ from bus.status import Status
 from skin.decode.decoder import Decoder
 from skin.decode.model import field_angle_ends
 from skin.errors import CalibrationError, OptionError
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import (
     amplitude_of,
     angle_of,
@@ -65,8 +66,7 @@ def counts_at(skin, depth, reach, direction, temperature=25.0, gain=1.0, noise=N
 # -- its end ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@long_after_first("dtype", ["float32", "float64"])
 def test_r_grows_to_its_end_and_stays_there(dtype):
     """From straight up through the horizon to straight down, a field of one strength."""
     skin = row_of(1)
@@ -88,6 +88,7 @@ def test_r_grows_to_its_end_and_stays_there(dtype):
     assert np.isfinite(got.displacement_sigma_mm).all()
 
 
+@pytest.mark.long
 @given(seeds, dtypes)
 def test_no_integer_makes_a_nan(seed, dtype):
     skin = calibrated(row_of(48), seed % 5, turn_rad=0.5)

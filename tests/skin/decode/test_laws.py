@@ -16,6 +16,7 @@ from skin.decode.decoder import Decoder
 from skin.options import ESTIMATORS
 from skin.sim.unit import UnitSimulator
 from skin.state import UNIT_WANTS
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import (
     any_counts,
     calibrated,
@@ -116,8 +117,8 @@ def test_decoding_undoes_the_simulated_unit_within_quantisation(seed, dtype, lay
     assert np.all(np.abs(got.force[2] - normal) <= stiffest + digits)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-@pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-fd64", "f3t-classic"])
+@long_after_first("estimator", ESTIMATORS)
+@long_after_first("layout", ["f3t-fd16", "f3t-fd64", "f3t-classic"])
 def test_every_cycle_is_that_of_the_naive_decoder(layout, estimator):
     skin = stiffening(calibrated(row_of(37, layout), seed=3, turn_rad=0.3))
     raw = np.concatenate([sensible_counts(skin, 6, 4), sensible_counts(skin, 6, 5, most=0.3)])
@@ -133,7 +134,7 @@ def test_every_cycle_is_that_of_the_naive_decoder(layout, estimator):
     assert np.minimum(turn, 2.0 * np.pi - turn).max() < 1e-8
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@long_after_first("estimator", ESTIMATORS)
 def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
     for layout in ("f3t-fd16", "f3t-classic"):
         skin = calibrated(row_of(64, layout), seed=7, turn_rad=0.3)
@@ -177,6 +178,7 @@ def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
 # -- symmetries ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @given(seeds)
 def test_float32_agrees_with_float64(seed):
     skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
@@ -224,6 +226,7 @@ def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
         assert np.ascontiguousarray(a[..., order]).tobytes() == b.tobytes(), name
 
 
+@pytest.mark.long
 @given(seeds, dtypes)
 def test_a_batch_is_its_cycles_one_by_one(seed, dtype):
     skin = calibrated(row_of(19), seed=4, turn_rad=0.2)
@@ -255,6 +258,7 @@ def test_units_that_are_alike_decode_as_units_that_differ():
 # -- edges ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @given(seeds, dtypes, st.sampled_from(["f3t-fd16", "f3t-classic"]))
 def test_no_integer_makes_a_nan(seed, dtype, layout):
     skin = calibrated(row_of(48, layout), seed % 5, turn_rad=0.5)

@@ -18,6 +18,7 @@ from skin.errors import OptionError
 from skin.options import Options
 from skin.pipeline import Pipeline
 from tests.fixtures.ambient import look, without_bz
+from tests.fixtures.cases import long_after_first
 
 RATE_HZ = 250.0
 EARTH = np.array([20.0, 30.0, -44.0])
@@ -115,9 +116,8 @@ def settled(skin, field_ut, seed):
     return grip
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("field_ut", [0.0 * EARTH, EARTH], ids=["no field", "earth"])
-@pytest.mark.parametrize("pad_n", [0.4, 0.7, 3.0])
+@long_after_first("field_ut", [0.0 * EARTH, EARTH], ids=["no field", "earth"])
+@long_after_first("pad_n", [0.4, 0.7, 3.0])
 def test_shear_of_light_pads_is_felt(pair, pad_n, field_ut):
     """The field found is 5 µT off, 2 mN a unit, and stays so: hence the mean over a few grips."""
     shares = [
@@ -169,7 +169,7 @@ def about(axis, angle):
     return turn
 
 
-@pytest.mark.parametrize("learns", [True, False])
+@long_after_first("learns", [True, False])
 def test_a_turn_that_is_reported_turns_the_field_that_is_held(learns):
     """Tared in the field of the Earth, then turned: with turns before the grip the field at the
     tare is known, and so is the field under the grip; without them sigma says that it is not."""
@@ -203,6 +203,7 @@ def test_a_turn_that_is_reported_turns_the_field_that_is_held(learns):
     assert sigma < 40.0 if learns else sigma > 50.0
 
 
+@pytest.mark.long
 def test_a_skin_reports_the_turns_of_all_its_bodies():
     """The joints, too: a finger that has turned against the palm sees the field by its own axes."""
     hand = topology.load("hand").exact()

@@ -13,6 +13,7 @@ from skin.decode.decoder import Decoder
 from skin.physics.halbach import HalbachField
 from skin.sim.unit import UnitSimulator
 from skin.state import if_wanted
+from tests.fixtures.cases import long_after_first
 
 
 @functools.cache
@@ -39,6 +40,7 @@ def test_reset_forgets_neighbours_and_drifts():
     np.testing.assert_array_equal(decoder(counts).displacement_mm, first)
 
 
+@pytest.mark.long
 def test_units_without_load_are_looked_at_now_and_then_for_the_ambient_field():
     palm, _, _ = pressed_palm()
     simulated = UnitSimulator(palm, noise=False, field=HalbachField(palm))
@@ -61,8 +63,7 @@ def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
     assert decoder.whole.temperature is not None
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("skip", [False, True])
+@long_after_first("skip", [False, True])
 def test_the_ambient_field_is_found_as_well_where_units_are_looked_at_seldom(skip):
     """A field that appears, in noise: found within its sigma; with `skip` the sigma is wider by
     the fewer looks, no more."""

@@ -14,6 +14,7 @@ from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
 from skin.state import if_wanted
 from tests.fixtures.ambient import apart, look
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, sensible_counts
 from tests.skin.decode.test_crosstalk import plane
 from tests.skin.decode.test_crosstalk_made_up import made_up
@@ -158,8 +159,8 @@ def test_a_batch_and_bound_arrays_go_through_the_loop_as_cycles_do():
         same(bound.reading, one(raw[t], status[t]))
 
 
-@pytest.mark.parametrize("loop", [{"sweeps": 2}, {"ambient": True}, {"sweeps": 1, "ambient": True}])
-@pytest.mark.parametrize("want", [{"force"}, {"displacement", "sigma"}, {"field"}])
+@long_after_first("loop", [{"sweeps": 2}, {"ambient": True}, {"sweeps": 1, "ambient": True}])
+@long_after_first("want", [{"force"}, {"displacement", "sigma"}, {"field"}])
 def test_the_loop_needs_what_is_not_wanted(want, loop):
     """It is decoded, and not shown; what is wanted is the same."""
     skin = square()

@@ -8,6 +8,7 @@ import re
 import pytest
 
 from skin.decode.decoder import Decoder
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import row_of
 
 
@@ -34,7 +35,7 @@ def assembly():
     return body[: body.index("\n.Lfunc_end")]
 
 
-@pytest.mark.parametrize("instruction", ["vfmadd", "vsqrt", "vdiv", "vcvtdq2", "vmul"])
+@long_after_first("instruction", ["vfmadd", "vsqrt", "vdiv", "vcvtdq2", "vmul"])
 def test_lanes_are_computed_together(assembly, instruction):
     assert re.search(rf"\t{instruction}\S*ps\t.*%[yz]mm", assembly)
 

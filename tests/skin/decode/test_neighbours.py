@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 
 import numpy as np
+import pytest
 
 import topology
 from bus.status import Status
@@ -53,6 +54,7 @@ def test_both_doors_have_the_same_defaults():
         assert ours[name].default == getattr(theirs, name), name
 
 
+@pytest.mark.long
 def test_what_sweeps_do_not_take_off_is_in_sigma():
     """And no pressed unit is an anomaly, nor invalid."""
     skin = square(SIDE)
@@ -69,6 +71,7 @@ def test_what_sweeps_do_not_take_off_is_in_sigma():
     assert reading.valid.all()
 
 
+@pytest.mark.long
 def test_a_skin_that_was_tared_is_decoded_without_its_neighbours_twice():
     """Resting films on a square push the chips of its edges aside by half a millitesla."""
     skin = square(SIDE)

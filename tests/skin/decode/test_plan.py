@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts
 from tests.skin.decode.test_field_angle import counts_at
 
@@ -65,7 +66,7 @@ def test_skipping_changes_no_bit_of_what_it_shows(seed, n, estimator):
     assert idle_beside_full(*scene(n, seed), estimator) > 0
 
 
-@pytest.mark.parametrize(("n", "seed"), [(20, 1), (20, 2), (40, 3), (150, 4)])
+@long_after_first(("n", "seed"), [(20, 1), (20, 2), (40, 3), (150, 4)])
 def test_a_few_cycles_skip_as_many_do(n, seed):
     """Of one group of units, of some, and of more than a block."""
     idle_beside_full(*scene(n, seed, cycles=10), "field-angle")

@@ -18,6 +18,7 @@ from skin.calibrate.fit import as_fit, rms
 from skin.calibrate.tare import tare
 from skin.decode.decoder import Decoder
 from tests.fixtures.bench import dealt
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import strokes, with_parameters
 from tests.fixtures.film import FILMS
 from tests.fixtures.plant import BX, BZ, FREQUENCY, Plant, Touch, Units
@@ -93,8 +94,7 @@ def films_of(skin: Skin, name: str) -> bool:
     return skin.plant.film is FILMS[name]
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("warm_c", [25.0, 45.0])
+@long_after_first("warm_c", [25.0, 45.0])
 def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     """Cold and warm, in a body that stands in the Earth's field."""
     found = tare(skin.known, untouched(skin, 3, warm_c))
@@ -109,7 +109,7 @@ def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     np.testing.assert_array_equal(known["axial_rest_sigma_ut"], sigma)
 
 
-@pytest.mark.long_but_first
+@pytest.mark.long
 def test_decoders_weigh_a_tare_against_theory_and_go_on_with_it(skin):
     """At rest Bz is then that of the own film, and a decoder that is tared later reads the same."""
     found = tare(skin.known, untouched(skin, 4)).applied()
@@ -144,7 +144,7 @@ def test_what_films_add_as_they_move_is_within_its_variance(skin):
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 1.2
 
 
-@pytest.mark.long_but_first
+@pytest.mark.long
 def test_a_unit_that_reads_as_at_rest_while_all_round_it_are_pressed_is_found(skin):
     """Its neighbours' films have come nearer, and its chip does not see them; all others do, and
     are no anomaly, whatever their films are. Of films that are not as drawn more is allowed."""
@@ -165,6 +165,7 @@ def test_a_unit_that_reads_as_at_rest_while_all_round_it_are_pressed_is_found(sk
     assert not flagged.any()
 
 
+@pytest.mark.long
 def test_a_unit_that_is_far_off_as_it_is_tared_is_not_taken_at_its_word(skin):
     """What no film adds is no neighbour: it stays an anomaly."""
     counts = untouched(skin, 9)

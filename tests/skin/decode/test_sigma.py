@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skin.decode.decoder import Decoder
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
@@ -47,7 +48,7 @@ def coverage(estimator, depth, reach):
     return found
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("depth", "reach"),
     [(0.2, 0.0), (0.2, 0.5), (0.2, 1.5), (0.2, 2.5), (1.0, 0.1), (1.0, 1.2), (1.0, 2.3),
      (1.9, 0.3), (1.9, 1.8), (1.9, 2.2), (1.9, 2.8)],

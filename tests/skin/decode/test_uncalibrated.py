@@ -18,6 +18,7 @@ from skin.physics.halbach import HalbachField
 from skin.sim import scenes
 from skin.sim.bench import differing
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import apart, with_parameters
 from topology.model import SIGMAS
 
@@ -65,6 +66,7 @@ def test_sigma_of_nominal_units_holds_what_units_differ_by(others):
     assert within(PALM.exact(), others, NORMAL) < 0.2
 
 
+@pytest.mark.long
 def test_sigma_of_tared_units_is_less_and_holds_too(others):
     p = others[0].parameters
     zeros = {
@@ -80,6 +82,7 @@ def test_sigma_of_tared_units_is_less_and_holds_too(others):
     assert sigma[0] < 0.8 * sigma[1]
 
 
+@pytest.mark.long
 def test_a_unit_without_calibration_is_flagged_and_valid(others):
     reading = Decoder(PALM, sweeps=0, ambient=False)(others[1])
     assert (reading.status & Status.UNCALIBRATED != 0).all()
@@ -116,7 +119,7 @@ def test_what_a_file_gives_of_a_unit_makes_it_tared_or_calibrated(tmp_path):
     assert exact.parameters["frequency_rest_hz"][0] == 4510.0
 
 
-@pytest.mark.parametrize("exact", [True, False])
+@long_after_first("exact", [True, False])
 def test_simulated_units_are_known_unless_their_films_have_errors(exact, tmp_path):
     ready = Path(scenes.__file__).with_name("press.toml").read_text(encoding="utf-8")
     scene = tmp_path / "scene.toml"

@@ -23,6 +23,7 @@ from bus.logs import write
 from skin.cli import main
 from skin.errors import OptionError
 from skin.io.bulk import decode_logs
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
 from tests.fixtures.patience import LONG_S
 
@@ -73,7 +74,7 @@ def test_tables_hold_what_the_live_skin_shows(logs, tmp_path):
     assert at == loads.size > 50
 
 
-@pytest.mark.parametrize("how", ["threads", "a cluster"])
+@long_after_first("how", ["threads", "a cluster"])
 def test_an_executor_gives_the_same_files(how, logs, tmp_path):
     decode_logs("palm", logs, tmp_path / "alone")
     with executor_of(how) as executor:
@@ -121,7 +122,7 @@ def changed(palm, what):
     return palm, {"want": ("force",)} if what == "options" else {}
 
 
-@pytest.mark.parametrize("what", ["calibration", "topology", "options", "log"])
+@long_after_first("what", ["calibration", "topology", "options", "log"])
 def test_a_log_is_decoded_again_where_something_changed(what, logs, tmp_path):
     log, out, palm = tmp_path / "run.log", tmp_path / "out", topology.load("palm")
     log.write_bytes(b"".join(logs[0].read_bytes().splitlines(keepends=True)[:1000]))
@@ -245,7 +246,7 @@ def test_logs_of_several_days_may_have_the_same_name(logs, tmp_path):
 # -- the command -----------------------------------------------------------------------------------
 
 
-@pytest.mark.long_but_first
+@pytest.mark.long
 def test_processes_give_the_same_files_and_the_command_says_what_it_did(logs, tmp_path, capsys):
     given = ["decode", "palm", *map(str, logs), "-o"]
     assert main([*given, str(tmp_path / "two"), "--jobs", "2"]) == 0
@@ -276,7 +277,7 @@ def test_wrong_use_is_refused(arguments, message, capsys, tmp_path, monkeypatch)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("number", [
+@long_after_first("number", [
     pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGKILL,
 ])  # fmt: skip
 def test_processes_end_with_the_one_that_started_them(number, logs, tmp_path):

@@ -57,6 +57,7 @@ def truth(states):
     return slips, most, hottest, troubled
 
 
+@pytest.mark.long
 def test_slips_and_loads(decoded, ask):
     slips, most, _, _ = truth(decoded[1])
     found = ask(SLIPS)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from bus.compiled.jit import compiled
 from skin.physics import force_law
 from skin.physics.elastic import Elastic
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 FAR = 50.0
@@ -95,8 +96,8 @@ def all_python(x, laws, out):
         out[4, i] = force_law.stiffening(x[i], law[0], law[1])
 
 
-@pytest.mark.parametrize("cubic", [0.0, 1.5])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@long_after_first("cubic", [0.0, 1.5])
+@long_after_first("dtype", ["float32", "float64"])
 def test_kernels_and_arrays_have_the_same_numbers(dtype, cubic):
     rng = np.random.default_rng(3)
     x, law = rng.uniform(-2.0, 10.0, 999).astype(dtype), rng.uniform(0.1, 5.0, (4, 999))

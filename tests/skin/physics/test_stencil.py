@@ -16,6 +16,7 @@ from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.physics.stray import monomials, powers
+from tests.fixtures.cases import long_after_first
 from topology.files import read_arrays
 from topology.pose import from_rpy
 
@@ -50,7 +51,7 @@ def rms(field):
     return np.sqrt(np.mean(np.square(field[:, :2])))
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("pitch_mm", "limits"),
     [
         (12.0, (0.33, 0.11, 0.04, 0.016)),
@@ -89,6 +90,7 @@ def test_what_rests_adds_what_the_stencil_says():
     assert (stencil(np.zeros((3, skin.n))) == 0.0).all()
 
 
+@pytest.mark.long
 def test_units_of_frames_that_move_against_each_other_are_no_pairs():
     skin = topology.load("hand")
     stencil, rigid = (Stencil.of(one, reach_m=0.03) for one in (skin, still("hand")))
@@ -115,6 +117,7 @@ def test_what_is_left_out_is_as_large_as_it_says():
     assert not Stencil.of(skin, degree=1, reach_m=0.1).left_out_rms_ut.any()
 
 
+@pytest.mark.long
 @settings(max_examples=6)
 @given(st.tuples(*3 * [st.floats(-3.0, 3.0)]), st.integers(1, 4))
 def test_turning_the_skin_as_a_whole_changes_nothing(rpy, degree):
@@ -220,7 +223,7 @@ def test_terms_come_by_degree(degree):
     assert terms[:3].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("name", "change"),
     [
         ("neighbour", lambda a: a + 1000),

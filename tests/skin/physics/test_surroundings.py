@@ -84,6 +84,7 @@ def test_at_a_spheres_surface_the_field_refracts(mu, radius, seed):
     np.testing.assert_allclose(np.cross(normal, outside), np.cross(normal, inside / mu), atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_tool_that_is_no_magnet_and_no_iron_is_not_felt():
     nothing = Surroundings(tools=(Tool(AWAY, permeability=1.0),))
     np.testing.assert_array_equal(readings(nothing), readings(Surroundings()))

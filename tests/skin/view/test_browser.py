@@ -20,9 +20,12 @@ from tests.fixtures.patience import LONG_S
 from tests.fixtures.shown import Shown
 
 pytest.importorskip("viser", reason="viser is not installed")
-pytestmark = pytest.mark.skipif(
-    PROGRAM is None, reason="chromium is not installed: sudo apt-get install chromium"
-)
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        PROGRAM is None, reason="chromium is not installed: sudo apt-get install chromium"
+    ),
+]
 PANEL = 870
 """Where the panel begins."""
 ONE = np.ones(1, bool)

@@ -29,6 +29,7 @@ def log(tmp_path_factory):
     return folder / "run.log"
 
 
+@pytest.mark.long
 def test_a_log_and_a_recording_are_shown_to_their_end(log, capsys):
     for given in (["strip", str(log)], [str(log.with_suffix(".mcap"))]):
         assert main(["view", *given, "--seconds", "3", "--json"]) == 0
@@ -37,6 +38,7 @@ def test_a_log_and_a_recording_are_shown_to_their_end(log, capsys):
         assert report["faults"] == []
 
 
+@pytest.mark.long
 def test_a_log_that_is_damaged_is_told_and_ends_with_1(log, tmp_path, capsys):
     lines = log.read_text().splitlines(keepends=True)
     file = tmp_path / "damaged.log"
@@ -50,6 +52,7 @@ def test_a_log_of_another_skin_is_refused(log, capsys):
     assert "run.log: must hold" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_long_gaps_are_leapt_over(log, tmp_path, capsys):
     """An hour in which nothing was recorded."""
     lines = log.read_text().splitlines(keepends=True)

@@ -19,6 +19,7 @@ import skin
 from skin.cli import main
 from skin.errors import SkinError
 from skin.view import show
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.patience import LONG_S
 from tests.fixtures.shown import Shown
 
@@ -103,6 +104,7 @@ def test_a_view_that_dies_does_not_stop_the_skin(caplog):
     assert caplog.messages == ["view: worker exited early (status -9)"]
 
 
+@pytest.mark.long
 def test_a_tare_asked_for_takes_the_zeros_of_untouched_units_anew():
     with skin.open("palm", simulate="press", pace=False) as palm, show(palm, port=0) as view:
         states = iter(palm)
@@ -126,6 +128,7 @@ def test_a_tare_asked_for_takes_the_zeros_of_untouched_units_anew():
         assert set(names) <= set(taken)
 
 
+@pytest.mark.long
 def test_the_command_shows_a_simulated_skin_and_ends_by_itself(capsys):
     arguments = ["view", "strip", "--simulate", "--seconds", "1", "--json"]
     assert main(arguments) == 0
@@ -136,6 +139,7 @@ def test_the_command_shows_a_simulated_skin_and_ends_by_itself(capsys):
     assert report["snapshots"] > 5
 
 
+@pytest.mark.long
 def test_the_command_plays_a_log(capsys):
     log = ROOT / "tests" / "golden" / "logs" / "palm-vcan.log"
     arguments = ["view", "palm", str(log), "--seconds", "1", "--json"]
@@ -145,7 +149,7 @@ def test_the_command_plays_a_log(capsys):
     assert report["cycles"] > 5
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("arguments", "message"),
     [
         (["view", "palm", "a.log", "--simulate"], "--simulate: must not be given with a recording"),
@@ -223,6 +227,7 @@ def pictures(client, shown, count, wanted=None):
     return found
 
 
+@pytest.mark.long
 def test_pictures_are_made_for_whoever_looks_and_for_nobody_else(capfd):
     shown = Shown()
     with show(shown, port=0) as view:

@@ -19,6 +19,7 @@ from skin.view.drawing import contact_label
 from skin.view.health import Health
 from skin.view.snapshot import Snapshots, snapshot_dtype
 from skin.worker import RingBuffer
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.robots import write_gripper
 from tests.fixtures.shown import Shown
 from tests.naive.record import fill, snapshots
@@ -46,7 +47,7 @@ def drained(ring):
     return records
 
 
-@pytest.mark.parametrize("want", [None, {"temperature"}, {"force", "sigma"}])
+@long_after_first("want", [None, {"temperature"}, {"force", "sigma"}])
 def test_a_snapshot_says_what_the_state_says(want, clock):
     with skin.open("palm", simulate="press", pace=False, want=want) as palm:
         ring = RingBuffer(snapshot_dtype(palm.topology, 16), 8)

@@ -6,13 +6,14 @@ from scipy.stats import chi2
 
 from skin.contact.record import SlipState
 from skin.contact.slip import SlipSettings
+from tests.fixtures.cases import long_after_first
 from tests.skin.contact.slip.hold import Hold
 
 PER_S = 1.0
 """Alarms without slip that are asked for."""
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("rate_hz", "rows", "columns"),
     [(100.0, 1, 4), (100.0, 2, 3), (100.0, 3, 4), (250.0, 2, 3), (1000.0, 3, 4)],
 )

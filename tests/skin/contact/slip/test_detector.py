@@ -1,10 +1,11 @@
-"""What is judged of a body that is dragged, cycle by cycle, against the slow algebra."""
+"""What is judged of a body that is dragged, cycle by cycle."""
 
 import numpy as np
 import pytest
 
 from skin.contact.record import SlipState, UnitSlip
-from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
+from tests.fixtures.cases import long_after_first
+from tests.skin.contact.slip.bench import curved_skin, flat_skin
 
 NONE, STICK, INCIPIENT, GROSS = SlipState
 
@@ -31,20 +32,20 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize("name", SETTINGS)
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_a_body_that_is_dragged_until_it_slides(name, skin):
+@long_after_first("name", SETTINGS)
+@long_after_first("skin", [flat_skin, curved_skin])
+def test_a_body_that_is_dragged_until_it_slides(name, skin, bench_of):
     rng = np.random.default_rng(len(name))
-    bench = Bench(skin(6, rng), rng, **SETTINGS[name])
+    bench = bench_of(skin(6, rng), rng, **SETTINGS[name])
     states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 6))
     assert STICK in states
     assert max(states) >= INCIPIENT
 
 
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_units_that_slip_stick_again_when_the_body_rests(skin):
+@long_after_first("skin", [flat_skin, curved_skin])
+def test_units_that_slip_stick_again_when_the_body_rests(skin, bench_of):
     rng = np.random.default_rng(3)
-    bench = Bench(skin(7, rng), rng)
+    bench = bench_of(skin(7, rng), rng)
     load = np.array([2.0, 1.8, 0.5, 2.2, 1.9, 0.7, 2.4])
     states, seen = drag_along(bench, load, speed=0.04, halts=30, cycles=120, dt_s=0.01)
     assert set(states) == {NONE, STICK, INCIPIENT}
@@ -52,49 +53,49 @@ def test_units_that_slip_stick_again_when_the_body_rests(skin):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.5])
-def test_noise_that_is_not_as_told(factor):
+def test_noise_that_is_not_as_told(factor, bench_of):
     rng = np.random.default_rng(5)
-    bench = Bench(flat_skin(5, rng), rng)
+    bench = bench_of(flat_skin(5, rng), rng)
     drag_along(bench, rng.uniform(0.8, 1.6, 5), noise=factor, cycles=80)
-    assert (bench.naive.kept["ratio"] > 1.1).all() == (factor > 1.0)
+    assert (bench.data.slips["noise_ratio"] > 1.1).all() == (factor > 1.0)
 
 
-def test_one_unit_whose_noise_is_greater_than_told():
+def test_one_unit_whose_noise_is_greater_than_told(bench_of):
     rng = np.random.default_rng(6)
-    bench = Bench(curved_skin(6, rng), rng)
+    bench = bench_of(curved_skin(6, rng), rng)
     noise = np.array([1.0, 1.0, 1.0, 6.0, 1.0, 1.0])
     drag_along(bench, rng.uniform(0.8, 1.6, 6), noise=noise, cycles=80, friction=np.inf, dt_s=0.02)
-    assert bench.naive.kept["noisy"][3]
-    assert not bench.naive.kept["noisy"].all()
+    assert bench.data.slips["noisy"][3]
+    assert not bench.data.slips["noisy"].all()
 
 
-def test_soft_ground_is_allowed_for_where_many_units_stick():
+def test_soft_ground_is_allowed_for_where_many_units_stick(bench_of):
     rng = np.random.default_rng(7)
-    bench = Bench(flat_skin(21, rng), rng)
+    bench = bench_of(flat_skin(21, rng), rng)
     states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 21), cycles=55, speed=0.05)
     assert INCIPIENT in states
 
 
-def test_readings_that_are_told_without_noise():
+def test_readings_that_are_told_without_noise(bench_of):
     rng = np.random.default_rng(8)
-    bench = Bench(flat_skin(4, rng), rng)
+    bench = bench_of(flat_skin(4, rng), rng)
     states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 4), sigma_mm=0.0, cycles=60)
     assert INCIPIENT in states or GROSS in states
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.45])
-def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction):
+def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction, bench_of):
     rng = np.random.default_rng(9)
-    bench = Bench(flat_skin(2, rng), rng, friction=friction)
+    bench = bench_of(flat_skin(2, rng), rng, friction=friction)
     states, _ = drag_along(bench, np.array([1.5, 0.8]), cycles=80, speed=0.04)
     assert set(states) >= {STICK, INCIPIENT}
     assert (GROSS in states) == (friction < 0.4)
 
 
-@pytest.mark.parametrize("gap_s", [0.3, 2.0, 4.0, 11.0])
-def test_a_gap_in_the_cycles_in_the_midst_of_slip(gap_s):
+@long_after_first("gap_s", [0.3, 2.0, 4.0, 11.0])
+def test_a_gap_in_the_cycles_in_the_midst_of_slip(gap_s, bench_of):
     rng = np.random.default_rng(13)
-    bench = Bench(flat_skin(5, rng), rng)
+    bench = bench_of(flat_skin(5, rng), rng)
     load, members = np.array([2.0, 1.5, 0.5, 1.8, 0.6]), [4, 2, 0, 1, 3]
     for t in range(60):
         bench.read(load, bench.drag((0.04 * np.clip(t - 15, 0, 22), 0.0)), 0.4)

@@ -1,19 +1,20 @@
-"""Contacts that share a skin, meet and part, and units that come and go; against slow algebra."""
+"""Contacts that share a skin, meet and part, and units that come and go."""
 
 import numpy as np
 import pytest
 
 from skin.contact.record import Event, SlipState, UnitKind, UnitSlip
 from skin.contact.slip import PARAMETERS
-from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
+from tests.fixtures.cases import long_after_first
+from tests.skin.contact.slip.bench import curved_skin, flat_skin
 
 NONE, STICK, INCIPIENT, GROSS = SlipState
 
 
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_two_contacts_at_once_slip_each_for_itself(skin):
+@long_after_first("skin", [flat_skin, curved_skin])
+def test_two_contacts_at_once_slip_each_for_itself(skin, bench_of):
     rng = np.random.default_rng(31)
-    bench = Bench(skin(9, rng), rng)
+    bench = bench_of(skin(9, rng), rng)
     load = rng.uniform(0.5, 2.0, 9)
     left, right = np.array([6, 0, 3, 1]), np.array([8, 2, 5, 7])
     states = []
@@ -30,10 +31,10 @@ def test_two_contacts_at_once_slip_each_for_itself(skin):
     assert any(both[0] != both[1] for both in states)
 
 
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_contacts_that_grow_together_and_part_again(skin):
+@long_after_first("skin", [flat_skin, curved_skin])
+def test_contacts_that_grow_together_and_part_again(skin, bench_of):
     rng = np.random.default_rng(22)
-    bench = Bench(skin(8, rng), rng)
+    bench = bench_of(skin(8, rng), rng)
     load = np.array([1.4, 0.5, 1.6, 1.3, 0.6, 1.5, 1.2, 1.4])
     left, right = np.array([1, 0, 3, 2]), np.array([5, 4, 7, 6])
     seen = set()
@@ -56,11 +57,11 @@ def test_contacts_that_grow_together_and_part_again(skin):
     assert INCIPIENT in seen
 
 
-@pytest.mark.parametrize("kind", [UnitKind.OUT, UnitKind.SILENT, UnitKind.BRIDGE])
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_a_unit_that_comes_late_and_goes_and_comes_again(skin, kind):
+@long_after_first("kind", [UnitKind.OUT, UnitKind.SILENT, UnitKind.BRIDGE])
+@long_after_first("skin", [flat_skin, curved_skin])
+def test_a_unit_that_comes_late_and_goes_and_comes_again(skin, kind, bench_of):
     rng = np.random.default_rng(24)
-    bench = Bench(skin(6, rng), rng)
+    bench = bench_of(skin(6, rng), rng)
     load, kinds = rng.uniform(0.8, 1.6, 6), np.full(6, UnitKind.OUT)
     kinds[0] = kind
     for t in range(60):
@@ -76,16 +77,16 @@ def test_a_unit_that_comes_late_and_goes_and_comes_again(skin, kind):
 
 
 @pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_a_unit_that_an_edge_goes_past_is_anchored_anew(skin):
+def test_a_unit_that_an_edge_goes_past_is_anchored_anew(skin, bench_of):
     rng = np.random.default_rng(25)
-    bench = Bench(skin(5, rng), rng)
+    bench = bench_of(skin(5, rng), rng)
     load, ages = np.array([1.0, 1.2, 1.1, 0.9, 1.0]), []
     for t in range(50):
         load[2] = 1.1 * np.clip(1.5 - 0.05 * t, 0.02, 1.0) ** 2
         load[3] = 0.9 + 0.02 * t
         bench.read(load, bench.drag((0.01 * t, 0.0)), np.inf, sigma_mm=0.005)
         bench.judge([{"id": 4, "members": [4, 2, 3, 0, 1]}], 0.02)
-        ages.append(bench.naive.kept["age_s"][2])
+        ages.append(bench.data.slips["age_s"][2])
     assert ages[20] > 0.3
     assert ages[-1] == 0.0
 
@@ -94,9 +95,9 @@ def test_a_unit_that_an_edge_goes_past_is_anchored_anew(skin):
     "heard", [[4, 1], [], [3, 1, 0]], ids=["too few for a test", "none", "faces of more friction"]
 )
 @pytest.mark.parametrize("cycles", [1, 12, 30])
-def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles):
+def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles, bench_of):
     rng = np.random.default_rng(32)
-    bench = Bench(flat_skin(5, rng), rng)
+    bench = bench_of(flat_skin(5, rng), rng)
     load, states = np.array([1.5, 0.5, 1.7, 0.6, 1.4]), []
     friction = np.array([0.5, 0.5, 0.3, 0.5, 0.3])
     for t in range(110):
@@ -113,11 +114,11 @@ def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles):
         assert set(states[states.index(GROSS) :]) == {GROSS}
 
 
-def test_contacts_side_by_side_and_again_on_units_that_have_slid_know_nothing_of_each_other():
-    """By the slow algebra, cycle by cycle: the second begins where the first ends, and a new one
+def test_contacts_next_to_each_other_and_after_each_other_are_independent(bench_of):
+    """The second begins where the first ends, and a new one
     takes the place of one that slid and was lifted."""
     rng = np.random.default_rng(61)
-    bench = Bench(flat_skin(12, rng), rng)
+    bench = bench_of(flat_skin(12, rng), rng)
     first, second = [0, 1, 4, 5], [2, 3, 6, 7, 10, 11]
     load = rng.uniform(0.8, 1.6, 12)
     seen = []

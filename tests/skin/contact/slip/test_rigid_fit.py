@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skin.contact.slip.lags import _solve
-from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
+from tests.skin.contact.slip.bench import curved_skin, flat_skin
 
 
 def solve(rows, right):
@@ -45,9 +45,9 @@ def test_a_motion_that_cannot_be_told_from_others_is_none(blind):
 
 @pytest.mark.parametrize("count", [8, 16])
 @pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_a_body_that_rolls_over_as_many_units_as_a_vector_has(skin, count):
+def test_a_body_that_rolls_over_as_many_units_as_a_vector_has(skin, count, bench_of):
     rng = np.random.default_rng(count)
-    bench = Bench(skin(count + 1, rng), rng)
+    bench = bench_of(skin(count + 1, rng), rng)
     members = rng.permutation(count + 1)[:count]
     base, swing = rng.uniform(0.6, 2.0, (2, count + 1))
     for t in range(30):
@@ -56,9 +56,9 @@ def test_a_body_that_rolls_over_as_many_units_as_a_vector_has(skin, count):
         bench.judge([{"id": 4, "members": members}], 0.02)
 
 
-def test_units_that_come_late_one_by_one_on_a_curved_skin():
+def test_units_that_come_late_one_by_one_on_a_curved_skin(bench_of):
     rng = np.random.default_rng(51)
-    bench = Bench(curved_skin(6, rng, tilt=0.3), rng)
+    bench = bench_of(curved_skin(6, rng, tilt=0.3), rng)
     load = rng.uniform(0.8, 1.6, 6)
     for t in range(45):
         members = [3, 0, 4, 2, 1, 5][: min(6, 1 + t // 5)]
@@ -66,12 +66,12 @@ def test_units_that_come_late_one_by_one_on_a_curved_skin():
         bench.judge([{"id": 4, "members": members}], 0.02)
 
 
-def test_units_in_a_row_and_all_at_one_place():
+def test_units_in_a_row_and_all_at_one_place(bench_of):
     rng = np.random.default_rng(52)
     _, frames = flat_skin(4, rng)
     along = np.array([[1.0], [0.5], [0.2]])
     for spread in (0.01, 0.0):
-        bench = Bench((spread * along * np.arange(4), frames), rng)
+        bench = bench_of((spread * along * np.arange(4), frames), rng)
         for t in range(25):
             bench.read(np.array([1.0, 0.4, 1.2, 0.9]), bench.drag((0.04 * t, 0.0)), 0.4)
             (record,) = bench.judge([{"id": 4, "members": [2, 0, 3, 1]}], 0.02)

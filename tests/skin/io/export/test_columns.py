@@ -228,6 +228,7 @@ def test_files_say_by_what_they_were_decoded(folder):
         assert told[0]["log"] == told[1]["log"] == "run.log"
 
 
+@pytest.mark.long
 def test_a_data_set_has_the_contacts_and_test_ratios_of_the_states(
     states, log, camera_folder, tmp_path
 ):

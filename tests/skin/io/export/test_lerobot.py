@@ -66,6 +66,7 @@ def seen(states):
     return [frame for count, seed, _ in EPISODES for frame in camera(states, count, seed)]
 
 
+@pytest.mark.long
 def test_every_window_is_that_of_the_states(folder, states):
     """Looked up state by state, by time alone."""
     stamps = np.array([state.stamp_ns for state in states])

@@ -35,6 +35,7 @@ def run(tmp_path_factory):
     return file, recorded(file, dtype="float64")
 
 
+@pytest.mark.long
 def test_a_recording_is_an_episode_with_the_states_of_its_run(
     run, camera_folder, image_file, tmp_path, capsys
 ):

@@ -31,6 +31,7 @@ from skin.io.publish import process, publisher
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.state import Status
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from tests.naive.record import fill
 
@@ -126,7 +127,7 @@ def without_names(data, store):
     return repr(message.header), repr(message.status[:-1])
 
 
-@pytest.mark.parametrize("topic", SAME)
+@long_after_first("topic", SAME)
 def test_a_topic_and_a_recording_have_the_same_messages(run, store, topic):
     _, states, recorded, published = run
     one, other = recorded[topic], published[topic]

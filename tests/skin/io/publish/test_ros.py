@@ -22,6 +22,7 @@ from skin.errors import LibraryError, OptionError, SkinError
 from skin.io.publish import ros
 from skin.io.publish.dds import LOCALHOST
 from skin.state import Status, if_wanted
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from tests.fixtures.patience import LONG_S
 from tests.fixtures.robots import write_gripper
@@ -129,6 +130,7 @@ def six(wrench):
     return [wrench[part][axis] for part in ("force", "torque") for axis in "xyz"]
 
 
+@pytest.mark.long
 def test_a_subscriber_hears_the_states(palm, states):
     with ros(palm, rate_hz=None) as node, Listener(TOPICS) as listener:
         listener.match()
@@ -228,7 +230,7 @@ def test_diagnostics_name_units_that_are_not_to_be_trusted(palm, states):
     assert units["values"] == [{"key": palm.topology.unit_names[3], "value": "stale"}]
 
 
-@pytest.mark.parametrize("want", [("force",), ("contacts",)])
+@long_after_first("want", [("force",), ("contacts",)])
 def test_patches_are_told_where_the_joints_have_moved_them(tmp_path, want):
     """Fingers slide along x by the coordinate of their joint, whatever is wanted of the skin."""
     near, _ = MemoryTransport.pair()
@@ -343,6 +345,7 @@ def test_without_cyclonedds_the_message_names_the_extra(palm, monkeypatch):
     )
 
 
+@pytest.mark.long
 def test_the_command_publishes_a_scene(capsys, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
     given = ["publish", "palm", "--simulate", "--seconds", "0.5", "--json"]

@@ -15,6 +15,7 @@ import pytest
 import skin
 from skin.io.messages.definitions import STATE, decode
 from skin.io.record.container import RecordedFile
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.patience import LONG_S
 
 pytest.importorskip("mcap", reason="mcap is not installed")
@@ -86,11 +87,12 @@ def cycles_in(file):
     return found, recorded.damage
 
 
+@pytest.mark.long
 def test_a_loop_goes_on_without_its_worker(tmp_path):
     check_killed(tmp_path / "run.mcap", MOMENTS[4], "worker")
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("moment_s", "whom"),
     [
         pytest.param(moment, whom, marks=[pytest.mark.long] if k or whom == "both" else [])

@@ -28,6 +28,7 @@ def full(tmp_path):
     subprocess.run(["umount", str(tmp_path)], check=True)
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_the_recording_with_a_message_and_the_loop_goes_on(full, caplog):
     file, live = full / "run.mcap", []
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:

@@ -44,6 +44,7 @@ def stamp(message):
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
+@pytest.mark.long
 def test_every_state_is_there_with_its_stamp(run, decoded):
     live = run[1]
     found = decoded["/skin/state"]

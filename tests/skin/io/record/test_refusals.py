@@ -17,6 +17,7 @@ from skin.errors import LibraryError, OptionError, SkinError
 from skin.io.messages.definitions import FRAMES, STATE
 from skin.io.record.attached import read_setup
 from skin.io.record.container import RecordedFile
+from tests.fixtures.cases import long_after_first
 from topology.packed import from_arrays, to_arrays
 
 pytest.importorskip("mcap", reason="mcap is not installed")
@@ -73,7 +74,7 @@ def chunks_of(file):
     return [place for place in places if place[1] > 2000]
 
 
-@pytest.mark.parametrize("which", [0, 1])
+@long_after_first("which", [0, 1])
 def test_a_damaged_chunk_costs_no_more_than_that_chunk(file, tmp_path, which):
     """Though the first is the one that declares the channels of all."""
     data = bytearray(file.read_bytes())
@@ -188,6 +189,7 @@ def test_other_options_give_other_states_which_are_not_compared(file):
         skin.replay(file, speed=0)
 
 
+@pytest.mark.long
 def test_files_that_cannot_be_recorded_to_are_refused_and_kept(file, tmp_path, capsys):
     before = file.read_bytes()
     for path, expected in (
@@ -217,6 +219,7 @@ def test_without_the_library_it_is_named(monkeypatch, tmp_path, file):
         skin.replay(file)
 
 
+@pytest.mark.long
 def test_what_is_left_out_is_counted_and_told(tmp_path, caplog):
     file = tmp_path / "run.mcap"
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:

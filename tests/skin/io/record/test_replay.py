@@ -26,6 +26,7 @@ from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.sinks import Ending
 from skin.state import if_wanted
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import PERIOD_NS, frames_of, over
 from tests.fixtures.robots import write_gripper
 
@@ -81,8 +82,7 @@ def faulty(loaded, scene="slide", faults=FAULTS, seed=5):
     return [FaultyTransport(end, script, topology=loaded) for end in nodes.in_process()], nodes
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize(
+@long_after_first(
     "options",
     [
         {},
@@ -108,6 +108,7 @@ def test_a_scene_with_faults_is_replayed_to_the_bit(options, tmp_path):
     assert replay.pipeline.options == strip.pipeline.options
 
 
+@pytest.mark.long
 def test_poses_that_move_are_replayed(tmp_path):
     file, live = tmp_path / "run.mcap", []
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:
