@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = ["open"]
 
-FRAMES_ALONE = (".log", ".log.gz", ".blf")
+FRAMES_ALONE = (".log", ".log.gz")
 """Ends of the names of files that hold frames without states."""
 
 
@@ -79,7 +79,7 @@ def open(
         Faults put into received frames (docs/guides/faults.md); a scene's own faults if not given.
     record : path, or Recording, optional
         A new file: frames and states as MCAP (.mcap), for `skin.replay` and other viewers; frames
-        alone as candump (.log, .log.gz) or BLF (.blf), or to a `Recording`.
+        alone as candump (.log, .log.gz), or to a `Recording`.
 
     Raises
     ------
