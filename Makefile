@@ -78,8 +78,6 @@ test: install
 
 test-long: install
 	@.ci/debian-packages
-	@$(BIN)/python -m pip install -q --disable-pip-version-check --only-binary atheris -e '.[fuzz]' \
-	|| echo "No atheris for this Python: the tests that fuzz skip."
 	$(MAKE) test-versions; versions=$$?; \
 	$(BIN)/python -m pytest -m long; tests=$$?; exit $$((tests ? tests : versions))
 

@@ -9,6 +9,7 @@ on one processor for the ratio, after a short log that compiles and imports what
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import resource
@@ -19,12 +20,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import can
 import numpy as np
 
 import topology
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs import read_all, write
 from bus.memory import MemoryTransport
+from bus.pythoncan import to_message
 from skin.io.bulk import decode_logs
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
@@ -103,7 +106,14 @@ def _write_log(path: Path, scene: np.ndarray, rounds: int) -> None:
             frames["stamp_ns"] += k * ROUND * PERIOD_NS
             yield frames
 
-    write(path, parts())
+    if path.suffix == ".log":
+        write(path, parts())
+        return
+    with can.BLFWriter(path) as writer:
+        for record in itertools.chain.from_iterable(parts()):
+            message = to_message(record)
+            message.channel = int(record["bus"])
+            writer(message)
 
 
 # -- what is measured ------------------------------------------------------------------------------

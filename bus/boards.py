@@ -31,15 +31,12 @@ class Board:
     serials : set of int
         Serial numbers; more than one only if two boards have the same node number. At most
         MOST_SERIALS.
-    firmwares : set of int
-        Values of `firmware_id`; more than one if it was updated meanwhile, or as of `serials`.
     """
 
     heartbeats: int = 0
     last_s: float = 0.0
     state: str = ""
     serials: set[int] = field(default_factory=set)
-    firmwares: set[int] = field(default_factory=set)
 
 
 class Boards:
@@ -78,12 +75,11 @@ class Boards:
             bus, can_id = int(frames["bus"][i]), int(frames["id"][i])
             if (bus, can_id) in self._taken:
                 continue
-            said = dict(zip(_NAMES, LAYOUT.unpack_from(frames["data"][i].tobytes()), strict=True))
+            fields = dict(zip(_NAMES, LAYOUT.unpack_from(frames["data"][i].tobytes()), strict=True))
             board = self.heard.setdefault((bus, can_id - FIRST_ID), Board())
             board.heartbeats += 1
             board.last_s = float(listened_s[i])
-            state = said["state"]
+            state = fields["state"]
             board.state = STATES[state] if state < len(STATES) else str(state)
             if len(board.serials) < MOST_SERIALS:
-                board.serials.add(said["serial_number"])
-            board.firmwares.add(said["firmware_id"])
+                board.serials.add(fields["serial_number"])

@@ -134,7 +134,7 @@ class DatagramTransport(Transport):
                 is_troubled = self.state is not BusState.ACTIVE
                 taken = self._receive(batch, min(left_ns, _LOOK_NS) if is_troubled else left_ns)
                 if is_troubled:
-                    self._look_again()
+                    self._poll_link_state()
                 if taken or not batch.room or until == 0:
                     return taken
                 left_ns = until - time.monotonic_ns()
@@ -158,9 +158,9 @@ class DatagramTransport(Transport):
             self._drops_heard = drops
             with self._dropping:
                 self._count_drops(drops)
-            self._look_again()  # an error frame may be among the lost ones
+            self._poll_link_state()  # an error frame may be among the lost ones
         if errors or self.state is BusState.BUS_OFF:
-            self._hear(batch.records[first : batch.count])
+            self._process_error_frames(batch.records[first : batch.count])
         if failure:
             self._fail(failure)
         return taken
@@ -215,7 +215,7 @@ class DatagramTransport(Transport):
             if self._is_closed:
                 raise self._closed()
             if self.state is not BusState.ACTIVE:
-                self._look_again()
+                self._poll_link_state()
         return sent
 
     def close(self) -> None:
@@ -244,7 +244,7 @@ class DatagramTransport(Transport):
     def _fail(self, number: int) -> None:
         """Handle an error of the socket; on a plain socket frames are just refused."""
 
-    def _look_again(self) -> None:
+    def _poll_link_state(self) -> None:
         """Check the interface, at most every _LOOK_NS."""
         now = time.monotonic_ns()
         if now - self._looked_ns >= _LOOK_NS:

@@ -17,7 +17,7 @@ import numpy as np
 
 from bus import configure
 from bus.frame import CAN_EFF
-from bus.heartbeat import FIELDS, FIRST_ID, LAYOUT, PERIOD_S, STATES, beating_nodes
+from bus.heartbeat import FIELDS, FIRST_ID, LAYOUT, PERIOD_S, STATES, heartbeat_nodes
 from topology import CHANNELS, Signal, Topology, WireLayout
 from topology.files import check_over, marked, whole_file
 from topology.wire import FRAME_FIELDS, QUANTITIES
@@ -222,11 +222,11 @@ def _messages(topology: Topology, index: int) -> list[_Message]:
     prefixes = {unit: names.unit(topology.unit_names[unit]) for unit in _units(topology, index)}
     for k, first in enumerate(boards):
         messages += _data(topology, first, k + 1, data_ms, prefixes, names)
-    for node in beating_nodes(topology, index):
+    for node in heartbeat_nodes(topology, index):
         messages.append(_heartbeat(node, names))
-    obeying = configure.node_numbers(topology)[topology.frames.bus == index]
-    if configure.understands(topology, index) and (obeying > 0).any():
-        nodes = np.unique(obeying[obeying > 0]).tolist()
+    configurable = configure.node_numbers(topology)[topology.frames.bus == index]
+    if configure.understands(topology, index) and (configurable > 0).any():
+        nodes = np.unique(configurable[configurable > 0]).tolist()
         messages.append(_configuration([f"board_{node}" for node in nodes], names))
     return messages
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from bus.diagnose_boards import other_firmwares, other_serials, same_serials
+from bus.diagnose_boards import other_serials
 from bus.diagnose_bus import LONG_SILENCE, BusRules
 from bus.discover import Survey
 from bus.finding import Finding, some
@@ -40,9 +40,7 @@ def diagnose(survey: Survey, transports: Sequence[Transport] = ()) -> list[Findi
     for b in range(len(survey.topology.buses)):
         found += BusRules(survey, b, instead.get(b)).findings()
     found += _of_units(survey)
-    found += same_serials(survey)
     found += other_serials(survey)
-    found += other_firmwares(survey)
     found = [finding for code in dict.fromkeys(f.code for f in found)
              for finding in _few([f for f in found if f.code == code])]  # fmt: skip
     return sorted(found, key=lambda finding: finding.severity)
@@ -61,51 +59,33 @@ def _few(findings: list[Finding]) -> Iterator[Finding]:
 
 
 def swapped_buses(survey: Survey) -> dict[int, int]:
-    """Buses that receive each other's units, and the bus whose units each one receives.
+    """Buses that receive each other's units, each with the other one.
 
-    By identifiers: at least half of those that only another bus has are received, and none that
+    By identifiers: at least half of those that only the other bus has are received, and none that
     only this bus has. Buses with the same identifiers cannot be distinguished.
     """
-    skin, frames = survey.topology, survey.topology.frames
-    buses = range(len(skin.buses))
+    frames, buses = survey.topology.frames, range(len(survey.topology.buses))
     expected = [set(frames.can_id[frames.bus == b].tolist()) for b in buses]
     heard = [{kind.can_id for kind in survey.heard if kind.bus == b} for b in buses]
-    instead = {}
-    for here in buses:
-        for there in buses:
-            strange = expected[there] - expected[here]
-            if 2 * len(strange & heard[here]) >= len(strange) > 0 and not (
-                (expected[here] - expected[there]) & heard[here]
-            ):
-                instead[here] = there
-    # A cycle of buses in which all units appear; not one bus that receives two others.
-    while instead.keys() != set(instead.values()):
-        instead = {
-            here: there
-            for here, there in instead.items()
-            if here in instead.values() and there in instead
-        }
-    return instead
+
+    def hears(here: int, there: int) -> bool:
+        strange, own = expected[there] - expected[here], expected[here] - expected[there]
+        return 2 * len(strange & heard[here]) >= len(strange) > 0 and not own & heard[here]
+
+    return {a: b for a in buses for b in buses if hears(a, b) and hears(b, a)}
 
 
 def _of_swapped(survey: Survey, instead: dict[int, int]) -> Iterator[Finding]:
-    buses = survey.topology.buses
-    left = sorted(instead)
-    while left:
-        circle = [left[0]]
-        while instead[circle[-1]] != circle[0]:
-            circle.append(instead[circle[-1]])
-        left = [b for b in left if b not in circle]
-        names = " and ".join(f"{buses[b].name!r}" for b in circle)
-        whose = ", ".join(
-            f"{buses[b].name!r} hears the units of {buses[instead[b]].name!r}" for b in circle
-        )
-        carried = survey.topology.frames.units[np.isin(survey.topology.frames.bus, circle)]
-        yield Finding(
-            "swapped-buses", "error", f"buses {names}", int((carried >= 0).sum()),
-            f"are {'swapped' if len(circle) == 2 else 'mixed up'}: {whose}",
-            "their plugs; else `channel` of the buses in the file",
-        )  # fmt: skip
+    frames = survey.topology.frames
+    for here, there in instead.items():
+        if here < there:
+            one, other = (f"{survey.topology.buses[b].name!r}" for b in (here, there))
+            carried = frames.units[np.isin(frames.bus, (here, there))]
+            yield Finding(
+                "swapped-buses", "error", f"buses {one} and {other}", int((carried >= 0).sum()),
+                "are swapped: each hears the units of the other",
+                "their plugs; else `channel` of the buses in the file",
+            )  # fmt: skip
 
 
 def _of_units(survey: Survey) -> Iterator[Finding]:
@@ -162,14 +142,6 @@ def _of_transports(survey: Survey, transports: Iterable[Transport]) -> Iterator[
                 f"the interface ends in the state {transport.state}{reason}",
                 "wiring, termination or bit rate; after bus-off: ip link set CHANNEL type can "
                 "restart-ms 100",
-            )  # fmt: skip
-        frames = getattr(transport, "queue_frames", None)
-        a_cycle = int(np.count_nonzero(survey.topology.frames.bus == transport.index)) + 1
-        if frames is not None and frames < 2 * a_cycle:
-            yield Finding(
-                "small-buffer", "warning", name, frames,
-                f"the receive buffer holds {frames} frames; a cycle has {a_cycle}",
-                "a limit of this host: sysctl net.core.rmem_max",
             )  # fmt: skip
     if overflows:
         yield Finding(

@@ -1,4 +1,4 @@
-"""The doctor's rules about boards: missing, invalid or duplicate heartbeats, other firmware."""
+"""The doctor's rules about boards: missing, unknown or duplicate heartbeats, serial numbers."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from bus.boards import Board
 from bus.configure import node_numbers
 from bus.discover import Survey
 from bus.finding import Finding, hex_id, some
-from bus.heartbeat import FIRST_ID, PERIOD_S, beating_nodes
+from bus.heartbeat import FIRST_ID, PERIOD_S, heartbeat_nodes
 from bus.serials import compare_serials, of_boards
 from topology.wire import LAYOUTS
 
-__all__ = ["BoardRules", "identities", "other_firmwares", "other_serials", "same_serials"]
+__all__ = ["BoardRules", "identities", "other_serials"]
 
 PATIENCE_S = 2.5 * PERIOD_S
 """Silence after which a heartbeat is missing."""
@@ -40,7 +39,7 @@ class BoardRules:
         }
         self.nodes = node_numbers(skin)[frames.bus == index]
         """Of the frames on this bus, in their order."""
-        self.expected = beating_nodes(skin, index)
+        self.expected = heartbeat_nodes(skin, index)
         layouts = frames.layout[(frames.bus == index) & (frames.part == 0)]
         own = [skin.layouts[layouts[node - 1]] in LAYOUTS.values() for node in self.expected]
         self._promised = {node for node, is_own in zip(self.expected, own, strict=True) if is_own}
@@ -57,10 +56,15 @@ class BoardRules:
         talking = set(self.nodes[~gone].tolist())
         missing = [node for node in self.expected if node in talking and self._misses(node)]
         yield from self._missing(missing, len(talking.intersection(self.expected)))
-        left = iter(missing)
         for node, board in sorted(self.heard.items()):
             if node not in self.expected:
-                yield self._unknown(node, board, next(left, None))
+                serials = _listed(sorted(board.serials))
+                yield Finding(
+                    "unknown-board", "warning", self._named(node), board.heartbeats,
+                    f"{some(board.heartbeats, 'heartbeat')} of a board that the file does not know "
+                    f"(serial number {serials})",
+                    "a board that is not in the file, or that has another node number",
+                )  # fmt: skip
             if len(board.serials) > 1:
                 yield Finding(
                     "duplicate-node", "error", self._named(node), len(board.serials),
@@ -98,16 +102,16 @@ class BoardRules:
             "sync_id or data identifier than the file's, or sampling that has stopped"
         )
 
-    def are_numbered(self, silent: np.ndarray, moved: np.ndarray) -> bool:
-        """Whether heartbeats can be those of silent boards: not where boards that talk, perhaps on
-        other identifiers (`moved`), account for all of them, since their numbers may be others.
+    def are_numbered(self, silent: np.ndarray, unknown: int) -> bool:
+        """Whether heartbeats can be those of silent boards (`silent`: of the frames of this bus).
 
-        Both masks are of the frames of this bus.
+        Not where boards that talk, perhaps on `unknown` identifiers, account for all of them, since
+        their numbers may be others.
         """
         alive = {node for node in self.heard if not self._misses(node)}
         talking = set(self.nodes[~silent].tolist()) & (self._promised | self.heard.keys())
         idle = alive & set(self.nodes[silent].tolist())
-        return len(alive) - len(talking) - np.unique(self.nodes[moved]).size >= len(idle)
+        return len(alive) - len(talking) - unknown >= len(idle)
 
     def _misses(self, node: int) -> bool:
         board = self.heard.get(node)
@@ -135,36 +139,8 @@ class BoardRules:
                 else "another node number than the file's, or an older firmware",
             )  # fmt: skip
 
-    def _unknown(self, node: int, board: Board, missing: int | None) -> Finding:
-        cause = "a board that is not in the file, or that has another node number"
-        if missing is not None:
-            cause = f"a board with another node number: node {missing} is missing"
-        return Finding(
-            "unknown-board", "warning", self._named(node), board.heartbeats,
-            f"{some(board.heartbeats, 'heartbeat')} of a board that the file does not know "
-            f"(serial number {_listed(sorted(board.serials))})",
-            cause,
-        )  # fmt: skip
-
     def _named(self, node: int) -> str:
         return f"node {node} ({hex_id(FIRST_ID + node)}) on {self.name}"
-
-
-def same_serials(survey: Survey) -> Iterator[Finding]:
-    """Boards of the whole skin with the same serial number."""
-    owners: dict[int, list[str]] = {}
-    for (bus, node), board in sorted(survey.boards.heard.items()):
-        name = survey.topology.buses[bus].name
-        for serial in board.serials:
-            owners.setdefault(serial, []).append(f"node {node} on bus {name!r}")
-    for serial, names in sorted(owners.items()):
-        if len(names) > 1:
-            yield Finding(
-                "duplicate-serial", "warning", f"serial number {serial}", len(names),
-                f"{len(names)} boards have it: {_listed(names)}",
-                "boards that were programmed with one image, or one board that is heard on two "
-                "identifiers or buses",
-            )  # fmt: skip
 
 
 def identities(survey: Survey) -> dict[str, str]:
@@ -185,32 +161,6 @@ def other_serials(survey: Survey) -> Iterator[Finding]:
                 "boards that were exchanged, or set to each other's address: its readings are "
                 "decoded with the constants of another unit",
             )  # fmt: skip
-
-
-def other_firmwares(survey: Survey) -> Iterator[Finding]:
-    """Boards of one wire layout whose heartbeats name different firmware. Boards of different
-    layouts may need it."""
-    skin, frames = survey.topology, survey.topology.frames
-    owners: dict[int, dict[int, list[str]]] = {}
-    for bus, one in enumerate(skin.buses):
-        layouts = frames.layout[(frames.bus == bus) & (frames.part == 0)]
-        for node in beating_nodes(skin, bus):
-            if (board := survey.boards.heard.get((bus, node))) is None:
-                continue
-            for firmware in sorted(board.firmwares):
-                of_layout = owners.setdefault(int(layouts[node - 1]), {})
-                of_layout.setdefault(firmware, []).append(f"node {node} on bus {one.name!r}")
-    for layout, of_layout in sorted(owners.items()):
-        if len(of_layout) < 2:
-            continue
-        ranked = sorted(of_layout.items(), key=lambda one: (-len(one[1]), one[0]))
-        parts = [f"{firmware} on {_listed(names)}" for firmware, names in ranked]
-        yield Finding(
-            "firmware-mismatch", "warning", f"boards of layout {skin.layouts[layout].name!r}",
-            sum(len(names) for _, names in ranked[1:]),
-            f"their heartbeats have different values of firmware_id: {'; '.join(parts)}",
-            "a board that was replaced, or that an update did not reach",
-        )  # fmt: skip
 
 
 def _listed(words: Collection[object], most: int = 4) -> str:

@@ -54,10 +54,9 @@ class BusRules:
         self.boards = BoardRules(survey, index)
         of_other = self.skin.frames.can_id[self.skin.frames.bus == instead].tolist()
         self.known = {*self.ids, self.skin.sync_id, *_HEARTBEATS, *of_other}
-        self.moved = self._moved()
-        """Unknown identifiers, each with the missing one that it may be."""
-        moved = np.isin(self.ids, list(self.moved.values()))
-        self.numbered = self.boards.are_numbered(self.never | self.fell, moved)
+        self.unknown = self._unknown_ids()
+        silent = self.never | self.fell
+        self.numbered = self.boards.are_numbered(silent, len(self.unknown))
 
     def findings(self) -> Iterator[Finding]:
         """All findings of this bus."""
@@ -95,23 +94,14 @@ class BusRules:
         names = units[0] if len(units) == 1 else f"{units[0]} … {units[-1]}"
         return f"{names} ({hex_id(self.ids[place])})"
 
-    def _moved(self) -> dict[int, int]:
-        """Each missing identifier at most once: the one with the fewest other digits first."""
+    def _unknown_ids(self) -> list[int]:
+        """Unknown identifiers with frames of the size of a layout, no more than missing ones."""
         sizes = {(layout.size, layout.fd) for layout in self.skin.layouts}
         known = self.known.union(self.skin.frames.can_id.tolist())
-        alike = {kind.can_id: n for kind, n in self.here.items()
+        found = {kind.can_id: n for kind, n in self.here.items()
                  if kind.can_id not in known and (kind.length, kind.is_fd) in sizes}  # fmt: skip
-        missing = np.unique(np.array(self.ids, np.int64)[self.gone])
-        most = sorted(alike, key=lambda i: -alike[i])[: missing.size]
-        heard = np.array(sorted(most), np.int64)
-        digits = 4 * np.arange(8)
-        other = ((heard[:, None, None] ^ missing[:, None]) >> digits & 15 > 0).sum(axis=-1)
-        found: dict[int, int] = {}
-        for place in np.argsort(other, axis=None, kind="stable").tolist():
-            here, there = heard[place // missing.size], missing[place % missing.size]
-            if here not in found and there not in found.values():
-                found[int(here)] = int(there)
-        return found
+        missing = len({i for i, gone in zip(self.ids, self.gone, strict=True) if gone})
+        return sorted(found, key=lambda i: -found[i])[:missing]
 
     # -- rules ---------------------------------------------------------------------------------
 
@@ -263,12 +253,11 @@ class BusRules:
         alive = self.boards.alive(np.isin(np.arange(self.rows.size), places))
         if self.numbered and alive:
             return alive
-        moved = {self.ids[place] for place in places} & {*self.moved.values()}
-        if len(moved) < 2:
+        if min(len(self.unknown), len(places)) < 2:
             return otherwise
         return (
-            f"other addresses than the file's, as {len(moved)} unknown identifiers come instead; "
-            f"else {otherwise}"
+            f"other addresses than the file's, as {len(self.unknown)} unknown identifiers come "
+            f"instead; else {otherwise}"
         )
 
     def _how(self, places: np.ndarray) -> str:
@@ -291,7 +280,7 @@ class BusRules:
                 "unknown-id", "warning", f"{hex_id(can_id)} on {self.name}", count,
                 f"{some(count, 'frame')}{self._at(count)} of {some(kind.length, 'byte')} that the "
                 "file does not know",
-                self._stranger(can_id),
+                self._explain_unknown_id(can_id),
             )  # fmt: skip
         if self.index == 0 and self.survey.more_kinds:
             yield Finding(
@@ -300,16 +289,13 @@ class BusRules:
                 "a device that sends with identifiers of chance: a babbling node or a fuzzer",
             )  # fmt: skip
 
-    def _stranger(self, can_id: int) -> str:
+    def _explain_unknown_id(self, can_id: int) -> str:
         frames = self.skin.frames
         for other in np.flatnonzero((frames.can_id == can_id) & (frames.bus != self.index)):
             name = self.skin.buses[frames.bus[other]].name
             return f"a unit on the wrong bus: bus {name!r} expects it"
-        if (near := self.moved.get(can_id)) is not None:
-            return (
-                f"a unit with a wrong address: {hex_id(near)} is missing, and this is a frame of "
-                "that size"
-            )
+        if can_id in self.unknown:
+            return "a unit with a wrong address, since one is missing and this frame has its size"
         if self.survey.seconds and sum(self.here.values()) < 4 * sum(
             n for k, n in self.here.items() if k.can_id == can_id
         ):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from bus.transport import Transport
 from bus.wait import Waiter
 from topology import Topology
 
-__all__ = ["Heard", "Listener", "Survey", "listen"]
+__all__ = ["Heard", "Survey", "listen"]
 
 MOST_KINDS = 4096
 STALE_CYCLES = 5
@@ -218,35 +218,21 @@ class Survey:
         self.age[:] = cycle.age
 
 
-class Listener(Protocol):
-    """Receiver of `listen`, such as `Survey`."""
-
-    topology: Topology
-    sends_sync: bool
-    closed: str
-    unsent: np.ndarray
-
-    def feed(self, frames: np.ndarray) -> None: ...
-    def expire(self, now_ns: int) -> None: ...
-    def finish(self) -> None: ...
-
-
 def listen(
-    survey: Listener,
+    survey: Survey,
     transports: Sequence[Transport],
     seconds: float,
     *,
     sync: Literal["host", "bus"] = "host",
     clock: Callable[[], int] = time.monotonic_ns,
-    counter: int = 0,
-) -> int:
+) -> None:
     """Feed a survey from live buses.
 
     Ends early where a bus closes, which the survey records.
 
     Parameters
     ----------
-    survey : Listener
+    survey : Survey
     transports : sequence of Transport
         One for each bus of the survey's topology, in order.
     seconds : float
@@ -255,19 +241,13 @@ def listen(
         Who sends SYNC: this host, at the cycle rate, or another node.
     clock : callable
         Monotonic clock, in ns.
-    counter : int
-        Of the first SYNC that this host sends.
-
-    Returns
-    -------
-    int
-        Counter of the next SYNC, for another call: units continue counting.
     """
     skin, batch, waiter = survey.topology, FrameBatch(4096), Waiter(transports)
     period_ns = round(1e9 / skin.cycle_rate_hz)
     sends = sync == "host" and skin.sync_id is not None
     survey.sends_sync = sends
-    now = due = clock()
+    counter, now = 0, clock()
+    due = now
     end = now + round(seconds * 1e9)
     try:
         while now < end:
@@ -288,7 +268,6 @@ def listen(
     except BusClosedError as error:
         survey.closed = str(error)
     survey.finish()
-    return counter
 
 
 def _send_sync(

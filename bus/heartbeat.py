@@ -13,7 +13,7 @@ import numpy as np
 
 from topology import Topology
 
-__all__ = ["FIELDS", "FIRST_ID", "LAST_ID", "LAYOUT", "PERIOD_S", "STATES", "beating_nodes"]
+__all__ = ["FIELDS", "FIRST_ID", "LAST_ID", "LAYOUT", "PERIOD_S", "STATES", "heartbeat_nodes"]
 
 FIRST_ID = 0x700
 """The heartbeat of node k has the identifier FIRST_ID + k."""
@@ -36,13 +36,13 @@ STATES = ("starting", "running", "fault")
 """Names of the values of `state`."""
 
 
-def beating_nodes(topology: Topology, bus: int) -> list[int]:
+def heartbeat_nodes(topology: Topology, bus: int) -> list[int]:
     """Numbers of the nodes on a bus that send heartbeats.
 
     Examples
     --------
     >>> from topology import load
-    >>> beating_nodes(load("palm"), 0)
+    >>> heartbeat_nodes(load("palm"), 0)
     [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
     """
     frames = topology.frames

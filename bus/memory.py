@@ -110,7 +110,7 @@ class MemoryTransport(Transport):
             self._first = (self._first + taken) % self._ring.size
             self._waiting -= taken
         self._counters.received += taken
-        self._hear(batch.records[batch.count - taken : batch.count])
+        self._process_error_frames(batch.records[batch.count - taken : batch.count])
         return taken
 
     def send(self, records: np.ndarray) -> int:

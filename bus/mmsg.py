@@ -1,9 +1,9 @@
 """Many frames per system call: `recvmmsg`, `sendmmsg` and `ppoll`, compiled, without the GIL.
 
 The system calls are symbols of the C library, which only machine code can call: the functions that
-call them have no Python version. Code that can run in Python is separate (`settle`, `stage`): it
-converts the kernel's structures into records, and back. ctypes is not used, since its addresses
-would prevent caching by numba.
+call them have no Python version. Code that can run in Python is separate (`finish_records`,
+`stage`): it converts the kernel's structures into records, and back. ctypes is not used, since its
+addresses would prevent caching by numba.
 
 Frames are rows of FRAME_DTYPE, seen as words of int64, shape (m, 10) (`bus.frame.as_words`). The
 kernel writes its `struct canfd_frame` from the second word of a row on. A call moves up to BATCH
@@ -118,7 +118,7 @@ def by_hardware(hardware, stamp, clock):
 
 
 @jitable
-def settle_python(count, first, index, words, buffers):
+def finish_records_python(count, first, index, words, buffers):
     """Complete `count` records written by the kernel, from row `first` on."""
     # The bus index goes to the top byte of a signed word.
     bus = ((index ^ 0x80) - 0x80) << 56
@@ -251,7 +251,7 @@ def _receive(fd, polled, timeout_ns, first, room, index, words, buffers):
                 timeout_ns = 0
                 continue
             break
-        settle_python(got, first + total, index, words, buffers)
+        finish_records_python(got, first + total, index, words, buffers)
         total += got
         if got < wanted:
             break
@@ -278,7 +278,7 @@ def _send(fd, first, count, words, buffers):
     return taken
 
 
-settle = compiled(settle_python, [_void(_long, _long, _long, _rows, _buffers)])
+finish_records = compiled(finish_records_python, [_void(_long, _long, _long, _rows, _buffers)])
 stage = compiled(stage_python, [_void(_long, _long, _rows_in, _buffers)])
 _received = _long(_long, _flat, _long, _long, _long, _long, _rows, _buffers)
 wait = compiled(_wait, [_long(_flat, _long)])

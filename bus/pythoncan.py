@@ -128,7 +128,7 @@ class PythonCanTransport(Transport):
             self._counters.received += frames.size
             if self.state is BusState.DOWN:
                 self._enter(BusState.ACTIVE, "frames arrive again", int(frames["stamp_ns"][0]))
-            self._hear(frames)
+            self._process_error_frames(frames)
         return frames.size
 
     def _is_echo(self, message: can.Message) -> bool:

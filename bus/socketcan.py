@@ -133,7 +133,7 @@ class SocketCanTransport(DatagramTransport):
             self._enter(BusState.DOWN, f"{self._bus.channel} was switched off")
         elif number in (errno.ENODEV, errno.ENXIO):
             self._enter(BusState.GONE, f"{self._bus.channel} was unplugged or deleted")
-        self._look_again()
+        self._poll_link_state()
 
     def _look(self) -> None:
         name = self._bus.channel

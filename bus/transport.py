@@ -140,7 +140,7 @@ class Transport(ABC):
             self._counters.state_changes += 1
             self.state = state
 
-    def _hear(self, records: np.ndarray) -> None:
+    def _process_error_frames(self, records: np.ndarray) -> None:
         """Process the error frames among received records, shape (m,), in the order of the bus.
 
         A controller in bus-off receives nothing, so a frame after its error frame shows that it is

@@ -10,7 +10,7 @@ from bus.linux import has_batches
 from bus.state import BusState
 from bus.transport import Transport
 
-__all__ = ["Lull", "Waiter"]
+__all__ = ["IdleWindow", "Waiter"]
 
 _SHARE_NS = 1_000_000
 _MARGIN_SHARE, _MARGIN_NS = 16, 200_000
@@ -61,13 +61,13 @@ class Waiter:
         if len(self._transports) == 1:
             return self._transports[0].receive(batch, wait_ns * 1e-9)
         if self._polled is None:
-            taken = self._drain(batch)
+            taken = self._receive_ready(batch)
             return taken if taken or wait_ns <= 0 else self._wait_in_turn(batch, wait_ns)
         if self._wait(self._polled, max(wait_ns, 0)) or wait_ns <= 0:
-            return self._drain(batch, (self._polled[2:] >> 48).tolist())
-        return self._drain(batch)  # a closed one raises
+            return self._receive_ready(batch, (self._polled[2:] >> 48).tolist())
+        return self._receive_ready(batch)  # a closed one raises
 
-    def _drain(self, batch: FrameBatch, ready: Sequence[int] | None = None) -> int:
+    def _receive_ready(self, batch: FrameBatch, ready: Sequence[int] | None = None) -> int:
         """Take waiting frames, from transports that are `ready` or have an error, from all if not
         given.
 
@@ -88,13 +88,13 @@ class Waiter:
             for transport in self._transports:
                 left = until - time.monotonic_ns()
                 if left <= 0:
-                    return self._drain(batch)
+                    return self._receive_ready(batch)
                 taken = transport.receive(batch, min(left, _SHARE_NS) * 1e-9)
                 if taken:
-                    return taken + self._drain(batch)
+                    return taken + self._receive_ready(batch)
 
 
-class Lull:
+class IdleWindow:
     """Time after SYNC in which no cycle is complete yet: a host may sleep through arrivals.
 
     Learned from earlier cycles, so that it holds for every bus, board and rate; it shrinks fast

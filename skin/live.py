@@ -23,7 +23,7 @@ from bus.logs import Recording
 from bus.memory import MemoryTransport
 from bus.state import BusChange
 from bus.transport import Transport
-from bus.wait import Lull, Waiter
+from bus.wait import IdleWindow, Waiter
 from skin.errors import OptionError, SkinError, check_kind
 from skin.pipeline import Pipeline
 from skin.sinks import Attachable, Ending
@@ -122,7 +122,7 @@ class Skin(Attachable):
         self._waiter = Waiter(transports)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
-        self._lull = Lull(self._period_ns)
+        self._lull = IdleWindow(self._period_ns)
         self._sends_sync = sync == "host" and topology.sync_id is not None
         self._keeps_stamps = topology.sync_id is not None and all(
             end.keeps_stamps for end in transports

@@ -14,7 +14,7 @@ import numpy as np
 import topology as topology_package
 from bus.cycle import WRONG_FRAMES
 from bus.frame import CAN_ERR, CAN_RTR
-from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, beating_nodes
+from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, heartbeat_nodes
 from bus.logs import LogReader, buses_of, read
 from bus.processors import processors
 from skin.options import Options
@@ -149,14 +149,13 @@ class DecodedLog(Attachable):
         most : int, optional
             Maximum number of cycles of a block; some megabytes if not given.
         threads : bool, optional
-            Whether threads read what comes next; if not given, where there is more than one
+            Whether a thread reads what comes next; if not given, where there is more than one
             processor.
         """
         from skin.blocks import blocks_of
 
-        self._reader.threads = threads = processors() > 1 if threads is None else threads
         batches = self._batches()
-        if threads:
+        if processors() > 1 if threads is None else threads:
             batches = prefetch(frames.copy() for frames in batches)
         return blocks_of(self._states(batches, own=False), self.pipeline, most)
 
@@ -220,7 +219,7 @@ class LogWatch:
         self._data = np.zeros(count, np.int64)
         self._syncs = np.zeros(count, np.int64)
         self._newest_ns = np.full(count, NEVER)
-        self._nodes = [beating_nodes(topology, index) for index in range(count)]
+        self._nodes = [heartbeat_nodes(topology, index) for index in range(count)]
         self._beats: dict[tuple[int, int], tuple[float, int]] = {}
         self._back = self._jump_ahead = ""
         self._rate_hz, self._sync_id = topology.cycle_rate_hz, topology.sync_id

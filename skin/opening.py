@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = ["open"]
 
-FRAMES_ALONE = (".log", ".log.gz", ".blf")
+FRAMES_ALONE = (".log", ".log.gz")
 """Ends of the names of files that hold frames without states."""
 
 
@@ -77,7 +77,7 @@ def open(
     faults : FaultScript, str or Path, optional
         Faults of received frames (docs/guides/faults.md); by default the scene's own.
     record : path, or Recording, optional
-        A new file: .mcap (frames and states), or .log, .log.gz, .blf (frames).
+        A new file: .mcap (frames and states), or .log, .log.gz (frames).
 
     Raises
     ------

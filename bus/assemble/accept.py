@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.assemble.memory import CALM, IN_DOUBT, Outcome
+from bus.assemble.memory import REGULAR, SUSPECT, Outcome
 from bus.compiled.jit import jitable
 from bus.frame import PAYLOAD
 
@@ -139,17 +139,18 @@ def accept_count(f, sequence, row, data, tables, memory):
 
 @jitable
 def is_old(f, sequence, expected, memory):
-    """Whether a frame is an old one that a link has buffered: it is in doubt after an outage; or,
-    for a sender's own count, the count is behind the cycles since the last frame that was taken,
-    and frames do not come as usual."""
+    """Whether a frame is an old one that a link has buffered: its source is suspect after an
+    outage; or, for a sender's own count, the count is behind the cycles since the last frame that
+    was taken, and frames do not come at their rate."""
     state, source = memory.state[0], memory.sources[f]
-    if source["doubt"] == IN_DOUBT:
+    if source["trust"] == SUSPECT:
         return True
     if sequence < 0 or expected["echoes"] or state["is_free"] or not state["is_open"]:
         return False
     if source["heard"] < 0 or source["missed"] >= state["stale_cycles"]:
         return False
-    if source["calm"] >= CALM and position(expected, state) - source["came_at"] <= source["every"]:
+    since = position(expected, state) - source["came_at"]
+    if source["regular_cycles"] >= REGULAR and since <= source["every"]:
         return False
     mask = np.int64(expected["sequence"]["mask"])
     step = (sequence - source["heard"]) & mask

@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.assemble.accept import ENOUGH, position
 from bus.assemble.gather import tear
-from bus.assemble.memory import BELIEVED, BY_END, CALM, IN_DOUBT, NO_DOUBT
+from bus.assemble.memory import BY_END, RECOVERING, REGULAR, SUSPECT, TRUSTED
 from bus.compiled.jit import compiled, jitable
 from bus.status import INVALID, Status
 
@@ -69,7 +69,7 @@ def open_cycle(number, stamp, tables, memory):
         source["is_awaited"] = 0
         since = position(expected, state) - source["came_at"]
         is_due = source["came_at"] >= 0 and since == source["every"]
-        returns = source["missed"] < stale_cycles or source["doubt"] == BELIEVED
+        returns = source["missed"] < stale_cycles or source["trust"] == RECOVERING
         if expected["is_awaited"] and (returns or is_due):
             source["is_awaited"] = 1
             waiting += 1
@@ -123,35 +123,36 @@ close_cycle = compiled(close_cycle_python, allocates=False)
 
 
 @jitable
-def doubt(here, number, source):
+def detect_burst(here, number, source):
     """After an outage a link may deliver buffered frames at once, whose sequence numbers are
-    ambiguous. A source is trusted again once `CALM` cycles with frames had no more of them than
+    ambiguous. A source is trusted again once `REGULAR` cycles with frames had no more of them than
     usual, at its usual rate: buffered frames come in a burst."""
     came = source["came"]
     if came == 0:
         silent = here - source["came_at"]
         if source["came_at"] >= 0 and silent >= max(source["outage"], 2 * source["every"] + 1):
-            source["doubt"] = IN_DOUBT
-            source["calm"] = 0
+            source["trust"] = SUSPECT
+            source["regular_cycles"] = 0
         return
     # frames after the end of their cycle are counted in the next one
     sent_at = source["sent_at"]
     after = sent_at - source["came_at"] if source["came_at"] >= 0 else np.int64(1)
     source["steady"] = source["steady"] + 1 if came == source["before"] else 0
     if source["steady"] >= STEADY:
-        source["usual"] = came
-    elif source["doubt"] == NO_DOUBT:
-        source["usual"] = max(source["usual"], min(came, source["before"]))
-    if came > source["usual"]:
-        source["calm"] = 0
+        source["nominal_frames"] = came
+    elif source["trust"] == TRUSTED:
+        source["nominal_frames"] = max(source["nominal_frames"], min(came, source["before"]))
+    if came > source["nominal_frames"]:
+        source["regular_cycles"] = 0
     elif after > 0:
-        source["calm"] = 1 if after > source["every"] else min(source["calm"] + 1, CALM)
+        regular = min(source["regular_cycles"] + 1, REGULAR)
+        source["regular_cycles"] = 1 if after > source["every"] else regular
         source["every"] = after
-    if source["doubt"] != NO_DOUBT:
+    if source["trust"] != TRUSTED:
         # one more than usual may have come after the end of the cycle before
-        is_over = source["taken_at"] == number and came <= source["usual"] + 1
-        going = BELIEVED if source["calm"] >= CALM else IN_DOUBT
-        source["doubt"] = NO_DOUBT if is_over else going
+        is_over = source["taken_at"] == number and came <= source["nominal_frames"] + 1
+        going = RECOVERING if source["regular_cycles"] >= REGULAR else SUSPECT
+        source["trust"] = TRUSTED if is_over else going
     source["before"], source["came_at"], source["came"] = came, sent_at, 0
 
 
@@ -167,7 +168,7 @@ def close_sources(why, tables, memory):
             source["missed"] = 0
         else:
             source["missed"] += 1
-        doubt(position(tables.frames[f], state), state["number"], source)
+        detect_burst(position(tables.frames[f], state), state["number"], source)
         evidence = min(source["evidence"], 2 * ENOUGH)
         if evidence >= ENOUGH:
             source["is_duplicate"] = 1

@@ -121,7 +121,7 @@ def take_data(f, row, views, tables, memory):
     source["sent_at"] = max(source["sent_at"], position(expected, state) - behind)
     if is_old(f, sequence, expected, memory):
         drop(memory, f, Outcome.LATE.value)
-        state["is_busy"] = 1  # the cycle is closed later, which may end the doubt
+        state["is_busy"] = 1  # the cycle is closed later, which may end the suspicion
         return False
     if expected["sequence"]["mask"]:
         if expected["echoes"]:

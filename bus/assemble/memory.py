@@ -59,20 +59,20 @@ SOURCE = _integers(
     "sent_at",  # newest cycle to which a frame that came belongs, as `position`, -1: none
     "came_at",  # newest cycle in which frames came, as `position`, -1: none
     "every",  # interval of cycles with frames
-    "usual",  # largest number of frames in such a cycle without buffered ones
+    "nominal_frames",  # largest number of frames in such a cycle without buffered ones
     "steady",  # consecutive such cycles with equally many frames
-    "calm",  # consecutive such cycles, up to CALM, with no more than usual, at the usual rate
+    "regular_cycles",  # such cycles in a row, up to REGULAR, with no more frames, at one rate
     "outage",  # cycles of silence after which frames may be old
-    "doubt",  # one of the below
+    "trust",  # one of the below
     "evidence",  # of two senders with this identifier
     "is_duplicate",  # whether there is enough of it
 )
-CALM = 2
+REGULAR = 2
 """Cycles with the usual number and rate of frames after which a source is trusted [assumed: the
 first frame of a burst may come alone, before a SYNC that cuts it off]."""
-NO_DOUBT, IN_DOUBT, BELIEVED = range(3)
-"""States of a source after an outage: its frames are late in doubt; its next frame is taken when
-trusted."""
+TRUSTED, SUSPECT, RECOVERING = range(3)
+"""States of a source after an outage: frames of a suspect one are late; the next frame of a
+recovering one is taken."""
 SET = _integers(
     "parts_in",  # bit for each part that is in
     "key",  # sequence number of the parts, -1: none has one
@@ -182,7 +182,7 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
     sources = np.zeros(frames, SOURCE)
     sources["heard"] = sources["back"] = sources["taken_at"] = -1
     sources["sent_at"] = sources["came_at"] = -1
-    sources["every"] = sources["usual"] = 1
+    sources["every"] = sources["nominal_frames"] = 1
     sources["outage"] = _outages(table, stale_cycles)
     sets = np.zeros(len(table.tables.parts), SET)
     sets["key"] = sets["whole_at"] = sets["torn_at"] = -1

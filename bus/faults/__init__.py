@@ -1,4 +1,4 @@
-"""Faults to order: lost, late, wrong and forged frames, from a seed and a small script."""
+"""Fault-injection script: lost, late, wrong and forged frames, from a seed and a small script."""
 
 from bus.faults.injector import Injector
 from bus.faults.script import FaultScript, load_script

@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bus.faults.script import ClockStep, FaultScript, check_script
+from bus.faults.script import FaultScript, check_script
 from bus.faults.stages import STAGES
 from bus.frame import ECHO, FRAME_DTYPE
 from topology import Topology
@@ -41,8 +41,7 @@ class Injector:
     Attributes
     ----------
     injected : dict of str to int
-        How often each kind has struck: frames withheld, changed, moved or put in; steps of the
-        clock.
+        How often each kind has struck: frames withheld, changed, moved or put in.
     """
 
     def __init__(
@@ -58,11 +57,9 @@ class Injector:
         self.injected: dict[str, int] = {}
         self._clock = clock
         seed = script.seed if seed is None else seed
-        # The clock steps last, so that the times of all other faults are those of the bus.
-        order = sorted(enumerate(script.faults), key=lambda item: isinstance(item[1], ClockStep))
         self._stages = [
             STAGES[type(fault)](fault, topology, index, np.random.default_rng([seed, index, i]))
-            for i, fault in order
+            for i, fault in enumerate(script.faults)
         ]
         for stage in self._stages:
             self.injected.setdefault(stage.kind, 0)

@@ -38,30 +38,10 @@ from topology.files import check_path, missing
 from topology.read import open_source, read, show
 
 __all__ = [
-    "ERRORS",
-    "Babble",
-    "ClockStep",
-    "Corrupt",
-    "Delay",
-    "Drop",
-    "Duplicate",
-    "Error",
-    "Fault",
-    "FaultScript",
-    "Freeze",
-    "Gain",
-    "Kill",
-    "Lag",
-    "Offset",
-    "Remote",
-    "Reorder",
-    "Repeat",
-    "Stuck",
-    "Truncate",
-    "check_script",
-    "load_script",
+    "ERRORS", "Babble", "Corrupt", "Delay", "Drop", "Duplicate", "Error", "Fault", "FaultScript",
+    "Freeze", "Gain", "Kill", "Offset", "Stuck", "Truncate", "check_script", "load_script",
     "problems",
-]
+]  # fmt: skip
 
 _Identifier = Annotated[int, Meta(ge=0, le=0x1FFF_FFFF)]
 _Copies = Annotated[int, Meta(ge=1, le=64)]
@@ -80,7 +60,7 @@ ERRORS: dict[str, tuple[int, bytes]] = {
     "restarted": (0x100, bytes(8)),
     "overflow": (0x04, b"\0\x01\0\0\0\0\0\0"),
 }
-"""Class and data of the error frames that can be ordered, as linux/can/error.h has them."""
+"""Class and data of the error frames that can be injected, as linux/can/error.h has them."""
 
 
 class Fault(
@@ -117,16 +97,6 @@ class Delay(Fault, frozen=True, tag="delay"):
     """The frame comes later, with the stamp of then: with the first traffic after its time."""
 
     delay_s: Annotated[float, Meta(ge=1e-9, le=60)]
-
-
-class Repeat(Fault, frozen=True, tag="repeat"):
-    """The frame comes again at once."""
-
-    copies: _Copies = 1
-
-
-class Reorder(Fault, frozen=True, tag="reorder"):
-    """The frame comes after the next one of its identifier."""
 
 
 class Corrupt(Fault, frozen=True, tag="corrupt"):
@@ -171,12 +141,6 @@ class Stuck(_Wrong, frozen=True, tag="stuck"):
     counts: Annotated[int, Meta(ge=-32768, le=32767)] = 0
 
 
-class Lag(_Wrong, frozen=True, tag="lag"):
-    """The counts are those of so many frames before, while sequence number and CRC go on."""
-
-    frames: Annotated[int, Meta(ge=1, le=10_000)]
-
-
 class Babble(Fault, frozen=True, tag="babble"):
     """A babbling node: frames of identifier `id` follow, with any bytes."""
 
@@ -195,50 +159,19 @@ class Error(Fault, frozen=True, tag="error"):
     """An error frame of the controller follows."""
 
     what: Literal[
-        "bus-error",
-        "no-acknowledgement",
-        "warning",
-        "passive",
-        "bus-off",
-        "restarted",
-        "overflow",
-    ] = "bus-error"
-
-
-class Remote(Fault, frozen=True, tag="remote"):
-    """A remote frame of the same identifier follows."""
-
-
-class ClockStep(Fault, frozen=True, tag="clock-step"):
-    """The time stamps step, from this frame on."""
-
-    step_s: Annotated[float, Meta(ge=-1e9, le=1e9)]
+        "bus-error", "no-acknowledgement", "warning", "passive", "bus-off", "restarted", "overflow"
+    ] = "bus-error"  # fmt: skip
 
 
 _AnyFault = (
-    Drop
-    | Kill
-    | Delay
-    | Repeat
-    | Reorder
-    | Corrupt
-    | Truncate
-    | Freeze
-    | Gain
-    | Offset
-    | Stuck
-    | Lag
-    | Babble
-    | Duplicate
+    Drop | Kill | Delay | Corrupt | Truncate | Freeze | Gain | Offset | Stuck | Babble | Duplicate
     | Error
-    | Remote
-    | ClockStep
-)
-_NEEDS_TOPOLOGY = Freeze | Duplicate | Gain | Offset | Stuck | Lag
+)  # fmt: skip
+_NEEDS_TOPOLOGY = Freeze | Duplicate | Gain | Offset | Stuck
 
 
 class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Faults to order; each sees what those before it have left."""
+    """Fault-injection script; each fault sees what those before it have left."""
 
     format: Literal[1] = 1
     seed: Annotated[int, Meta(ge=0)] = 0

@@ -6,34 +6,15 @@ from collections import deque
 
 import numpy as np
 
+from bus.faults import script as kinds
 from bus.faults.payload import ExpectedFrame, count_in, flip, frames_of, put_count
-from bus.faults.script import (
-    ERRORS,
-    Babble,
-    ClockStep,
-    Corrupt,
-    Delay,
-    Drop,
-    Duplicate,
-    Error,
-    Fault,
-    Freeze,
-    Gain,
-    Kill,
-    Lag,
-    Offset,
-    Remote,
-    Reorder,
-    Repeat,
-    Stuck,
-    Truncate,
-)
+from bus.faults.script import Fault
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_LENGTHS
-from topology import Signal, Topology
+from topology import Topology
 
 __all__ = ["STAGES"]
 
-_PUT_IN = 0x80
+_INJECTED = 0x80
 """Bit of `origin`, between stages only: a fault has made this frame."""
 _MOST_HELD = 65536
 """Delayed frames that are kept; beyond, the oldest one goes."""
@@ -87,7 +68,7 @@ class _Stage:
     def matches(self, frames: np.ndarray) -> np.ndarray:
         """Which frames are among those of this fault, at any time; shape (m,), bool."""
         found = (frames["id"] & np.uint32(CAN_ERR | CAN_RTR)) == 0
-        found &= (frames["origin"] & (ECHO | _PUT_IN)) == 0
+        found &= (frames["origin"] & (ECHO | _INJECTED)) == 0
         if self._ids is not None:
             found &= np.isin(frames["id"], self._ids)
         return found
@@ -136,7 +117,7 @@ class _Withhold(_Stage):
 
 
 class _Delay(_Stage):
-    def __init__(self, fault: Delay, *rest) -> None:
+    def __init__(self, fault: kinds.Delay, *rest) -> None:
         super().__init__(fault, *rest)
         self._held: deque[np.ndarray] = deque()
         self._delay_ns = round(fault.delay_s * 1e9)
@@ -163,33 +144,8 @@ class _Delay(_Stage):
         return np.concatenate(out) if out else frames[:0]
 
 
-class _Reorder(_Stage):
-    def __init__(self, *given) -> None:
-        super().__init__(*given)
-        self._held: dict[int, np.ndarray] = {}
-
-    def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
-        if not hits.size and not self._held:
-            return frames
-        is_hit = np.zeros(frames.size, bool)
-        is_hit[hits] = True
-        out = []
-        for i in range(frames.size):
-            frame, can_id = frames[i : i + 1], int(frames["id"][i])
-            held = self._held.pop(can_id, None)
-            if held is None and is_hit[i]:
-                self._held[can_id] = frame.copy()
-                self.injected += 1
-                continue
-            out.append(frame)
-            if held is not None:
-                held["stamp_ns"] = frame["stamp_ns"]
-                out.append(held)
-        return np.concatenate(out) if out else frames[:0]
-
-
 class _Corrupt(_Stage):
-    fault: Corrupt
+    fault: kinds.Corrupt
 
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         for i in hits:
@@ -204,7 +160,7 @@ class _Corrupt(_Stage):
 
 
 class _Truncate(_Stage):
-    fault: Truncate
+    fault: kinds.Truncate
 
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         for i in hits:
@@ -256,7 +212,7 @@ class _Freeze(_InPlace):
 class _Wrong(_InPlace):
     """Faults that write other counts."""
 
-    fault: Gain | Offset | Stuck | Lag
+    fault: kinds.Gain | kinds.Offset | kinds.Stuck
 
     def strike(self, data: np.ndarray, expected: ExpectedFrame, *, is_hit: bool) -> bool:
         size, slots = expected.layout.size, self.units_in(expected)
@@ -265,50 +221,18 @@ class _Wrong(_InPlace):
             for signal in expected.channels
             if signal.slot in slots and self.fault.channel in (None, signal.name)
         ]
-        for signal in struck:
-            wrong = self.wrong(count_in(data, signal, size), expected, signal)
-            if is_hit:
-                put_count(data, signal, size, wrong)
+        for signal in struck if is_hit else ():
+            put_count(data, signal, size, self.wrong(count_in(data, signal, size)))
         return is_hit and bool(struck)
 
-    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
-        """What is sent in place of a count; asked for each frame, whether it is hit or not."""
-        raise NotImplementedError
-
-
-class _Gain(_Wrong):
-    fault: Gain
-
-    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
-        return round(self.fault.gain * count)
-
-
-class _Offset(_Wrong):
-    fault: Offset
-
-    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
-        return count + self.fault.counts
-
-
-class _Stuck(_Wrong):
-    fault: Stuck
-
-    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
+    def wrong(self, count: int) -> int:
+        """What is sent in place of a count."""
+        match self.fault:
+            case kinds.Gain(gain=gain):
+                return round(gain * count)
+            case kinds.Offset(counts=counts):
+                return count + counts
         return self.fault.counts
-
-
-class _Lag(_Wrong):
-    fault: Lag
-
-    def __init__(self, *given) -> None:
-        super().__init__(*given)
-        self._before: dict[tuple[int, int | None, int, str], deque[int]] = {}
-
-    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
-        key = expected.can_id, expected.page, signal.slot, signal.name
-        before = self._before.setdefault(key, deque(maxlen=self.fault.frames + 1))
-        before.append(count)
-        return before[0]
 
 
 class _PutIn(_Stage):
@@ -319,7 +243,7 @@ class _PutIn(_Stage):
             return frames
         made = [self.make(frames[i : i + 1]) for i in hits]
         new = np.concatenate(made)
-        new["origin"] |= _PUT_IN
+        new["origin"] |= _INJECTED
         self.injected += new.size
         place = np.repeat(2 * hits + self.side(), [part.size for part in made])
         order = np.argsort(np.concatenate([2 * np.arange(frames.size), place]), kind="stable")
@@ -334,15 +258,8 @@ class _PutIn(_Stage):
         raise NotImplementedError
 
 
-class _Repeat(_PutIn):
-    fault: Repeat
-
-    def make(self, frame: np.ndarray) -> np.ndarray:
-        return np.repeat(frame, self.fault.copies)
-
-
 class _Babble(_PutIn):
-    fault: Babble
+    fault: kinds.Babble
 
     def make(self, frame: np.ndarray) -> np.ndarray:
         can_id = self.fault.id | (CAN_EFF if self.fault.id > 0x7FF else 0)
@@ -352,7 +269,7 @@ class _Babble(_PutIn):
 
 
 class _Duplicate(_PutIn):
-    fault: Duplicate
+    fault: kinds.Duplicate
 
     def side(self) -> int:
         return -1 if self.fault.first else 1
@@ -371,34 +288,13 @@ class _Duplicate(_PutIn):
 
 
 class _Error(_PutIn):
-    fault: Error
+    fault: kinds.Error
 
     def make(self, frame: np.ndarray) -> np.ndarray:
-        error_class, data = ERRORS[self.fault.what]
+        error_class, data = kinds.ERRORS[self.fault.what]
         made = _bare(frame, CAN_ERR | error_class, 8)
         made["data"][0, :8] = np.frombuffer(data, np.uint8)
         return made
-
-
-class _Remote(_PutIn):
-    def make(self, frame: np.ndarray) -> np.ndarray:
-        return _bare(frame, CAN_RTR | int(frame["id"][0]), 0)
-
-
-class _ClockStep(_Stage):
-    fault: ClockStep
-
-    def __init__(self, *given) -> None:
-        super().__init__(*given)
-        self._steps = 0
-
-    def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
-        step_ns = round(self.fault.step_s * 1e9)
-        steps = self._steps + np.searchsorted(hits, np.arange(frames.size), side="right")
-        frames["stamp_ns"] += steps * step_ns
-        self._steps += hits.size
-        self.injected += hits.size
-        return frames
 
 
 def _bare(frame: np.ndarray, can_id: int, length: int, copies: int = 1) -> np.ndarray:
@@ -411,21 +307,16 @@ def _bare(frame: np.ndarray, can_id: int, length: int, copies: int = 1) -> np.nd
 
 
 STAGES: dict[type[Fault], type[_Stage]] = {
-    Drop: _Withhold,
-    Kill: _Withhold,
-    Delay: _Delay,
-    Repeat: _Repeat,
-    Reorder: _Reorder,
-    Corrupt: _Corrupt,
-    Truncate: _Truncate,
-    Freeze: _Freeze,
-    Gain: _Gain,
-    Offset: _Offset,
-    Stuck: _Stuck,
-    Lag: _Lag,
-    Babble: _Babble,
-    Duplicate: _Duplicate,
-    Error: _Error,
-    Remote: _Remote,
-    ClockStep: _ClockStep,
+    kinds.Drop: _Withhold,
+    kinds.Kill: _Withhold,
+    kinds.Delay: _Delay,
+    kinds.Corrupt: _Corrupt,
+    kinds.Truncate: _Truncate,
+    kinds.Freeze: _Freeze,
+    kinds.Gain: _Wrong,
+    kinds.Offset: _Wrong,
+    kinds.Stuck: _Wrong,
+    kinds.Babble: _Babble,
+    kinds.Duplicate: _Duplicate,
+    kinds.Error: _Error,
 }

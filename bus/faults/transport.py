@@ -104,7 +104,7 @@ class FaultyTransport(Transport):
             frames = self._heard.frames
             self._pending = self._inject(frames) if self._receives else frames.copy()
         taken = batch.extend(self._pending)
-        self._hear(self._pending[:taken])
+        self._process_error_frames(self._pending[:taken])
         self._pending = self._pending[taken:]
         self._counters.received += taken
         return taken

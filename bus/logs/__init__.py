@@ -1,8 +1,8 @@
 """Reading and writing of CAN logs, as batches of frames.
 
-Reading: candump (.log) and BLF (.blf) by compiled code; ASC, TRC, CSV and SQLite (.db) through
-python-can; MF4 through asammdf. Writing: candump and BLF. Text formats and BLF are also read with
-an additional .gz, and candump is written so.
+Reading: candump (.log) and BLF (.blf) by compiled code; ASC, TRC, CSV, SQLite (.db) and MF4 through
+python-can. Writing: candump. Text formats and BLF are also read with an additional .gz, and candump
+is written so.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from bus.logs.channels import buses_of
 from bus.logs.formats import open_writer, read, read_all, write
 from bus.logs.reader import LogReader
 from bus.logs.recording import LoggedTransport, Recording
-from bus.logs.writer import LogWriter
 
-__all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "open_writer",
+__all__ = ["LogReader", "LoggedTransport", "Recording", "buses_of", "open_writer",
            "read", "read_all", "write"]  # fmt: skip

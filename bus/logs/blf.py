@@ -5,12 +5,8 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections import deque
-from collections.abc import Callable, Generator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from collections.abc import Generator
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -19,7 +15,6 @@ from bus.errors import LogError
 from bus.frame import FrameBatch, as_bytes, as_words
 from bus.logs import blf_kernels as kernels
 from bus.logs.reader import LogReader
-from bus.processors import processors
 
 try:
     from isal import isal_zlib as _isal  # the extra `blf`: inflates 1.5 times as fast
@@ -28,27 +23,23 @@ except ImportError:
 
 inflating: Any = _isal or zlib
 
-__all__ = ["CONTAINER_HEAD", "DEFLATED", "EPOCH", "FILE_HEAD", "BlfReader"]
+__all__ = ["BlfReader"]
 
-FILE_HEAD = struct.Struct("<4sLBBBBBBBBQQLL8H8H")
+_FILE_HEAD = struct.Struct("<4sLBBBBBBBBQQLL8H8H")
 """Signature, length of the head, application and versions, length of the file, uncompressed
 length, objects, objects read, date of the beginning, date of the end."""
-CONTAINER_HEAD = struct.Struct("<4sHHLLH6xL4x")
-"""Signature, length of the head, its version, length, type; compression, uncompressed length."""
-PLAIN, DEFLATED = 0, 2
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-
-_CHUNK_BYTES = 1 << 16
+_OBJECT_HEAD = struct.Struct("<4sHHLL")
+"""Signature, length of the head, its version, length, type."""
+_CONTAINER_HEAD = struct.Struct("<H6xL4x")
+"""Compression, uncompressed length: what follows the head of a container."""
+_PLAIN, _DEFLATED = 0, 2
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _LARGEST_FILE_HEAD = 1 << 16
-_LARGEST_CONTAINER = 1 << 26
+_LARGEST_OBJECT = 1 << 26
 _MOST_PADDING = 3
 _DATA_LOST = 125
 """Type of the object where an interval begins whose frames the logger lost."""
-_MOST_THREADS = 4
 _END = "the end of the file"
-
-Fault = tuple[str, str] | None
-"""Expected and actual content."""
 
 
 class BlfReader(LogReader):
@@ -65,6 +56,7 @@ class BlfReader(LogReader):
         self._left_out = np.zeros(1 << 16, np.int64)
         self._types = np.zeros(kernels.TYPES, np.int64)
         self._stated_objects = self._stated_bytes = 0
+        self._place = 0  # in the file, of the object that is read
         self._end = _END
         self._views = as_words(batch.records), as_bytes(batch.records)
         try:
@@ -78,105 +70,112 @@ class BlfReader(LogReader):
                 self.skipped[f"frame of {_name(channel)}"] = int(self._left_out[channel])
 
     def _read(self, file: BinaryIO, batch: FrameBatch) -> Generator[None]:
-        """Read the file's objects and those in its containers, which are inflated ahead."""
-        objects, contents = _Objects(self._read_head(file)), _Objects(0)
-        ahead: deque[tuple[int, Callable[[], tuple[bytes, Fault]]]] = deque()
-        place, status = 0, kernels.MORE
-        count = min(_MOST_THREADS, processors()) if self.threads else 0
-        with ThreadPoolExecutor(count, "blf") if count else nullcontext() as pool:
-            while True:
-                while len(ahead) < max(1, 2 * count) and self._finds_container(file, objects):
-                    at, packed = objects.place, self._take(file, objects)
-                    inflated = partial(_inflate, *packed)
-                    ahead.append((at, pool.submit(inflated).result if pool else inflated))
-                if ahead:
-                    place, contents_of = ahead.popleft()
-                    inside, fault = contents_of()
-                    status = yield from self._parse(contents, inside, batch)
-                    if status != kernels.MORE:
-                        expected, got = kernels.EXPECTED[status], _shown(contents.rest)
-                        raise self._damage(place, expected, got, contents.place)
-                    if fault:
-                        raise self._damage(place, *fault)
-                    continue
-                data = self._read_some(file, _CHUNK_BYTES)
-                status = yield from self._parse(objects, data, batch)
-                if status == kernels.MORE and not data:
-                    break
-                if status not in (kernels.MORE, kernels.CONTAINER):
-                    expected, got = kernels.EXPECTED[status], _shown(objects.rest)
-                    raise self._damage(objects.place, expected, got)
-        if not contents.is_whole:
-            got = "the end of the last container"
-            raise self._damage(place, "a whole object", got, contents.place)
-        if not objects.is_whole:
-            raise self._damage(objects.place, "a whole object", self._end)
-        length = objects.place + len(objects.rest)
-        if self._stated_bytes > length or self._end != _END:
-            raise self._damage(length, f"more, up to byte {self._stated_bytes}", self._end)
+        """Read the file's objects, and those in its containers, which may go on in the next one."""
+        self._read_head(file)
+        # Of the contents of containers: the object that has begun, its place, the container's.
+        rest, inside, container = b"", 0, 0
+        while self._find_object(file):
+            head = self._read_up_to(file, _OBJECT_HEAD.size - 4)
+            if len(head) < _OBJECT_HEAD.size - 4:
+                raise self._damage("a whole object", self._end)
+            _, _, _, size, kind = _OBJECT_HEAD.unpack(head := b"LOBJ" + head)
+            if kind != kernels.LOG_CONTAINER:
+                data = head + self._body(file, size, "an object")
+                skip, self._state["skip"] = self._state["skip"].copy(), 0
+                if (yield from self._parse(data, batch)):
+                    raise self._damage("a whole object", self._end)
+                self._state["skip"] = skip
+                continue
+            container = self._place
+            packed = self._body(file, size, "a container", _CONTAINER_HEAD.size)
+            is_whole = len(packed) == size - _OBJECT_HEAD.size
+            contents = rest + self._inflate(packed, is_whole)
+            rest = yield from self._parse(contents, batch, inside)
+            inside += len(contents) - len(rest)
+            if not is_whole:
+                raise self._damage(f"a container of {size} bytes", self._end)
+        if self._state["skip"][0] or not _is_padding(rest):
+            self._place = container
+            raise self._damage("a whole object", "the end of the last container", inside)
+        self._place = file.tell()
+        if self._stated_bytes > self._place or self._end != _END:
+            raise self._damage(f"more, up to byte {self._stated_bytes}", self._end)
 
-    def _read_head(self, file: BinaryIO) -> int:
-        """Read the file's head; returns its length."""
-        head = self._read_up_to(file, FILE_HEAD.size)
+    def _read_head(self, file: BinaryIO) -> None:
+        """Read the file's head."""
+        head = self._read_up_to(file, _FILE_HEAD.size)
         if not head.startswith(b"LOGG"):
-            raise self._damage(0, "'LOGG'", _shown(head) if head else self._end)
-        if len(head) < FILE_HEAD.size:
-            raise self._damage(len(head), f"a head of {FILE_HEAD.size} bytes", self._end)
-        _, length, *_, stated_bytes, _, stated_objects, _ = (fields := FILE_HEAD.unpack(head))[:14]
-        if not FILE_HEAD.size <= length <= _LARGEST_FILE_HEAD:
-            expected = f"a length of {FILE_HEAD.size} to {_LARGEST_FILE_HEAD}"
-            raise self._damage(4, expected, f"{length}")
-        self._stated_bytes, self._stated_objects = stated_bytes, stated_objects
-        self._state["start_ns"][0] = _to_ns(*fields[14:22])
-        there = len(head) + len(self._read_up_to(file, length - len(head)))
-        if there < length:
-            raise self._damage(there, f"a head of {length} bytes", self._end)
-        return length
+            raise self._damage("'LOGG'", _shown(head) if head else self._end)
+        if len(head) < _FILE_HEAD.size:
+            raise self._damage(f"a head of {_FILE_HEAD.size} bytes", self._end)
+        fields = _FILE_HEAD.unpack(head)
+        length, self._stated_bytes, self._stated_objects = fields[1], fields[10], fields[12]
+        if not _FILE_HEAD.size <= length <= _LARGEST_FILE_HEAD:
+            expected = f"a length of {_FILE_HEAD.size} to {_LARGEST_FILE_HEAD}"
+            raise self._damage(expected, f"{length}")
+        self._state["start_ns"] = _to_ns(*fields[14:22])
+        if len(head) + len(self._read_up_to(file, length - len(head))) < length:
+            raise self._damage(f"a head of {length} bytes", self._end)
 
-    def _finds_container(self, file: BinaryIO, objects: _Objects) -> bool:
-        """Whether a container comes next; if so, `objects` then begin with it."""
-        if objects.skip:
-            return False
-        least = kernels.MOST_PADDING + CONTAINER_HEAD.size
-        while len(objects.rest) < least and (more := self._read_some(file, _CHUNK_BYTES)):
-            objects.rest += more
-        padding = objects.rest.find(b"LOBJ", 0, kernels.MOST_PADDING + 3)
-        kind = objects.rest[padding + 12 : padding + 16]
-        if padding < 0 or int.from_bytes(kind, "little") != kernels.LOG_CONTAINER:
-            return False
-        objects.drop(padding)
-        return True
+    def _find_object(self, file: BinaryIO) -> bool:
+        """Read up to the signature of the next object; False at the end."""
+        self._place = file.tell()
+        found = self._read_up_to(file, 4)
+        for padding in range(kernels.MOST_PADDING):
+            if found == b"LOBJ":
+                self._place = file.tell() - 4
+                return True
+            if len(found) < 4:
+                if _is_padding(bytes(padding) + found):
+                    return False
+                raise self._damage("a whole object", self._end)
+            found = found[1:] + self._read_up_to(file, 1)
+        raise self._damage(kernels.EXPECTED[kernels.SIGNATURE], _shown(found))
 
-    def _take(self, file: BinaryIO, objects: _Objects) -> tuple[int, bytes, Fault]:
-        """Take the container at the start of `objects`: compression, contents, fault."""
-        head = CONTAINER_HEAD.size
-        if len(objects.rest) < head:
-            objects.drop(len(objects.rest))
-            return PLAIN, b"", (f"a container's head of {head} bytes", self._end)
-        *_, length, _, method, _ = CONTAINER_HEAD.unpack_from(objects.rest)
-        if not head <= length <= _LARGEST_CONTAINER:
-            return PLAIN, b"", (f"a container of {head} to {_LARGEST_CONTAINER} bytes", f"{length}")
-        if method not in (PLAIN, DEFLATED):
-            return PLAIN, b"", (f"compression {PLAIN} or {DEFLATED}", f"{method}")
-        objects.rest += self._read_up_to(file, max(0, length - len(objects.rest)))
-        packed, there = objects.rest[head:length], len(objects.rest)
-        objects.drop(min(length, there))
-        whole = f"a container of {length} bytes"
-        return method, packed, None if there >= length else (whole, self._end)
+    def _body(self, file: BinaryIO, size: int, what: str, least: int = 0) -> bytes:
+        """Read what follows the head of an object; only a container may be cut."""
+        least += _OBJECT_HEAD.size
+        if not least <= size <= _LARGEST_OBJECT:
+            raise self._damage(f"{what} of {least} to {_LARGEST_OBJECT} bytes", f"{size}")
+        body = self._read_up_to(file, size - _OBJECT_HEAD.size)
+        lacking = size - _OBJECT_HEAD.size - len(body)
+        if lacking and (least == _OBJECT_HEAD.size or len(body) < least - _OBJECT_HEAD.size):
+            raise self._damage(f"{what} of {size} bytes", self._end)
+        return body
+
+    def _inflate(self, packed: bytes, is_whole: bool) -> bytes:
+        """Contents of a container, as far as they are certain."""
+        method, _ = _CONTAINER_HEAD.unpack_from(packed)
+        packed = packed[_CONTAINER_HEAD.size :]
+        if method == _PLAIN:
+            return packed
+        if method != _DEFLATED:
+            raise self._damage(f"compression {_PLAIN} or {_DEFLATED}", f"{method}")
+        inflater = inflating.decompressobj()
+        try:
+            inside: bytes = inflater.decompress(packed, _LARGEST_OBJECT)
+        except inflating.error as error:
+            # Nothing is certain, since the checksum comes last.
+            raise self._damage("a container with whole contents", str(error)) from None
+        if is_whole and not inflater.eof:
+            expected = f"contents of at most {_LARGEST_OBJECT} bytes, with their end"
+            raise self._damage(expected, f"{len(inside)} bytes without one")
+        return inside
 
     def _parse(
-        self, objects: _Objects, data: bytes, batch: FrameBatch
-    ) -> Generator[None, None, int]:
-        """Parse objects, remaining ones first; returns why it ended."""
-        state, rest = self._state, objects.rest + data if objects.rest else data
-        blob = np.frombuffer(rest, np.uint8) if rest else np.zeros(0, np.uint8)
-        state["position"][0], state["skip"][0] = 0, objects.skip
+        self, data: bytes, batch: FrameBatch, inside: int | None = None
+    ) -> Generator[None, None, bytes]:
+        """Parse objects; returns what is left, the beginning of one."""
+        state = self._state
+        blob = np.frombuffer(data, np.uint8) if data else np.zeros(0, np.uint8)
+        state["position"] = 0
         while True:
-            state["count"][0] = batch.count
+            state["count"] = batch.count
             status = kernels.parse(
                 blob, blob.size, self._buses, self._left_out, self._types, *self._views, state
             )
             batch.count = int(state["count"][0])
+            position = int(state["position"][0])
             if status == kernels.FULL:
                 yield
             elif status == kernels.NEW_CHANNEL:
@@ -185,34 +184,27 @@ class BlfReader(LogReader):
                     self._buses[channel] = self._channels.index(_name(channel))
                 except ValueError as error:
                     raise LogError(f"{self.path}: {error}; got {_name(channel)!r}") from error
+            elif status == kernels.MORE:
+                return data[position:]
             else:
-                break
-        objects.rest = rest
-        objects.drop(int(state["position"][0]))
-        objects.skip = int(state["skip"][0])
-        return status
-
-    def _read_some(self, file: BinaryIO, size: int) -> bytes:
-        """Read at most `size` bytes; none at the end, with the reason in `_end`."""
-        if self._end != _END:
-            return b""
-        try:
-            got: bytes = file.read1(size)  # type: ignore[attr-defined]
-        except (OSError, EOFError, zlib.error) as error:
-            self._end = str(error)
-            return b""
-        return got
+                place = None if inside is None else inside + position
+                raise self._damage(kernels.EXPECTED[status], _shown(data[position:]), place)
 
     def _read_up_to(self, file: BinaryIO, size: int) -> bytes:
-        """Read `size` bytes, fewer only at the end."""
+        """Read `size` bytes, fewer only at the end, with the reason in `_end`."""
         parts = [b""]
-        while size and (more := self._read_some(file, size)):
-            parts.append(more)
-            size -= len(more)
+        try:
+            # One read at a time, so that damage loses nothing before it.
+            while size and (more := file.read1(size)):  # type: ignore[attr-defined]
+                parts.append(more)
+                size -= len(more)
+        except (OSError, EOFError, zlib.error) as error:
+            self._end = str(error)
         return b"".join(parts)
 
-    def _damage(self, place: int, expected: str, got: str, inside: int | None = None) -> LogError:
+    def _damage(self, expected: str, got: str, inside: int | None = None) -> LogError:
         """The error at a place of the file, with the amount that was read."""
+        place = self._place
         where = f"byte {place}" if inside is None else f"byte {place}: byte {inside} of contents"
         read = f"{self._state['objects'][0]} "
         read += f"of {self._stated_objects} objects" if self._stated_objects else "objects"
@@ -222,39 +214,9 @@ class BlfReader(LogReader):
         return LogError(f"{self.path}: {where}: must be {expected}; got {got} (read: {read})")
 
 
-def _inflate(method: int, packed: bytes, fault: Fault) -> tuple[bytes, Fault]:
-    """Contents of a container, as far as they are certain, and its fault."""
-    if method == PLAIN:
-        return packed, fault
-    inflater = inflating.decompressobj()
-    try:
-        inside = inflater.decompress(packed, _LARGEST_CONTAINER)
-    except inflating.error as error:
-        # Nothing is certain, since the checksum comes last.
-        return b"", ("a container with whole contents", str(error))
-    if not inflater.eof and not fault:
-        expected = f"contents of at most {_LARGEST_CONTAINER} bytes, with their end"
-        return b"", (expected, f"{len(inside)} bytes without one")
-    return inside, fault
-
-
-class _Objects:
-    """Consecutive objects, of a file or in its containers, that are not yet parsed."""
-
-    def __init__(self, place: int) -> None:
-        self.place = place  # of the first byte of `rest`
-        self.rest = b""
-        self.skip = 0  # remaining bytes of an object that is not a frame
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether only padding is left."""
-        begun = self.rest and b"LOBJ".startswith(self.rest)
-        return not self.skip and not begun and len(self.rest) <= _MOST_PADDING
-
-    def drop(self, size: int) -> None:
-        self.place += size
-        self.rest = self.rest[size:]
+def _is_padding(rest: bytes) -> bool:
+    """Whether no object begins in what is left."""
+    return len(rest) <= _MOST_PADDING and not (rest and b"LOBJ".startswith(rest))
 
 
 def _name(channel: int) -> str:
@@ -269,7 +231,7 @@ def _to_ns(
         date = datetime(year, month, day, hour, minute, second, 1000 * millisecond, tzinfo=UTC)
     except ValueError:
         return 0
-    since = (date - EPOCH) // timedelta(microseconds=1) * 1000
+    since = (date - _EPOCH) // timedelta(microseconds=1) * 1000
     return since if abs(since) < 1 << 63 else 0
 
 

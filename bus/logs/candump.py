@@ -9,7 +9,6 @@ import numpy as np
 
 from bus.errors import LogError
 from bus.frame import FrameBatch, as_bytes, as_words
-from bus.logs import candump_faults as faults
 from bus.logs import candump_kernels as kernels
 from bus.logs.reader import LogReader
 
@@ -19,24 +18,23 @@ CHUNK_BYTES = 1 << 20
 """Chunk size; a line must fit in."""
 _SHOWN = 60
 _DROPS = re.compile(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames? on '[!-~]+' socket")
-_DETAIL = re.compile(rb"\t+[a-z][ -~]*\r?\n")
+"""What candump -d writes between frames."""
 _SURE = re.compile(rb"#[\dA-Fa-f]{16}(_[\dA-Fa-f])?\s*$|##[\dA-Fa-f]{129}\s*$|\s[RTrt]\s*$")
-"""What candump -d and -e write between frames; ends of a line to which no digit can be lacking."""
+"""Ends of a line to which no digit can be lacking."""
 
 
 class CandumpReader(LogReader):
-    """Reads the output of candump with -L or -l, and that with -t a, each also with -x, -e and -d.
+    """Reads the output of candump with -L or -l, also with -x and -d.
 
-    Lines may be blank or end in CR LF; stamps may have up to nine digits after the point. Without
-    -x the output of -t a does not contain the BRS and ESI flags of a CAN FD frame. A last line
-    without its end is taken where it cannot be longer.
+    Lines may be blank or end in CR LF; stamps may have up to nine digits after the point. A last
+    line without its end is taken where it cannot be longer.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
         buffer = bytearray(CHUNK_BYTES + 1)
         self._text = np.frombuffer(buffer, np.uint8)
         self._state = np.zeros(1, kernels.STATE)
-        self._names = np.zeros((kernels.MOST_NAMES, faults.NAME_BYTES), np.uint8)
+        self._names = np.zeros((kernels.MOST_NAMES, kernels.NAME_BYTES), np.uint8)
         self._buses = np.zeros(kernels.MOST_NAMES, np.int64)
         self._left_out = np.zeros(kernels.MOST_NAMES, np.int64)
         end = 0
@@ -70,20 +68,20 @@ class CandumpReader(LogReader):
         words, data, state = as_words(batch.records), as_bytes(batch.records), self._state
         state["position"][0] = 0
         status = None
-        while status != faults.MORE:
+        while status != kernels.MORE:
             state["count"][0] = batch.count
             status = kernels.parse(
                 self._text, end, self._names, self._buses, self._left_out, words, data, state
             )
             batch.count = int(state["count"][0])
-            if status == faults.FULL:
+            if status == kernels.FULL:
                 yield
-            elif status == faults.NEW_NAME:
+            elif status == kernels.NEW_NAME:
                 fault = self._add(bytes(buffer[state["start"][0] : state["end"][0]]))
                 if fault:
                     raise LogError(self._fault(buffer, fault))
-            elif status != faults.MORE:
-                self._pass(buffer, f"must be {faults.EXPECTED[status]}")
+            elif status != kernels.MORE:
+                self._pass(buffer, f"must be {kernels.EXPECTED[status]}")
         for name, count in zip(self.channels, self._left_out, strict=False):
             if count:
                 self.skipped[f"frame of {name}"] = int(count)
@@ -106,8 +104,6 @@ class CandumpReader(LogReader):
         drop = _DROPS.match(buffer, begin, end)
         if drop:
             self.lost += int(drop[1])
-        elif _DETAIL.match(buffer, begin, end):
-            self._skip("detail of an error frame")
         else:
             self._leave_out(self._fault(buffer, fault))
         self._state["position"] = end

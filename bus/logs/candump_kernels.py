@@ -14,7 +14,6 @@ from bus.compiled.jit import compiled, jitable
 from bus.frame import (
     BUS_AT,
     CAN_EFF,
-    CAN_ERR,
     CAN_RTR,
     ECHO,
     FD_BRS,
@@ -25,9 +24,32 @@ from bus.frame import (
     ORIGIN_AT,
     PAYLOAD,
 )  # fmt: skip
-from bus.logs import candump_faults as faults
-from bus.logs.candump_faults import NAME_BYTES
 
+# Return values of `parse` other than faults.
+MORE, FULL, NEW_NAME = 0, 1, -16
+(
+    STAMP, FRACTION, LATE, CLOSE, NAME, LONG_NAME, IDENTIFIER, STANDARD, EXTENDED, HASH, FLAGS,
+    BYTE, MUCH, DLC, LINE_END,
+) = range(-15, 0)  # fmt: skip
+NAME_BYTES = 64
+EXPECTED = {
+    STAMP: "'(' and a time stamp in seconds, as of candump -L",
+    FRACTION: "'.' and 1 to 9 digits",
+    LATE: "a time before the year 2262",
+    CLOSE: "')' and a blank",
+    NAME: "the name of an interface and a blank",
+    LONG_NAME: f"a name of less than {NAME_BYTES} bytes",
+    IDENTIFIER: "an identifier of 3 or 8 hexadecimal digits",
+    STANDARD: "an identifier of at most 7FF",
+    EXTENDED: "an identifier of at most 1FFFFFFF, or up to 3FFFFFFF of an error frame",
+    HASH: "'#' and the data, as of candump -L",
+    FLAGS: "the flags of a CAN FD frame, one hexadecimal digit",
+    BYTE: "two hexadecimal digits of a data byte",
+    MUCH: "at most 8 data bytes, or 64 in a CAN FD frame",
+    DLC: "a length of 0 to 8",
+    LINE_END: "the end of the line",
+}
+"""Expected content at the place of each fault."""
 STATE = np.dtype(
     [
         (name, np.int64)
@@ -50,18 +72,14 @@ S = 1_000_000_000
 _LATEST_S = (1 << 63) // S - 1
 STANDARD_LIMIT, EXTENDED_LIMIT, ERROR_LIMIT = 0x7FF, 0x1FFF_FFFF, 0x3FFF_FFFF
 _CLASSIC_BYTES, _FD_BYTES = 8, 64
-ABSOLUTE_DIGITS = 10
 _TAB, _NEWLINE, _RETURN, _BLANK = b"\t\n\r "
-_OPEN, _CLOSE, _DASH, _POINT, _ZERO, _HASH, _UNDERSCORE, _QUOTE = b"()-.0#_'"
-_SQUARE, _SQUARE_END, _CURLY, _CURLY_END = b"[]{}"
+_OPEN, _CLOSE, _POINT, _ZERO, _HASH, _UNDERSCORE = b"().0#_"
 _DELETE = 127
-_B, _E, _R, _T, _X, _SMALL_R, _SMALL_T = b"BERTXrt"
+_R, _T, _SMALL_R, _SMALL_T = b"RTrt"
 _NO_DIGIT = 255
 _HEX = np.full(256, _NO_DIGIT, np.uint8)
 _HEX[list(b"0123456789ABCDEF")] = range(16)
 _HEX[list(b"abcdef")] = range(10, 16)
-_REMOTE = np.frombuffer(b"remote request", np.uint8)
-_ERROR = np.frombuffer(b"ERRORFRAME", np.uint8)
 
 
 @jitable
@@ -78,17 +96,9 @@ def skip_blanks(text, p):
 
 
 @jitable
-def has_word(text, p, word):
-    for i in range(word.size):
-        if text[p + i] != word[i]:
-            return False
-    return True
-
-
-@jitable
 def read_stamp(text, p, words, i, state):
     if text[p] != _OPEN:
-        return fault(state, faults.STAMP, p)
+        return fault(state, STAMP, p)
     p += 1
     first, seconds = p, 0
     while True:
@@ -97,12 +107,12 @@ def read_stamp(text, p, words, i, state):
             break
         seconds = 10 * seconds + digit
         if seconds > _LATEST_S:
-            return fault(state, faults.LATE, first)
+            return fault(state, LATE, first)
         p += 1
     if p == first:
-        return fault(state, faults.STAMP, p)
+        return fault(state, STAMP, p)
     if text[p] != _POINT:
-        return fault(state, faults.FRACTION, p)
+        return fault(state, FRACTION, p)
     p += 1
     first, fraction, unit = p, 0, S
     while unit > 1:
@@ -113,9 +123,9 @@ def read_stamp(text, p, words, i, state):
         unit //= 10
         p += 1
     if p == first:
-        return fault(state, faults.FRACTION, p)
+        return fault(state, FRACTION, p)
     if text[p] != _CLOSE or (text[p + 1] != _BLANK and text[p + 1] != _TAB):
-        return fault(state, faults.CLOSE, p)
+        return fault(state, CLOSE, p)
     words[i, 0] = S * seconds + unit * fraction
     return skip_blanks(text, p + 1)
 
@@ -147,14 +157,14 @@ def read_identifier(text, p, words, i, state):
         p += 1
     if p - first == 3:
         if identifier > STANDARD_LIMIT:
-            return fault(state, faults.STANDARD, first)
+            return fault(state, STANDARD, first)
     elif p - first == 8:
         if identifier > ERROR_LIMIT:
-            return fault(state, faults.EXTENDED, first)
+            return fault(state, EXTENDED, first)
         if identifier <= EXTENDED_LIMIT:
             identifier |= CAN_EFF
     else:
-        return fault(state, faults.IDENTIFIER, first)
+        return fault(state, IDENTIFIER, first)
     words[i, 1] = identifier  # with 0 for everything behind it
     for k in range(2, words.shape[1]):
         words[i, k] = 0
@@ -170,7 +180,7 @@ def read_short(text, p, words, data, i, state):
         limit = _FD_BYTES
         flags = np.int64(_HEX[text[p + 1]])
         if flags == _NO_DIGIT:
-            return fault(state, faults.FLAGS, p + 1)
+            return fault(state, FLAGS, p + 1)
         data[i, FLAGS_AT] = (flags & (FD_BRS | FD_ESI)) | FD_FDF
         p += 2
     length = 0
@@ -180,7 +190,7 @@ def read_short(text, p, words, data, i, state):
         if _HEX[text[p]] != _NO_DIGIT:
             length = np.int64(_HEX[text[p]])
             if length > _CLASSIC_BYTES:
-                return fault(state, faults.DLC, p)
+                return fault(state, DLC, p)
             p += 1
     else:
         while True:
@@ -189,9 +199,9 @@ def read_short(text, p, words, data, i, state):
                 break
             low = np.int64(_HEX[text[p + 1]])
             if low == _NO_DIGIT:
-                return fault(state, faults.BYTE, p)
+                return fault(state, BYTE, p)
             if length == limit:
-                return fault(state, faults.MUCH, p)
+                return fault(state, MUCH, p)
             data[i, PAYLOAD + length] = 16 * high + low
             length += 1
             p += 2
@@ -209,78 +219,7 @@ def read_short(text, p, words, data, i, state):
 
 
 @jitable
-def read_long(text, p, words, data, i, flags, state):
-    # From the identifier on, as candump shows frames to people: "123   [3]  11 22 33".
-    p = skip_blanks(text, p)
-    closing = _SQUARE_END
-    if text[p] == _CURLY:
-        closing = _CURLY_END  # the raw length code, of candump -8
-    elif text[p] != _SQUARE:
-        return fault(state, faults.LENGTH, p)
-    first = p + 1
-    length = np.int64(_HEX[text[first]])
-    if length == _NO_DIGIT or (length > 9 and closing == _SQUARE_END):
-        return fault(state, faults.LENGTH, p)
-    p = first + 1
-    if text[p] != closing:
-        digit = np.int64(text[p]) - _ZERO
-        if digit < 0 or digit > 9 or text[p + 1] != closing or closing == _CURLY_END:
-            return fault(state, faults.LENGTH, first - 1)
-        length = 10 * length + digit
-        if length > _FD_BYTES:
-            return fault(state, faults.MUCH, first)
-        flags |= FD_FDF
-        p += 1
-    elif closing == _CURLY_END:
-        length = min(length, _CLASSIC_BYTES)
-    elif length > _CLASSIC_BYTES:
-        return fault(state, faults.MUCH, first)
-    p += 1
-    data[i, LENGTH_AT] = length
-    data[i, FLAGS_AT] = flags if flags & FD_FDF else 0
-    q = skip_blanks(text, p)
-    if has_word(text, q, _REMOTE):
-        words[i, 1] |= CAN_RTR
-        return q + _REMOTE.size
-    for k in range(length):
-        q = skip_blanks(text, p)
-        high, low = np.int64(_HEX[text[q]]), 0
-        if high != _NO_DIGIT:
-            low = np.int64(_HEX[text[q + 1]])
-        if q == p or max(high, low) == _NO_DIGIT:
-            return fault(state, faults.BYTE, q)
-        data[i, PAYLOAD + k] = 16 * high + low
-        p = q + 2
-    q = skip_blanks(text, p)
-    if words[i, 1] & CAN_ERR and has_word(text, q, _ERROR):
-        return q + _ERROR.size
-    if q > p and text[q] == _QUOTE:
-        # The data as characters, of candump -a: as many, and a quotation mark.
-        q += length + 1
-        for k in range(p, q):
-            if text[k] == _NEWLINE:
-                return fault(state, faults.LINE_END, p)
-        if text[q] == _QUOTE:
-            return q + 1
-        return fault(state, faults.LINE_END, p)
-    return q
-
-
-@jitable
-def read_direction(text, p, state):
-    # "RX - - " or "TX B E ": returns the flags, or a fault.
-    if text[p + 1] != _X or text[p + 2] != _BLANK:
-        return fault(state, faults.DIRECTION, p)
-    if (text[p + 3] != _DASH and text[p + 3] != _B) or text[p + 4] != _BLANK:
-        return fault(state, faults.DIRECTION, p)
-    if (text[p + 5] != _DASH and text[p + 5] != _E) or text[p + 6] != _BLANK:
-        return fault(state, faults.DIRECTION, p)
-    return FD_BRS * np.int64(text[p + 3] == _B) + FD_ESI * np.int64(text[p + 5] == _E)
-
-
-@jitable
 def read_line(text, p, names, words, data, i, state):
-    opened = p
     p = read_stamp(text, p, words, i, state)
     if p < 0:
         return p
@@ -288,33 +227,19 @@ def read_line(text, p, names, words, data, i, state):
     while text[p] > _BLANK and text[p] < _DELETE:
         p += 1
     if p == start or (text[p] != _BLANK and text[p] != _TAB):
-        return fault(state, faults.NAME, start)
+        return fault(state, NAME, start)
     if p - start >= NAME_BYTES:
-        return fault(state, faults.LONG_NAME, start)
+        return fault(state, LONG_NAME, start)
     if find_name(text, start, p, names, state) < 0:
         state["start"], state["end"] = start, p
-        return faults.NEW_NAME
+        return NEW_NAME
     p = skip_blanks(text, p)
-    flags, origin = 0, 0
-    directed = text[p] == _R or text[p] == _T
-    if directed:
-        flags = read_direction(text, p, state)
-        if flags < 0:
-            return flags
-        origin = ECHO if text[p] == _T else 0
-        p = skip_blanks(text, p + 7)
     p = read_identifier(text, p, words, i, state)
     if p < 0:
         return p
-    if text[p] == _HASH and not directed:
-        return read_short(text, p, words, data, i, state)
-    if text[p] != _BLANK and text[p] != _TAB:
-        return fault(state, faults.HASH, p)
-    for k in range(1, ABSOLUTE_DIGITS):
-        if text[opened + 1 + k] == _POINT:
-            return fault(state, faults.RELATIVE, opened)
-    data[i, ORIGIN_AT] = origin
-    return read_long(text, p, words, data, i, flags, state)
+    if text[p] != _HASH:
+        return fault(state, HASH, p)
+    return read_short(text, p, words, data, i, state)
 
 
 def parse_python(text, end, names, buses, left_out, words, data, states):
@@ -338,14 +263,14 @@ def parse_python(text, end, names, buses, left_out, words, data, states):
     Returns
     -------
     int
-        MORE, FULL, NEW_NAME, or a fault, of `bus.logs.candump_faults`.
+        MORE, FULL, NEW_NAME, or a fault of `EXPECTED`.
     """
     state = states[0]
     position, count = state["position"], state["count"]
-    status = faults.MORE
+    status = MORE
     while position < end:
         if count == words.shape[0]:
-            status = faults.FULL
+            status = FULL
             break
         p = skip_blanks(text, position)
         blank = text[p] == _NEWLINE or text[p] == _RETURN
@@ -358,7 +283,7 @@ def parse_python(text, end, names, buses, left_out, words, data, states):
         if text[p] == _RETURN:
             p += 1
         if text[p] != _NEWLINE:
-            status = fault(state, faults.LINE_END, p)
+            status = fault(state, LINE_END, p)
             break
         if not blank:
             bus = buses[state["last"]]

@@ -1,4 +1,4 @@
-"""Readers and writers of logs, by suffix."""
+"""Readers of logs by suffix, and the writer."""
 
 from __future__ import annotations
 
@@ -7,34 +7,32 @@ import os
 from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bus.errors import LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs.reader import LogReader, existing
-from bus.logs.writer import LogWriter
 from topology.files import check_path, named, sync
 
-__all__ = ["READERS", "WRITERS", "open_writer", "read", "read_all", "write"]
+if TYPE_CHECKING:
+    from bus.logs.writer import LogWriter
+
+__all__ = ["READERS", "open_writer", "read", "read_all", "write"]
 
 READERS = {
-    ".asc": "bus.logs.rows:RowReader",
+    ".asc": "bus.logs.pythoncan:PythonCanReader",
     ".blf": "bus.logs.blf:BlfReader",
-    ".csv": "bus.logs.rows:RowReader",
-    ".db": "bus.logs.rows:RowReader",
+    ".csv": "bus.logs.pythoncan:PythonCanReader",
+    ".db": "bus.logs.pythoncan:PythonCanReader",
     ".log": "bus.logs.candump:CandumpReader",
-    ".mf4": "bus.logs.mdf:MdfReader",
-    ".trc": "bus.logs.rows:RowReader",
-}
-WRITERS = {
-    ".blf": "bus.logs.blf_writer:BlfWriter",
-    ".log": "bus.logs.candump_writer:CandumpWriter",
+    ".mf4": "bus.logs.pythoncan:PythonCanReader",
+    ".trc": "bus.logs.pythoncan:PythonCanReader",
 }
 """Module and class for each suffix, imported on first use."""
 _NEVER_PACKED = {".db", ".mf4"}
-_PACKED_WRITERS = {".log"}
+_WRITTEN = (".log", ".log.gz")
 
 
 def read(path: str | os.PathLike[str], **options: Any) -> LogReader:
@@ -57,9 +55,12 @@ def read(path: str | os.PathLike[str], **options: Any) -> LogReader:
     LogError
         No such file, or no reader for its suffix.
     """
-    place = _place(path, READERS, set(READERS) - _NEVER_PACKED)
+    packed = (f"{suffix}.gz" for suffix in READERS if suffix not in _NEVER_PACKED)
+    suffix = _suffix(path, [*READERS, *packed])
     existing(path)  # before a reader is imported, which may be compiled
-    return _class(place)(path, **options)
+    module, name = READERS[suffix.removesuffix(".gz")].split(":")
+    reader: LogReader = getattr(import_module(module), name)(path, **options)
+    return reader
 
 
 def read_all(path: str | os.PathLike[str], **options: Any) -> np.ndarray:
@@ -80,18 +81,20 @@ def open_writer(path: str | os.PathLike[str], **options: Any) -> LogWriter:
     Parameters
     ----------
     path : path
-        The suffix sets the format.
+        Ends in .log or .log.gz.
     **options
-        See `CandumpWriter`.
+        See `LogWriter`.
 
     Raises
     ------
     LogError
-        No writer for the suffix.
+        Another suffix.
     """
-    writer = _class(_place(path, WRITERS, _PACKED_WRITERS))
+    from bus.logs.writer import LogWriter  # compiled
+
+    _suffix(path, _WRITTEN)
     with named(Path(path)):
-        return writer(path, **options)
+        return LogWriter(path, **options)
 
 
 def write(
@@ -104,7 +107,7 @@ def write(
     Parameters
     ----------
     path : path
-        The suffix sets the format.
+        Ends in .log or .log.gz.
     frames : FrameBatch, ndarray of shape (m,) and FRAME_DTYPE, or many of them
         Such as a `LogReader`.
     **options
@@ -130,19 +133,13 @@ def write(
     return writer.count
 
 
-def _place(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str]) -> str:
-    """Module and class for a path's suffix."""
+def _suffix(path: str | os.PathLike[str], valid: Iterable[str]) -> str:
+    """A path's suffix, in lower case, which must be a valid one."""
     check_path("log", path, LogError)
-    suffixes = [suffix.lower() for suffix in Path(path).suffixes]
-    valid = sorted([*classes, *(f"{suffix}.gz" for suffix in packed)])
+    suffixes, valid = [suffix.lower() for suffix in Path(path).suffixes], sorted(valid)
     given = "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
     if given not in valid:
         near = difflib.get_close_matches(given, valid, 1)
         hint = f"; nearest: {near[0]!r}" if near else ""
         raise LogError(f"{path}: must end in one of {', '.join(valid)}; got {given!r}{hint}")
-    return classes[given.removesuffix(".gz")]
-
-
-def _class(place: str) -> type[Any]:
-    module, name = place.split(":")
-    return getattr(import_module(module), name)
+    return given

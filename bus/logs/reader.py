@@ -52,8 +52,6 @@ class LogReader(ABC):
         Maximum frames of a batch; the default fits into a processor's cache.
     strict : bool
         Whether damage is raised, behind the frames. If not, `damage` has the error.
-    threads : bool
-        Whether threads inflate what comes next, in formats that allow it.
 
     Attributes
     ----------
@@ -85,12 +83,11 @@ class LogReader(ABC):
         buses: Mapping[str, int] | None = None,
         batch: int = 4096,
         strict: bool = True,
-        threads: bool = True,
     ) -> None:
         if batch < 1:
             raise ValueError(f"batch: must be at least 1 frame; got {batch}")
         self.path = existing(path)
-        self.strict, self.threads = strict, threads
+        self.strict = strict
         self._asked = buses
         self._capacity = batch
         self._start()

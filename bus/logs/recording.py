@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from bus.frame import FrameBatch
-from bus.logs.channels import first_of, names_of, numbers_of
+from bus.logs.channels import names_of
 from bus.logs.formats import open_writer
-from bus.logs.writer import LogWriter
 from bus.transport import Transport, TransportCounters
 from topology import Topology
 from topology.files import NO_KIND, check_over, named
@@ -28,7 +27,7 @@ class Recording:
     Parameters
     ----------
     path : path
-        Ends in .log, .log.gz or .blf; must be a new file.
+        Ends in .log or .log.gz; must be a new file.
     topology : Topology
 
     Raises
@@ -40,18 +39,14 @@ class Recording:
     """
 
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
-        numbered = first_of(path) is not None
         check_over(Path(path), NO_KIND)
-        self._buses = np.array((numbered and numbers_of(topology)) or range(len(topology.buses)))
-        named = {} if numbered else {"channels": names_of(topology)}
-        self._writer: LogWriter = open_writer(path, **named)
+        self._writer = open_writer(path, channels=names_of(topology))
         self._lock = threading.Lock()
         self._is_closed = False
 
     def write(self, frames: np.ndarray) -> None:
         """Append frames, shape (m,), FRAME_DTYPE; those without a stamp get the current time."""
         records = np.array(frames)
-        records["bus"] = self._buses[records["bus"]]
         records["stamp_ns"][records["stamp_ns"] == 0] = time.time_ns()
         with self._lock:
             if not self._is_closed:

@@ -38,9 +38,9 @@ def doctor(
     what a log holds.
 
     Each finding comes with its likely cause: missing units, silent branches, swapped buses, wrong
-    identifiers, lengths and rates, two units of one address, boards without heartbeats, with one
-    serial number or with different firmware, losses by where they happen, errors of the bus. Exits
-    with 0 if all is well, and with 1 if there are findings.
+    identifiers, lengths and rates, two units of one address, boards without heartbeats or with the
+    calibration of another one, losses by where they happen, errors of the bus. Exits with 0 if all
+    is well, and with 1 if there are findings.
     """
     from bus.diagnose import diagnose
     from bus.diagnose_boards import identities

@@ -36,7 +36,7 @@ def run(
     ----------
     record
         write a new recording of frames and states (.mcap), or a log of what the buses carry (.log,
-        .log.gz, .blf)
+        .log.gz)
     """
     from skin.view.terminal import LiveTable
     from topology.files import NO_KIND

@@ -54,7 +54,7 @@ def sim(
     truth
         write down the truth about every cycle
     record
-        write a new log of what the buses carry (.log, .log.gz, .blf)
+        write a new log of what the buses carry (.log, .log.gz)
     """
     from bus.logs import Recording
     from skin.compiling import announce

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bus.frame import FrameBatch
-from bus.heartbeat import FIRST_ID, LAYOUT, PERIOD_S, STATES, beating_nodes
+from bus.heartbeat import FIRST_ID, LAYOUT, PERIOD_S, STATES, heartbeat_nodes
 from topology import Topology
 
 __all__ = ["Heartbeats"]
@@ -23,7 +23,7 @@ class Heartbeats:
     def __init__(self, topology: Topology) -> None:
         self._rate_hz = topology.cycle_rate_hz
         self._period = max(1, round(PERIOD_S * self._rate_hz))
-        self._nodes = [beating_nodes(topology, bus) for bus in range(len(topology.buses))]
+        self._nodes = [heartbeat_nodes(topology, bus) for bus in range(len(topology.buses))]
 
     def append(self, cycle: int, batch: FrameBatch, *, bus: int, stamp_ns: int = 0) -> int:
         """Append the heartbeats that are due in a cycle; return how many."""

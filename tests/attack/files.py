@@ -11,14 +11,11 @@ import json
 import random
 import resource
 import signal
-import sqlite3
 import sys
 import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import closing
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,13 +25,13 @@ import topology
 from bus.compiled.watch import watch
 from bus.errors import FaultScriptError, LogError
 from bus.faults.script import load_script
-from bus.frame import FrameBatch
-from bus.logs import read, write
+from bus.logs import read
 from skin.errors import SceneError, SkinError
 from skin.physics.stencil import Stencil
 from skin.sim.scenes import names as scenes
 from skin.sim.scenes.load import load_scene
 from tests.attack.mutations import mutated
+from tests.fixtures.logs import blf_container, blf_file, can_message
 
 __all__ = ["FINE", "Kind", "attack", "kinds", "outcome"]
 
@@ -173,57 +170,16 @@ def kinds(folder: Path) -> dict[str, Kind]:
             f"log {suffix}": Kind(
                 suffix, [raw], lambda path: sum(len(b) for b in read(path)), LogError, 1
             )
-            for suffix, raw in _logs(folder)
+            for suffix, raw in _logs()
         },
     }
 
 
-def _logs(folder: Path) -> Iterator[tuple[str, bytes]]:
+def _logs() -> Iterator[tuple[str, bytes]]:
+    """Of the readers that run in this process."""
     yield ".log", b"".join((GOLDEN / "logs/palm-vcan.log").read_bytes().splitlines(True)[:60])
-    batch = FrameBatch(64)
-    for i in range(64):
-        batch.append(0x100 + i % 7, bytes(range(i % 65 if i % 65 <= 8 else 8)), stamp_ns=10**9 + i)
-    write(folder / "whole.blf", batch)
-    yield ".blf", (folder / "whole.blf").read_bytes()
-    row = "   0.{:06d} 1  123  Rx   d 8 01 02 03 04 05 06 07 08\n"
-    head = "date Sam Sep 30 15:06:13.191 2017\nbase hex  timestamps absolute\n"
-    yield ".asc", (head + "".join(row.format(i) for i in range(40))).encode()
-    yield (
-        ".csv",
-        b"timestamp,arbitration_id,extended,remote,error,dlc,data\n"
-        + b"".join(b"%d.5,0x123,0,0,0,2,AQI=\n" % i for i in range(40)),
-    )
-    yield (
-        ".trc",
-        b";$FILEVERSION=1.1\n;\n"
-        + b"".join(b"%7d) %11.1f  Rx  0123  2  01 02 \n" % (i + 1, i) for i in range(40)),
-    )
-
-    with closing(sqlite3.connect(folder / "whole.db")) as database:
-        database.execute(
-            "CREATE TABLE messages (ts REAL, arbitration_id INTEGER, extended INTEGER, "
-            "remote INTEGER, error INTEGER, dlc INTEGER, data BLOB)"
-        )
-        row = "INSERT INTO messages VALUES (?, 291, 0, 0, 0, 2, x'0102')"
-        database.executemany(row, [(i,) for i in range(40)])
-        database.commit()
-    yield ".db", (folder / "whole.db").read_bytes()
-    if find_spec("asammdf") is not None:
-        yield ".mf4", _mf4(folder)
-
-
-def _mf4(folder: Path) -> bytes:
-    import asammdf
-
-    names = ("BusChannel", "ID", "DataLength", "EDL")
-    kind = np.dtype([*((f"CAN_DataFrame.{name}", "<u4") for name in names),
-                     ("CAN_DataFrame.DataBytes", "u1", (8,))])  # fmt: skip
-    samples = np.ones(40, kind)
-    signal = asammdf.Signal(samples, np.arange(40.0), name="CAN_DataFrame")
-    with asammdf.MDF(version="4.10") as file:
-        file.append([signal], common_timebase=True)
-        file.save(folder / "whole.mf4", overwrite=True)
-    return (folder / "whole.mf4").read_bytes()
+    messages = b"".join(can_message(0x100 + i % 7, bytes(range(i % 9)), stamp=i) for i in range(64))
+    yield ".blf", blf_file(blf_container(messages))
 
 
 def _stencils(folder: Path, strip: topology.Topology) -> list[bytes]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import itertools
 import json
-import re
 import subprocess
 import sys
 import warnings
@@ -31,7 +29,6 @@ from skin.sim.scenes.load import load_scene, open_scene
 from topology.errors import TopologyError
 
 ROOT = Path(__file__).parents[2]
-LOGS = (".log", ".blf", ".asc", ".csv", ".trc")
 VALUES = (
     float("nan"), float("inf"), -float("inf"), 1e-320, 1e300, -1, -0.5, 0, 0.0, 2**31 - 1, 2**63,
     10**5000, True, "", "x", b"x", (), ["x"], {"x": 1}, {1, "force"}, object(), None, 1j,
@@ -60,27 +57,9 @@ def test_broken_files_are_accepted_or_refused_with_their_place():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("seed", range(1, 3))
 def test_many_broken_files_are_accepted_or_refused_with_their_place(seed):
     assert attacked(8000, seed, 900.0) >= 7900
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "kind", ["topology", "calibration", "scene", "faults", "dbc", *map("log {}".format, LOGS)]
-)
-def test_fuzzing_finds_nothing_that_is_neither_accepted_nor_refused(kind):
-    """What reaches new code is kept among what is built, for the next run to go on with."""
-    if importlib.util.find_spec("atheris") is None:
-        pytest.skip("needs atheris: pip install 'f3t-skin[fuzz]', on Linux")
-    corpus = ROOT / "build/fuzz" / kind / "corpus"
-    corpus.mkdir(parents=True, exist_ok=True)
-    ran = subprocess.run(
-        [sys.executable, "-m", "tests.attack.fuzz", kind, "60", str(corpus)],
-        cwd=ROOT, capture_output=True, text=True, errors="replace", timeout=600.0, check=False,
-    )  # fmt: skip
-    print(*re.findall(r"#\d+\tDONE.*|Done .*", ran.stderr), sep="\n")
-    assert ran.returncode == 0, ran.stderr[-4000:]
 
 
 def opened(**options):

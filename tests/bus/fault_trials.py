@@ -18,7 +18,6 @@ from bus.cycle import FrameCounters, RawCycle
 from bus.faults import FaultScript, FaultyTransport
 from bus.faults.script import (
     Babble,
-    ClockStep,
     Corrupt,
     Delay,
     Drop,
@@ -27,9 +26,6 @@ from bus.faults.script import (
     Fault,
     Freeze,
     Kill,
-    Remote,
-    Reorder,
-    Repeat,
     Truncate,
 )
 from bus.frame import FrameBatch
@@ -71,7 +67,6 @@ def trials(cycles: int) -> list[Trial]:
            (("palm", palm), ("strip", strip))}  # fmt: skip
     often = {"probability": 0.05, "to_s": end["palm"]}
     classic = {"probability": 0.05, "to_s": end["strip"]}
-    now_and_then = {"every": 400, "to_s": end["palm"]}
     from_s = 10 / palm.cycle_rate_hz
     board, strip_unit = palm.unit_names[:1], strip.unit_names[3:4]
     late, stale = Status.LATE, Status.STALE
@@ -81,8 +76,6 @@ def trials(cycles: int) -> list[Trial]:
         Trial("kill and revive", "palm", Kill(units=board, from_s=from_s, to_s=0.4), "lost", stale),
         Trial("kill for good", "strip", Kill(units=strip_unit, from_s=0.2), "missing", stale),
         Trial("delay", "palm", Delay(delay_s=1.2 / palm.cycle_rate_hz, **often), "late", late),
-        Trial("reorder", "palm", Reorder(**often), "late", late),
-        Trial("repeat", "palm", Repeat(copies=2, **often), "repeated"),
         Trial("corrupt, 1 bit", "palm", Corrupt(**often), "crc", late),
         Trial("corrupt, 3 bits", "palm", Corrupt(bits=3, **often), "crc", late),
         Trial("truncate", "palm", Truncate(**often), "short", late),
@@ -95,9 +88,6 @@ def trials(cycles: int) -> list[Trial]:
         Trial("error frames", "palm", Error(**often), "error"),
         Trial("controller overflow", "palm", Error(what="overflow", **often),
               "controller_overflow"),
-        Trial("remote frames", "palm", Remote(**often), "remote"),
-        Trial("clock steps back", "palm", ClockStep(step_s=-0.5, **now_and_then), "steps"),
-        Trial("clock steps on", "palm", ClockStep(step_s=3600.0, **now_and_then), "steps"),
     ]  # fmt: skip
 
 
@@ -116,12 +106,10 @@ class Tally:
         self.flagged = np.zeros(skin.n, bool)
         self.has_flag = np.zeros(skin.n, bool)
         self.early = np.zeros(skin.n, np.int64)
-        self.wrong = self.standing = self.missing = self.steps = 0
+        self.wrong = self.standing = self.missing = 0
         self.struck_at: int | None = None
         self.flagged_at: int | None = None
         self._wired = skin.wired
-        self._period_ns = 1e9 / skin.cycle_rate_hz
-        self._stamp_ns: int | None = None
 
     def add(self, cycle: RawCycle) -> None:
         """Take the next cycle."""
@@ -135,10 +123,6 @@ class Tally:
         self.flagged |= (cycle.status & int(INVALID)) != 0
         self.standing += int(((cycle.status & int(Status.FROZEN)) != 0).sum())
         self.missing += int((cycle.age != 0).sum())
-        if self._stamp_ns is not None:
-            step = abs(cycle.stamp_ns - self._stamp_ns - self._period_ns)
-            self.steps += step > 0.5 * self._period_ns
-        self._stamp_ns = cycle.stamp_ns
 
     def finish(self) -> int:
         """Wrong values before their unit was flagged; of units that never were, they got through.

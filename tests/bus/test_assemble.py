@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus import INVALID, Assembler, FrameCounters, Status
-from bus.assemble import cycles, feed
+from bus import Assembler, FrameCounters, Status
 from bus.assemble.memory import Outcome
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_FDF
 from tests.fixtures.bus import (
@@ -25,7 +24,6 @@ from tests.fixtures.bus import (
     sync,
     with_data_ids,
 )
-from tests.naive.assemble import assemble
 from topology import CHANNELS, Signal, WireLayout
 from topology import LAYOUTS as BUILT_IN
 
@@ -178,14 +176,6 @@ def test_a_silent_unit_ages_keeps_its_value_and_turns_stale():
         shown = cycle.number if heard[cycle.number] else 2
         np.testing.assert_array_equal(cycle.counts[:5, 1], counts_of(small, shown)[:5, 1])
         np.testing.assert_array_equal(cycle.valid, [True, heard[cycle.number], True])
-
-
-def test_a_unit_that_was_never_heard_shows_nothing():
-    small = make_topology(units=2)
-    cycles = run(Assembler(small), *(cycle_frames(small, i)[[0, 2]] for i in range(9)))
-    for cycle in cycles:
-        assert flags(cycle)[0] == Status.NEVER
-        assert (cycle.age[0], cycle.valid[0], cycle.counts[:, 0].any()) == (-1, False, False)
 
 
 def test_cycles_wait_for_units_that_may_come_and_not_for_the_dead():
@@ -408,41 +398,6 @@ def test_a_long_absence_is_silence_not_loss():
     parts = [cycle_frames(small, i)[[0, 1]] for i in range(1, 1000)]
     run(assembler, cycle_frames(small, 0), *parts, cycle_frames(small, 1000))
     assert assembler.counters.lost == 0
-
-
-@st.composite
-def streams(draw):
-    """Draw SYNCs and frames of three units: lost, twice, late by up to nine cycles, and one of them
-    silent for up to forty."""
-    small = make_topology(units=3)
-    events = []
-    silent = range(first := draw(st.integers(0, 9)), first + draw(st.integers(0, 40)))
-    for i in range(draw(st.integers(1, 25)) + len(silent)):
-        if draw(st.integers(0, 9)):
-            events.append((i, -1, sync(i)))
-        for u, record in enumerate(data_frames(small, i, i)):
-            if u == 1 and i in silent:
-                continue
-            fate = draw(st.integers(0, 9))
-            delay = {0: None, 1: None, 2: 1, 3: draw(st.integers(1, 9))}.get(fate, 0)
-            if delay is not None:
-                events += [(i + delay, u, record.reshape(1))] * (2 if fate == 4 else 1)
-    return join(*(record for _, _, record in sorted(events, key=lambda event: event[:2])))
-
-
-@given(streams())
-@settings(max_examples=150)
-def test_assembling_is_what_the_obvious_reference_does(records):
-    small = make_topology(units=3)
-    expected, totals = assemble(records, 3)
-    assembler = Assembler(small)
-    cycles = run(assembler, records)
-    assert [
-        {"number": c.number, "closed_by": str(c.closed_by), "counts": c.counts.T.tolist(),
-         "age": c.age.tolist()}
-        for c in cycles
-    ] == expected  # fmt: skip
-    assert {kind: getattr(assembler.counters, kind) for kind in totals} == totals
 
 
 def test_own_counts_count_gaps_repeats_and_restarts():
@@ -718,94 +673,6 @@ def test_no_unit_ever_shows_parts_of_different_cycles(losses, has_sync):
             assert cycle.age[u] < 0 or tuple(cycle.counts[:2, u]) in whole
 
 
-# -- any frame whatever ----------------------------------------------------------------------------
-
-RECORDS = st.tuples(
-    st.sampled_from([0x100, 0x101, 0x102, 0x103, SYNC_ID, 0x701, 0x80000100, None]),
-    st.integers(0, 2**32 - 1),
-    st.sampled_from([0, 1, 6, 8, 16, 64, None]),
-    st.integers(0, 255),
-    st.sampled_from([0, 0, 0, 4, 5, 255]),
-    st.sampled_from([0, 0, 0, 1, 128]),
-    st.sampled_from([0, 0, 0, 1, 255]),
-    st.one_of(st.integers(0, 50 * PERIOD_NS), st.integers(-(2**63), 2**63 - 1)),
-    st.binary(min_size=3, max_size=3),
-)
-
-
-def records_of(drawn):
-    """Make records, however absurd."""
-    made = join(*(frame(0) for _ in drawn))
-    for record, (can_id, any_id, length, any_length, flag, origin, bus, stamp, data) in zip(
-        made, drawn, strict=True
-    ):
-        record["id"] = any_id if can_id is None else can_id
-        record["length"] = any_length if length is None else length
-        record["flags"], record["origin"], record["bus"] = flag, origin, bus
-        record["stamp_ns"] = stamp
-        record["data"] = np.resize(np.frombuffer(data, np.uint8), 64)
-    return made
-
-
-@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16", TWO_PARTS], ids=name_of)
-@pytest.mark.parametrize("sync_id", [SYNC_ID, None])
-@pytest.mark.parametrize("sequence", ["sync", "own"])
-@given(drawn=st.lists(RECORDS, max_size=60))
-@settings(max_examples=25)
-def test_every_frame_is_counted_exactly_once(layout, sync_id, sequence, drawn):
-    layout = layout if sequence == "sync" else counting(layout)
-    small = make_topology(layout, units=4, sync_id=sync_id)
-    assembler = Assembler(small)
-    records = records_of(drawn)
-    ages = np.full(4, -1)
-    for cycle in run(assembler, records):
-        assert total(cycle.counters) <= records.size
-        np.testing.assert_array_equal(cycle.valid, (cycle.status & int(INVALID)) == 0)
-        np.testing.assert_array_equal(cycle.age < 0, cycle.status & int(Status.NEVER) != 0)
-        assert not cycle.counts[:, cycle.age < 0].any()
-        assert (ages[cycle.age < 0] < 0).all()
-        ages = cycle.age
-    assert total(assembler.counters) == records.size
-    assert min(asdict(assembler.counters).values()) >= 0
-    by_source = sum(assembler.by_frame(kind) for kind in ("data", "late", "repeated", "torn",
-                                                          "short", "crc"))  # fmt: skip
-    assert (by_source >= 0).all()
-    assert by_source.sum() <= records.size
-
-
-@pytest.mark.parametrize("sync_id", [SYNC_ID, None])
-@given(drawn=st.lists(RECORDS, max_size=40), cut=st.integers(0, 40))
-@settings(max_examples=15)
-def test_where_a_batch_is_cut_changes_nothing(sync_id, drawn, cut):
-    small = make_topology(TWO_PARTS, units=4, sync_id=sync_id)
-    records = records_of(drawn)
-    whole, halves = Assembler(small), Assembler(small)
-    expected = run(whole, records)
-    got = run(halves, records[:cut], end=False) + run(halves, records[cut:])
-    for one, other in zip(got, expected, strict=True):
-        for field in fields(one):
-            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
-
-
-@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16", TWO_PARTS], ids=name_of)
-@pytest.mark.parametrize("sync_id", [SYNC_ID, None])
-@given(drawn=st.lists(RECORDS, max_size=40))
-@settings(max_examples=15)
-def test_the_kernel_and_its_python_agree(layout, sync_id, drawn):
-    small = make_topology(layout, units=4, sync_id=sync_id)
-    records = join(cycle_frames(small, 0), records_of(drawn), cycle_frames(small, 1))
-    compiled = Assembler(small)
-    run(compiled, records)
-    interpreted = Assembler(small)
-    interpreted._kernels = feed.feed_python, cycles.close_cycle_python
-    run(interpreted, records)
-    for one, other in zip(
-        (*compiled._memory, *compiled._shown), (*interpreted._memory, *interpreted._shown),
-        strict=True,
-    ):  # fmt: skip
-        np.testing.assert_array_equal(one, other)
-
-
 # -- wrong use -------------------------------------------------------------------------------------
 
 
@@ -827,18 +694,6 @@ def test_anything_but_frames_is_refused():
         list(Assembler(make_topology(units=1)).feed(np.zeros(3, int)))
 
 
-def test_frames_in_any_memory_are_taken():
-    small = make_topology("f3t-fd16", units=2)
-    frames = join(*(cycle_frames(small, i) for i in range(3)))
-    scattered = np.repeat(frames, 2)[::2]
-    scattered.flags.writeable = False
-    unaligned = np.frombuffer(b"?" + frames.tobytes(), frames.dtype, offset=1)
-    for records in (scattered, unaligned):
-        cycles = run(Assembler(small), records)
-        assert [cycle.number for cycle in cycles] == [0, 1, 2]
-        np.testing.assert_array_equal(cycles[-1].counts, counts_of(small, 2))
-
-
 def test_counters_of_a_cycle_stay_as_they_were():
     small = make_topology(units=2)
     cycles = Assembler(small).feed(join(*(cycle_frames(small, i) for i in range(3))))
@@ -850,50 +705,3 @@ def test_the_counters_of_kernels_and_cycles_are_in_one_order():
     names = [field.name for field in fields(FrameCounters)]
     assert [outcome.name.lower() for outcome in Outcome] == names
     assert list(Outcome) == list(range(15))
-
-
-# -- SYNCs of others, and SYNCs that were left out -------------------------------------------------
-
-
-@pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])
-@pytest.mark.parametrize("before", [0, 1, 300])
-@pytest.mark.parametrize("buses", [1, 2])
-def test_a_sync_without_a_counter_is_foreign_once_ours_have_one(layout, before, buses):
-    """A CANopen master, which may have begun before this host, and sends more often."""
-    small = make_topology(layout, units=4, buses=buses)
-    assembler = Assembler(small)
-    empty = frame(SYNC_ID, b"")
-    run(assembler, *before * [empty], end=False)
-    parts = []
-    for i in range(57, 157):
-        ours = cycle_frames(small, i)
-        parts += [ours[: buses + 1], empty, ours[buses + 1 :], empty]
-    cycles = run(assembler, *parts, end=False)[min(before, 1) :]
-    first = before or 57
-    assert [cycle.number for cycle in cycles] == list(range(first, first + 100))
-    assert all(cycle.valid.all() for cycle in cycles)
-    kinds = assembler.counters
-    assert (kinds.foreign, kinds.sync) == (200, 100 * buses + before)
-    assert (kinds.lost, kinds.late, kinds.repeated) == (0, 0, 0)
-
-
-def test_a_sync_that_never_has_a_counter_opens_cycles():
-    small = make_topology(counting("f3t-classic"), units=4)
-    assembler = Assembler(small)
-    parts = [p for i in range(50) for p in (frame(SYNC_ID, b""), data_frames(small, i, i))]
-    assert all(cycle.valid.all() for cycle in run(assembler, *parts))
-    assert (assembler.counters.sync, assembler.counters.foreign) == (50, 0)
-
-
-@pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])
-def test_what_no_sync_asked_for_is_neither_lost_nor_old(layout):
-    """A host that is late leaves SYNCs out; a number that is the board's own counts answers."""
-    small, number, rng = make_topology(layout, units=4), 0, np.random.default_rng(5)
-    assembler, parts = Assembler(small), []
-    for answer in range(300):
-        number += 1 + int(rng.choice([0, 4, 5, 12, 600], p=[0.3, 0.3, 0.2, 0.15, 0.05]))
-        sequence = answer if small.layouts[0].sequence == "own" else number
-        parts += [sync(number), data_frames(small, answer, sequence)]
-    cycles = run(assembler, *parts, end=False)
-    assert all(cycle.valid.all() for cycle in cycles)
-    assert assembler.counters == FrameCounters(data=4 * 300, sync=300)

@@ -116,7 +116,7 @@ def test_frames_are_stamped_by_the_interface_where_it_has_a_clock(monkeypatch, h
             into.control[0, 4:12] = 64, 1 | 37 << 32, 0, 0, 0, 0, *divmod(device, 10**9)
             into.messages["control_size"][0] = 96 if has_hardware else 32
             into.messages["size"][0] = 16
-            mmsg.settle_python(1, first, index, words, into)
+            mmsg.finish_records_python(1, first, index, words, into)
             return 1
 
         monkeypatch.setattr(transport, "_receive_many", receive)

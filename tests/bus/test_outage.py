@@ -1,4 +1,5 @@
-"""A link that keeps frames while it is down, and delivers them at once: late, never as new."""
+"""A link that keeps frames while it is down, and delivers them at once: late, never as new; and
+SYNCs that others sent, or that were left out."""
 
 import msgspec
 import numpy as np
@@ -6,14 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus import Assembler
-from tests.bus.test_assemble import counting, run
+from bus import Assembler, FrameCounters
+from tests.bus.test_assemble import counting, cycle_frames, run
 from tests.bus.test_freerun import START
 from tests.fixtures.bus import (
     PERIOD_NS,
+    SYNC_ID,
     TWO_PARTS,
     counts_of,
     data_frames,
+    frame,
     join,
     make_topology,
     sync,
@@ -322,3 +325,50 @@ def test_without_sync_a_unit_of_another_rate_returns_after_an_outage(rate, until
     assert sum(fresh[45 + until :]) >= 0.85 * expected * (45 - until)
     assert sum(fresh[:30]) >= 0.85 * expected * 30
     assert not any(fresh[31:45])
+
+
+# -- SYNCs of others, and SYNCs that were left out -------------------------------------------------
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])
+@pytest.mark.parametrize("before", [0, 1, 300])
+@pytest.mark.parametrize("buses", [1, 2])
+def test_a_sync_without_a_counter_is_foreign_once_ours_have_one(layout, before, buses):
+    """A CANopen master, which may have begun before this host, and sends more often."""
+    small = make_topology(layout, units=4, buses=buses)
+    assembler = Assembler(small)
+    empty = frame(SYNC_ID, b"")
+    run(assembler, *before * [empty], end=False)
+    parts = []
+    for i in range(57, 157):
+        ours = cycle_frames(small, i)
+        parts += [ours[: buses + 1], empty, ours[buses + 1 :], empty]
+    cycles = run(assembler, *parts, end=False)[min(before, 1) :]
+    first = before or 57
+    assert [cycle.number for cycle in cycles] == list(range(first, first + 100))
+    assert all(cycle.valid.all() for cycle in cycles)
+    kinds = assembler.counters
+    assert (kinds.foreign, kinds.sync) == (200, 100 * buses + before)
+    assert (kinds.lost, kinds.late, kinds.repeated) == (0, 0, 0)
+
+
+def test_a_sync_that_never_has_a_counter_opens_cycles():
+    small = make_topology(counting("f3t-classic"), units=4)
+    assembler = Assembler(small)
+    parts = [p for i in range(50) for p in (frame(SYNC_ID, b""), data_frames(small, i, i))]
+    assert all(cycle.valid.all() for cycle in run(assembler, *parts))
+    assert (assembler.counters.sync, assembler.counters.foreign) == (50, 0)
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])
+def test_what_no_sync_asked_for_is_neither_lost_nor_old(layout):
+    """A host that is late leaves SYNCs out; a number that is the board's own counts answers."""
+    small, number, rng = make_topology(layout, units=4), 0, np.random.default_rng(5)
+    assembler, parts = Assembler(small), []
+    for answer in range(300):
+        number += 1 + int(rng.choice([0, 4, 5, 12, 600], p=[0.3, 0.3, 0.2, 0.15, 0.05]))
+        sequence = answer if small.layouts[0].sequence == "own" else number
+        parts += [sync(number), data_frames(small, answer, sequence)]
+    cycles = run(assembler, *parts, end=False)
+    assert all(cycle.valid.all() for cycle in cycles)
+    assert assembler.counters == FrameCounters(data=4 * 300, sync=300)

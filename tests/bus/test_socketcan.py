@@ -100,7 +100,7 @@ headers = st.integers(0, 2**32 - 1)
 )  # fmt: skip
 def test_settling_is_the_same_compiled_and_in_python(rows, index, hardware):
     results = []
-    for settle in (mmsg.settle, mmsg.settle_python):
+    for finish_records in (mmsg.finish_records, mmsg.finish_records_python):
         into = mmsg.new_buffers()
         into.clock["drift"] = 1e-5
         words = np.zeros((len(rows) + 1, 10), np.int64)
@@ -114,7 +114,7 @@ def test_settling_is_the_same_compiled_and_in_python(rows, index, hardware):
             into.control[i, :4] = 32, 1 | 35 << 32, *divmod(stamp, 10**9)
             into.control[i, 4:12] = 64, 1 | 37 << 32, 1, 2, 3, 4, *divmod(hardware[i], 10**9)
             into.control[i, 12:15] = 20, 1 | 40 << 32, drops
-        settle(len(rows), 1, index, words, into)
+        finish_records(len(rows), 1, index, words, into)
         results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report[0], into.clock.tobytes()))
     (compiled, report, clock), (plain, same_report, same_clock) = results
     assert clock == same_clock

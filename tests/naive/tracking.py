@@ -33,9 +33,9 @@ class NaiveTracker:
     `beside[i]` lists the neighbours of unit i. Twice as many identities as `capacity` are known.
     """
 
-    def __init__(self, beside, capacity, memory, settle):
+    def __init__(self, beside, capacity, memory, finish_records):
         self.beside, self.capacity = beside, capacity
-        self.memory, self.settle = memory, settle
+        self.memory, self.finish_records = memory, finish_records
         self.known = [None] * (2 * capacity)
         self.owner = {}
         self.touching = set()
@@ -163,7 +163,7 @@ class NaiveTracker:
                 if one.into.track == TrackState.PRESENT:
                     one.into.event |= Event.MERGED
                 one.track = TrackState.ABSORBED
-                if one.seen - one.born < self.settle:
+                if one.seen - one.born < self.finish_records:
                     self.forget(one)
             one.seen = now
 

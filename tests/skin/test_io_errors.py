@@ -89,7 +89,6 @@ WRITERS = {
     "truth.npz": truth,
     "dbc": lambda run, path: write_dbc(STRIP, path.parent),
     "frames.log": lambda run, path: write(path, run[0]),
-    "frames.blf": lambda run, path: write(path, run[0]),
 }
 
 

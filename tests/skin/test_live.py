@@ -250,7 +250,7 @@ def test_boards_obey_the_host():
         ({"sync": "hots"}, "sync: must be one of 'host', 'bus'; got 'hots'"),
         ({"want": {"wrnch"}}, "wrench"),
         ({"options": "sine"}, "options: must be "),
-        ({"record": "run.txt"}, "record: run.txt: must end in one of .mcap, .log, .log.gz, .blf"),
+        ({"record": "run.txt"}, "record: run.txt: must end in one of .mcap, .log, .log.gz"),
         ({"sync": "bus", "simulate": True}, "sync: must be 'host' with simulate; got 'bus'"),
     ],
 )

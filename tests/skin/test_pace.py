@@ -15,7 +15,7 @@ from bus.frame import FrameBatch
 from bus.linux import has_batches
 from bus.memory import MemoryTransport
 from bus.status import Status
-from bus.wait import Lull
+from bus.wait import IdleWindow
 from skin.sim.node import SimulatedUnits
 from tests.fixtures.datagram import sockets
 from tests.fixtures.live import over
@@ -106,7 +106,7 @@ def test_arrivals_that_complete_no_cycle_are_slept_through(slow_palm):
 
 
 def test_a_lull_ends_before_cycles_are_complete_and_shrinks_where_it_was_too_long():
-    lull = Lull(PERIOD_NS)
+    lull = IdleWindow(PERIOD_NS)
     for _ in range(100):
         lull.learn(3_000_000, slept_too_long=False)
     assert 2_700_000 < lull.ns <= 2_750_000
@@ -116,7 +116,7 @@ def test_a_lull_ends_before_cycles_are_complete_and_shrinks_where_it_was_too_lon
     for _ in range(40):
         lull.learn(100_000, slept_too_long=False)
     assert lull.ns == 0
-    slow = Lull(10 * 10**9)
+    slow = IdleWindow(10 * 10**9)
     for _ in range(100):
         slow.learn(5 * 10**9, slept_too_long=False)
     assert slow.ns <= 20_000_000, "who closes a skin waits for its end"

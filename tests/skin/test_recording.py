@@ -23,7 +23,7 @@ from tests.fixtures.live import frames_of
 from tests.fixtures.patience import LONG_S
 
 
-@long_after_first("suffix", [".log", ".log.gz", ".blf"])
+@long_after_first("suffix", [".log", ".log.gz"])
 @long_after_first("name", ["strip", "hand"])
 def test_what_a_skin_recorded_decodes_to_what_it_felt(name, suffix, tmp_path):
     log = tmp_path / f"run{suffix}"
@@ -61,9 +61,8 @@ def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
         ["sim", "hand", "press", "--seconds", "1.0"],
     ],
 )
-@long_after_first("suffix", [".log", ".blf"])
-def test_logs_of_the_commands_are_decoded_as_they_are(command, suffix, tmp_path, capsys):
-    log = tmp_path / f"run{suffix}"
+def test_logs_of_the_commands_are_decoded_as_they_are(command, tmp_path, capsys):
+    log = tmp_path / "run.log"
     assert main([*command, "--record", str(log)]) == 0
     capsys.readouterr()
     assert main(["decode", "hand", str(log), "--json"]) == 0
@@ -102,9 +101,8 @@ def test_names_of_channels_follow_the_topology():
         assert buses_of(there, "run.blf") == numbers
 
 
-@long_after_first("suffix", ["log", "blf"])
-def test_a_full_disk_is_told_with_the_name_of_the_log(suffix, tmp_path):
-    log = tmp_path / f"run.{suffix}"
+def test_a_full_disk_is_told_with_the_name_of_the_log(tmp_path):
+    log = tmp_path / "run.log"
     log.symlink_to("/dev/full")
     frames = frames_of("strip", "press", 2000)
     with pytest.raises(OSError, match="No space left on device") as caught:
@@ -122,7 +120,7 @@ def recorded(log, frames):
 
 @pytest.mark.long
 def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
-    log = tmp_path / "run.blf"
+    log = tmp_path / "run.log"
     code = "import sys; from skin.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, "run", "strip", "--simulate", "--record", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as run:

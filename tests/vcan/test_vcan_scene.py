@@ -8,16 +8,12 @@ import pytest
 from msgspec.structs import replace
 
 import topology
-from bus.assemble import Assembler
 from bus.frame import FrameBatch
 from bus.open import open_transport
-from skin import Decoder
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
-from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import NonIdeal
-from tests.fixtures.truth import read_truth
 
 CYCLES = 60
 SCENE = """
@@ -85,41 +81,3 @@ def test_a_contact_scene_arrives_as_it_was_made(name, channels, tmp_path):
                 assert there["id"].tolist() == expected["id"].tolist()
                 assert (there["data"] == expected["data"]).all()
     assert nodes.served.cycles == CYCLES
-
-
-@pytest.mark.usefixtures("few_variants")
-def test_a_contact_on_the_palm_is_felt_and_its_truth_is_written(tmp_path):
-    skin = topology.load("palm").on(interface="socketcan", channel="vcan0")
-    path, felt, batch = tmp_path / "truth.npz", [], FrameBatch(64)
-    assembler, decoder, stop = (
-        Assembler(skin),
-        Decoder(skin, sweeps=0, ambient=False),
-        threading.Event(),
-    )
-    with ExitStack() as opened:
-        recorder = opened.enter_context(
-            Recorder(scene_on(skin, tmp_path, NonIdeal.only("noise")), path)
-        )
-        near, far = (opened.enter_context(open_transport(skin.buses[0])) for _ in range(2))
-        nodes = SimulatedUnits(skin, recorder)
-        units = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
-        units.start()
-        opened.callback(units.join)
-        opened.callback(stop.set)
-        for number in range(CYCLES + 1):
-            frames = answers(skin, [near], batch, number).copy()
-            sync = FrameBatch(1)
-            sync.append(skin.sync_id, bytes([number & 0xFF]))
-            for cycle in assembler.feed(np.concatenate([sync.frames, frames])):
-                felt.append(decoder(cycle.counts, cycle.status).force.sum(axis=1))
-    truth, more = read_truth(path)
-    assert list(more["body_names"]) == ["ball"]
-    assert len(truth.time_s) == CYCLES + 1
-    said = truth.force.sum(axis=2)[: len(felt)]
-    assert len(felt) >= CYCLES
-    assert said[:, 2].max() > 3.0
-    assert np.abs(said[:, 0]).max() > 0.3
-    # 64 units' noise is 0.24 N of shear and 0.1 N of load
-    off = np.abs(np.array(felt) - said)
-    assert off[:, :2].max() < 1.2
-    assert off[:, 2].max() < 0.5

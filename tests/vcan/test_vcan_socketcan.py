@@ -12,16 +12,14 @@ import socket
 import struct
 import subprocess
 import termios
-import threading
 import time
 import tty
 
 import can
-import numpy as np
 import pytest
 from links import ip, make, names
 
-from bus import FRAME_DTYPE, BusOpenError, FrameBatch
+from bus import BusOpenError, FrameBatch
 from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF
 from bus.link import can_links, read_link
 from bus.open import open_transport
@@ -146,55 +144,6 @@ def test_an_echo_that_is_asked_for_is_marked(link):
         near.send(numbered(2))
         far.send(numbered(1, 9))
         assert receive(near, 3)["origin"].tolist() == [ECHO, ECHO, 0]
-
-
-def test_delivered_and_dropped_are_all_that_was_sent(link):
-    with on(link) as near, on(link, options={"queue_bytes": 8192}) as far:
-        assert far.queue_frames < 64
-        sent = near.send(numbered(20_000))
-        batch = FrameBatch(20_000)
-        while far.receive(batch):
-            pass
-        assert sent == 20_000
-        assert 0 < batch.count <= far.queue_frames + 1
-        assert batch.count + far.counters.queue_drops == sent
-        near.send(numbered(3))
-        assert far.receive(batch, 1.0) == 3
-        assert batch.count + far.counters.queue_drops == sent + 3
-
-
-def account(link, total):
-    """Send from one thread, receive in another; every frame is delivered or counted."""
-    records = np.zeros(total, FRAME_DTYPE)
-    records["id"], records["length"] = 0x123, 4
-    records["data"][:, :4] = np.arange(total, dtype="<u4")[:, np.newaxis].view(np.uint8)
-    seen, last, taken = np.zeros(total, bool), -1, []
-    with on(link) as near, on(link) as far:
-
-        def produce():
-            taken.extend(near.send(records[i : i + 1000]) for i in range(0, total, 1000))
-
-        thread = threading.Thread(target=produce)
-        thread.start()
-        batch = FrameBatch(4096)
-        while far.receive(batch, 0.2) or thread.is_alive():
-            came = batch.frames["data"][:, :4].copy().view("<u4").ravel().astype(int)
-            assert (np.diff(came, prepend=last) > 0).all(), "in order, none twice"
-            last = came[-1] if came.size else last
-            seen[came] = True
-            batch.clear()
-        thread.join()
-        assert sum(taken) == total
-        assert seen.sum() + far.counters.queue_drops == total
-
-
-def test_two_hundred_thousand_frames_are_accounted_for(link):
-    account(link, 200_000)
-
-
-@pytest.mark.long
-def test_a_million_frames_are_accounted_for(link):
-    account(link, 1_000_000)
 
 
 def test_the_kernel_filters_all_but_what_is_expected(link):
@@ -411,23 +360,6 @@ def test_a_full_controller_is_counted(adapter):
         receive(bus, 1)
         assert bus.counters.controller_overflows == 1
         assert bus.state is BusState.ACTIVE
-
-
-def test_a_stuck_transmitter_is_left_alone_and_serves_again(adapter):
-    with on(adapter.name, fd=False) as bus:
-        records = join(*(frame(0x100 + i, b"12345678") for i in range(40)))
-        taken = bus.send(records)
-        assert 10 <= taken < 40, "the queue of the interface"
-        assert bus.send(records) == 0
-        assert bus.counters.send_waits > 0
-        assert bus.counters.send_failures == 80 - taken
-        assert adapter.read(taken) == list(range(0x100, 0x100 + taken))
-        reader = threading.Thread(target=lambda: read.extend(adapter.read(40)))
-        read = []
-        reader.start()
-        assert bus.send(records) == 40
-        reader.join()
-        assert read == list(range(0x100, 0x100 + 40))
 
 
 def test_an_adapter_that_is_pulled_out_is_gone(adapter):

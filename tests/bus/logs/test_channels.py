@@ -8,7 +8,7 @@ from bus.errors import ChannelError
 from bus.logs import Recording, buses_of, read
 from tests.fixtures.logs import blf_file, can_message, records, write_by_pythoncan
 
-TRC = ";$FILEVERSION=2.1\n;$STARTTIME=43008.5\n;$COLUMNS=N,O,T,{}I,d,R,L,D\n"
+TRC = ";$FILEVERSION=2.1\n;$STARTTIME=43008.5\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
 
 
 def skin(*channels, interface="socketcan"):
@@ -26,9 +26,8 @@ def write(path, channels):
         lines = (f"   {i}.000000 {n}  {i:X}  Rx   d 1 11\n" for i, n in frames)
         path.write_text("base hex  timestamps absolute\n" + "".join(lines))
     elif suffix == ".trc":
-        has_bus = channels[0] is not None
-        lines = (f" {i + 1} {i}.0 DT {n if has_bus else ''} {i:04X} Rx - 1 11\n" for i, n in frames)
-        path.write_text(TRC.format("B," if has_bus else "") + "".join(lines))
+        lines = (f" {i + 1} {i}.0 DT {n} {i:04X} Rx - 1 11\n" for i, n in frames)
+        path.write_text(TRC + "".join(lines))
     elif suffix == ".blf":
         path.write_bytes(blf_file(*(can_message(i, channel=n) for i, n in frames)))
     elif suffix == ".mf4":
@@ -60,11 +59,11 @@ ROWS = [
     (NUMBERED, [7, 1], ("can_left", "can_right"), {1: "fingers", "7": "palm"}, {0: 0, 1: 1}),
     (NUMBERED, [1, 2], BOTH, {"1": "fingers", "2": "palm"}, {0: 1, 1: 0}),
     (NUMBERED, [4, 4], ("can_left",), {}, {0: 0, 1: 0}),
-    ([".mf4"], [1, 0], BOTH, {}, {0: 1, 1: 0}),
+    ([".mf4"], [0, 1], BOTH, {}, {0: 0, 1: 1}),
     ([".mf4"], [1, 0], BOTH, {"1": "palm", "0": "fingers"}, {0: 0, 1: 1}),
     (NUMBERED[:3], [1, 0], BOTH, {"1": "palm", "0": "fingers"}, {0: 0, 1: 1}),
     # none: only for one bus
-    ([".csv", ".trc"], [None, None], ("can1",), {}, {0: 0, 1: 0}),
+    ([".csv"], [None, None], ("can1",), {}, {0: 0, 1: 0}),
 ]  # fmt: skip
 """Formats, channels of the frames as the file counts them, those of the topology, the map, and the
 bus of each frame that is not left out."""
@@ -99,7 +98,6 @@ def test_a_frame_is_of_the_bus_whose_channel_it_came_on(
         (".mf4", [0], ("can1",), "must hold frames of 'can1'; got channel 0 (can0) alone"),
         (".trc", [1, 1, 2], ("can_left",), "must have one channel, or 'can_left'; got channel 1"),
         (".blf", [1, 0], BOTH, "must count its channels from 1; got channel 0: --map"),
-        (".trc", [None, None], BOTH, "must name the channel of each frame, for a skin of 2 buses"),
         (".csv", [None, None], BOTH, "must name the channel of each frame, for a skin of 2 buses"),
     ],
 )  # fmt: skip
@@ -133,10 +131,9 @@ def test_a_channel_is_of_one_bus_that_is_there(given, told):
         buses_of(skin(*BOTH), "some.asc", given)
 
 
-@pytest.mark.parametrize("suffix", [".log", ".blf"])
 @pytest.mark.parametrize("name", ["palm", "hand"])
-def test_what_a_skin_within_the_process_records_is_read_back(name, suffix, tmp_path):
-    loaded, path = topology.load(name), tmp_path / f"run{suffix}"
+def test_what_a_skin_within_the_process_records_is_read_back(name, tmp_path):
+    loaded, path = topology.load(name), tmp_path / "run.log"
     count = len(loaded.buses)
     recording = Recording(path, loaded)
     recording.write(records(*((10**9 + i, i, 1, 0, 0, i, b"1") for i in reversed(range(count)))))

@@ -12,7 +12,7 @@ import pytest
 
 from bus import FRAME_DTYPE, LogError
 from bus.logs import blf, open_writer, read, read_all
-from bus.logs.candump_faults import EXPECTED as CANDUMP_EXPECTED
+from bus.logs.candump_kernels import EXPECTED as CANDUMP_EXPECTED
 from tests.fixtures.logs import BAD_LINES, blf_container, blf_file, blf_object, can_message
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "messages" / "logs.txt"
@@ -51,10 +51,6 @@ BAD_FILES = {
     "other.trc": b"date\n",
     "other.mf4": b"MDF     3.30"[4:],
     "relative.asc": b"date x\nbase hex  timestamps relative\n",
-    "number.asc": b"base hex  timestamps absolute\n0.1 1 xyz Rx d 1 01\n",
-    "identifier.asc": b"base hex  timestamps absolute\n0.1 1 800 Rx d 1 01\n",
-    "bytes.asc": b"base hex  timestamps absolute\n0.1 1 123 Rx d 2 01\n",
-    "cut.asc": b"base hex  timestamps absolute\n0.1 1 123 Rx d 1",
     "columns.csv": b"timestamp,arbitration_id,extended,remote,error,dlc,data\n1,2\n",
     "some.txt": b"",
     "some.lgo": b"",
@@ -83,7 +79,7 @@ def test_every_message_is_the_one_that_was_looked_at(tmp_path, monkeypatch):
     for act in (
         lambda: read("none.log"),
         lambda: open_writer("some.asc"),
-        lambda: open_writer("some.blf.gz"),
+        lambda: open_writer("some.lgo"),
         lambda: _write(length=9),
         lambda: _write(flags=4, id=1 << 30),
         lambda: _write(bus=9),

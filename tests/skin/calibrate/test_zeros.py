@@ -261,7 +261,7 @@ class Still:
 
 def test_a_log_is_tared_where_the_live_run_was(tmp_path):
     nodes = SimulatedUnits(TRUE, Still(), history=0)
-    log = tmp_path / "run.blf"
+    log = tmp_path / "run.log"
     flags = []
     with over(PALM, nodes.in_process(), pace=False, record=log) as run:
         for _, state in zip(range(WINDOW + N), run, strict=False):

@@ -18,6 +18,7 @@ from skin.calibrate.bench.series import read_counts
 from skin.cli import main
 from skin.errors import OptionError, ScanError
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write_blf
 
 CYCLES = 60
 STRIP = (Path(topology.__file__).parent / "builtin" / "strip.toml").read_text()
@@ -59,7 +60,7 @@ def peak(states):
 def test_a_hand_has_the_forces_of_its_own_bus(channel, least, most, suffix, frames, tmp_path):
     one = hand(tmp_path, channel)
     path = tmp_path / f"two{suffix}"
-    write(path, frames)
+    (write_blf if suffix == ".blf" else write)(path, frames)
     decoded = skin.decode_log(one, path)
     assert least <= peak(decoded) <= most
     assert decoded.faults == []
@@ -143,7 +144,7 @@ def test_a_folder_is_decoded_again_where_the_map_is_another(log, tmp_path, capsy
 def test_a_second_channel_that_comes_late_leaves_no_table(frames, tmp_path, capsys):
     """Nothing tells which of two numbers is can_left; the second one comes within the last ms."""
     path, file = tmp_path / "two.blf", hand(tmp_path, "can_left")
-    write(
+    write_blf(
         path, frames[(frames["bus"] == 0) | (frames["stamp_ns"] > frames["stamp_ns"][-1] - 10**6)]
     )
     words = ["decode", file, str(path), "-o", str(tmp_path / "o.csv")]
@@ -163,7 +164,7 @@ def test_a_bus_without_frames_is_a_fault_and_names_the_other_channels(frames, tm
     both = both.replace('channel = "strip"', 'channel = "can0"').replace('"s2"', '"can2"', 1)
     two.write_text(both.replace('bus = "other"', 'bus = "other"\npose = { xyz_m = [0, 0.1, 0] }'))
     path = tmp_path / "two.blf"
-    write(path, frames)
+    write_blf(path, frames)
     told = (
         f"{path}: must hold frames of 'can2'; got channel 2 (can1), channel 1 (can0) alone: --map"
     )

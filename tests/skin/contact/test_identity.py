@@ -53,12 +53,12 @@ class Units:
 def test_identities_are_those_of_the_rules(shape, capacity, seed):
     """Units come, go and fall silent one by one, under loads from light to heavy."""
     rng = np.random.default_rng(seed)
-    memory, settle = rng.integers(1, [12, 5]) * CYCLE_NS
-    units = Units(*shape, capacity=capacity, memory_ns=memory, settle_ns=settle)
+    memory, finish_records = rng.integers(1, [12, 5]) * CYCLE_NS
+    units = Units(*shape, capacity=capacity, memory_ns=memory, settle_ns=finish_records)
     start, index = units.graph
     n = start.size - 1
     slow = NaiveTracker(
-        [index[start[i] : start[i + 1]] for i in range(n)], capacity, memory, settle
+        [index[start[i] : start[i + 1]] for i in range(n)], capacity, memory, finish_records
     )
     level = np.zeros(n)
     for _ in range(40):
