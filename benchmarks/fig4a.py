@@ -30,15 +30,14 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
+from benchmarks.board import BoardUnits
 from benchmarks.made import BAG_SIDE, PITCH_M, QUICK_BAG_SIDE, Made, square
 from skin import Decoder
 from skin.physics.fabrication import Fabrication
 from skin.physics.surroundings import Surroundings
-from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import NonIdeal, SceneFile
-from skin.sim.unit import UnitSimulator
 from tests.fixtures.bench import calibrated
 from tests.fixtures.creep import Stretched
 from topology import Topology
@@ -51,7 +50,6 @@ CASES = (*((name, name, True) for name in ESTIMATORS), (ELASTIC, ESTIMATORS[0], 
 EVERYWHERE_M = 1.0
 """Reach of the films."""
 SIDE, BENCH_SEED = 6, 11
-BOARD = {"counter": Counter(), "divider": Divider(), "converter": HallConverter()}
 WINDOW_S = 1.0
 FRESH_S = 20.0
 """How long a load counts as fresh."""
@@ -70,7 +68,7 @@ def run(quick: bool) -> dict[str, Any]:
     script = load_scene("fig4a", whole)
     material = Stretched(few.n, script.seed)
     alone = Made(few, few, Fabrication.draw(few.n, script.seed))
-    bench = alone.bench(seed=BENCH_SEED, material=material.stage_driven(), **BOARD)
+    bench = alone.bench(seed=BENCH_SEED, material=material.stage_driven(), units=BoardUnits)
     which = np.arange(SIDE**2) % few.n
     units = dataclasses.replace(alone, known=calibrated(bench))
     skin = units.dealt(whole, which)
@@ -159,7 +157,7 @@ def _play(
     scene.material = material
     # the skin lies still in the Earth's field, and feels all of its films, not the nearest alone
     field = skin.field(reach_m=EVERYWHERE_M, surroundings=Surroundings())
-    units = UnitSimulator(skin.true, seed=script.seed, field=field, **BOARD)
+    units = BoardUnits(skin.true, seed=script.seed, field=field)
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     counts, force, warm = [], [], []
     for time_s in times:

@@ -12,7 +12,6 @@ import tempfile
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
 from skin.physics.surroundings import Surroundings
-from skin.sim.bench import Bench, Material, differing
+from skin.sim.bench import Bench, differing
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.bench import calibrated, dealt
 from topology import Topology
@@ -117,20 +116,23 @@ class Made:
         """Displacement to counts; each unit alone if no field is given."""
         return UnitSimulator(self.true, seed=seed, noise=noise, field=field or self.field())
 
-    def bench(self, *, seed: int, material: Material | None = None, **board: Any) -> Bench:
+    def bench(
+        self, *, seed: int, material: object = None,
+        units: type[UnitSimulator] = UnitSimulator,
+    ) -> Bench:  # fmt: skip
         """The units on a bench, each alone with its own film; `known` is what is believed of them.
 
         Parameters
         ----------
         seed : int
-        material : Material, optional
+        material : object, optional
             How faces relax.
-        **board
-            Electronics, as of `UnitSimulator`.
+        units : type
+            `UnitSimulator`, or one with electronics.
         """
         return Bench(
             self.known,
-            lambda: UnitSimulator(self.true, seed=seed, field=self.field(), **board),
+            lambda: units(self.true, seed=seed, field=self.field()),
             Elastic(self.true), material=material, seed=seed,
         )  # fmt: skip
 

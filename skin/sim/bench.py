@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,8 +27,10 @@ from skin.sim.thermal import ThermalChain
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
 
-__all__ = ["Bench", "Lab", "Material", "Path3", "Poses", "Segment", "Springs", "Units", "differing",
-           "heat", "protocol", "skin_of_text", "text_of", "write_bench"]  # fmt: skip
+__all__ = [
+    "Bench", "Lab", "Path3", "Segment", "differing", "heat", "protocol", "skin_of_text", "text_of",
+    "write_bench",
+]  # fmt: skip
 
 RATE_HZ = 50.0
 ROOM_C = 24.0
@@ -217,40 +219,6 @@ def skin_of_text(text: str) -> Topology:
         return topology.load(file)
 
 
-class Units(Protocol):
-    """What is read of n units at poses; `skin.sim.unit.UnitSimulator` is one.
-
-    ``quantities`` gives physical values of the channels, shape (t, c, n), which ``disturb`` adds
-    noise to and ``measure`` converts as the board does, both in place; ``quantise`` gives counts.
-    """
-
-    def quantities(
-        self, depth_mm: np.ndarray, displacement_mm: np.ndarray, temperature: np.ndarray,
-        film_temperature: np.ndarray, hall_temperature: np.ndarray, /,
-    ) -> np.ndarray: ...  # fmt: skip
-    def disturb(self, values: np.ndarray) -> np.ndarray: ...
-    def measure(self, values: np.ndarray) -> np.ndarray: ...
-    def quantise(self, values: np.ndarray) -> np.ndarray: ...
-
-
-class Springs(Protocol):
-    """How n faces yield, newton and millimetre, shape (t, n); `skin.physics.elastic.Elastic` is
-    one. The inverses are for a material that relaxes."""
-
-    def normal(self, depth_mm: np.ndarray, /) -> np.ndarray: ...
-    def tangential(self, displacement_mm: np.ndarray, depth_mm: np.ndarray, /) -> np.ndarray: ...
-    def depth(self, normal_n: np.ndarray, /) -> np.ndarray: ...
-    def displacement(self, tangential_n: np.ndarray, depth_mm: np.ndarray, /) -> np.ndarray: ...
-
-
-class Material(Protocol):
-    """How faces relax."""
-
-    def pressed(self, force: np.ndarray, dt_s: float, /) -> tuple[np.ndarray, np.ndarray]:
-        """Force that is borne, and elastic force of the face, of that of the stage's way."""
-        ...
-
-
 class Bench:
     """A bench with units on it, that all do the same, each alone.
 
@@ -259,17 +227,20 @@ class Bench:
     nominal : Topology
         The units as their file says; the bench has a bus of its own rate.
     units : callable
-        To the units as they are, with their noise from its begin.
-    springs : Springs
-    material : Material, optional
-        None: faces do not relax.
+        To the units as they are, with their noise from its begin: a `skin.sim.unit.UnitSimulator`,
+        or another with `quantities`, `disturb` and `quantise`.
+    springs : Elastic, or another with its methods
+        How faces yield; the inverses are for a material that relaxes.
+    material : object, optional
+        How faces relax: ``pressed(force, dt_s)`` gives the force that is borne, and the elastic
+        force of the face, of that of the stage's way. None: they do not.
     seed : int
         Of the references.
     """
 
     def __init__(
-        self, nominal: Topology, units: Callable[[], Units], springs: Springs, *,
-        material: Material | None = None, seed: int = 0,
+        self, nominal: Topology, units: Callable[[], Any], springs: Any, *,
+        material: Any = None, seed: int = 0,
     ) -> None:  # fmt: skip
         self.skin = nominal
         self.nominal = dataclasses.replace(nominal, cycle_rate_hz=RATE_HZ)
@@ -283,7 +254,7 @@ class Bench:
         values = units.quantities(poses.depth_mm, poses.place_mm, gel, film, chip)
         if noise:
             units.disturb(values)
-        return units.quantise(units.measure(values))
+        return units.quantise(values)
 
     def poses(self, path: Path3) -> Poses:
         """Where the faces of all units are, and what they bear."""

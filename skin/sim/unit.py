@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.sim.board import Counter, Divider, Gate, HallConverter
 from skin.sim.field import Field, SineField
 from skin.sim.hall import HallChip
 from skin.sim.truth import Truth
@@ -36,12 +35,6 @@ class UnitSimulator:
         False: quantisation only.
     field : Field, optional
         Field of the film; the paper's sine law if not given.
-    counter : Counter, optional
-        Counter of the timer's periods; if not given, the frequency is known instantaneously.
-    divider : Divider, optional
-        Measurement of the gel; if not given, its current is known.
-    converter : HallConverter, optional
-        Step and range of the Hall chips; if not given, only those of the wire.
 
     Attributes
     ----------
@@ -57,9 +50,6 @@ class UnitSimulator:
         seed: int = 0,
         noise: bool = True,
         field: Field | None = None,
-        counter: Counter | None = None,
-        divider: Divider | None = None,
-        converter: HallConverter | None = None,
     ) -> None:
         p = topology.parameters
         self.topology = topology
@@ -67,15 +57,9 @@ class UnitSimulator:
         self._rest_hz, self._slope_hz = p["frequency_rest_hz"], p["frequency_slope_hz_per_mm"]
         self._field = field or SineField(topology)
         self._hall = HallChip(topology)
-        self._counter = counter
-        self._gate = Gate(counter.gate_s) if counter is not None else None
-        self._divider = divider
-        self._converter = converter
         self._gel_noise = p["gel_noise_relative"]
         self._noise = np.stack([p["frequency_noise_hz"], *3 * [p["field_noise_ut"]]])
         self._random = np.random.default_rng(seed) if noise else None
-        # separate, so that a batch of instants equals single ones
-        self._phase = np.random.default_rng((seed, 1)) if noise else None
         self._scale = np.where(topology.wired, topology.scale, 1.0)
         self._offset = topology.offset
         self.lowest, self.highest = _rails(topology)
@@ -123,20 +107,6 @@ class UnitSimulator:
             values[..., FREQUENCY : BZ + 1, :] += self._noise * noise[..., FREQUENCY:, :]
         return values
 
-    def measure(self, values: np.ndarray) -> np.ndarray:
-        """Readings of the board's counter and converters, for `values`, shape (..., c, n), in
-        place."""
-        if self._counter is not None:
-            frequency = values[..., FREQUENCY, :]
-            phase = 0.5 if self._phase is None else self._phase.random(frequency.shape)
-            values[..., FREQUENCY, :] = self._counter.read(frequency, phase)
-        if self._divider is not None:
-            values[..., GEL, :] = self._divider.read(values[..., GEL, :])
-        if self._converter is not None:
-            field = values[..., BX : BZ + 1, :]
-            values[..., BX : BZ + 1, :] = self._converter.read(field)
-        return values
-
     def quantise(self, values: np.ndarray) -> np.ndarray:
         """Counts on the wire, int16: rounded and clipped at the rails. From and to shape (..., c,
         n)."""
@@ -149,9 +119,6 @@ class UnitSimulator:
 
     def values(self, truth: Truth) -> np.ndarray:
         """One sample of all units on the boards, before the wire rounds it.
-
-        With a `counter`, the frequency is its mean over the gate that ends now, which needs the
-        truth of consecutive instants.
 
         Parameters
         ----------
@@ -167,10 +134,7 @@ class UnitSimulator:
             truth.depth_mm, truth.displacement_mm, truth.temperature, truth.film_temperature,
             truth.hall_temperature,
         )  # fmt: skip
-        if self._gate is not None:
-            frequency = values[..., FREQUENCY, :]
-            values[..., FREQUENCY, :] = self._gate(truth.time_s, frequency)
-        return self.measure(self.disturb(values))
+        return self.disturb(values)
 
 
 def _rails(topology: Topology) -> tuple[np.ndarray, np.ndarray]:

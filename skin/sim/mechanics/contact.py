@@ -19,17 +19,13 @@ from skin.sim.mechanics.body import Body, Pose, carried, penetration
 from skin.sim.mechanics.springs import Faces, Springs
 from topology import Topology
 
-__all__ = ["Mechanics", "MechanicsTruth", "Slip"]
+__all__ = ["Mechanics", "MechanicsTruth"]
 
 FURTHEST_M = 1.0
 """Largest displacement of a body in search of a load."""
 
 FIRST_M = 1e-4
 """First step of that search."""
-
-GROSS = 0.95
-"""Fraction of the load that has slipped above which the contact is in gross slip; it never reaches
-1, since a moving body always meets new faces."""
 
 
 @dataclass(slots=True)
@@ -51,8 +47,6 @@ class MechanicsTruth:
         Faces over which the body moved in this step; loaded faces that do not slip stick.
     slip_mm : ndarray, shape (2, n)
         Slip distance.
-    slip_share : float
-        Fraction of the load on faces that have slipped since the contact began to stick.
     """
 
     pose: Pose
@@ -61,41 +55,11 @@ class MechanicsTruth:
     displacement_mm: np.ndarray
     slipping: np.ndarray
     slip_mm: np.ndarray
-    slip_share: float
 
     @property
     def load(self) -> np.ndarray:
         """Normal forces, newton, shape (n,)."""
         return self.force[2]
-
-
-class Slip:
-    """Extent of slip of a contact since it began to stick.
-
-    A contact begins to stick when it begins, and again when no face moves after gross slip.
-
-    Attributes
-    ----------
-    slipped : ndarray, shape (n,), bool
-        Loaded faces that have moved since.
-    share : float
-        Their fraction of the load.
-    """
-
-    def __init__(self, n: int) -> None:
-        self.slipped = np.zeros(n, bool)
-        self.share = 0.0
-        self._gross = False
-
-    def follow(self, load: np.ndarray, slipping: np.ndarray) -> None:
-        """Process a step, with the loads and moving faces at its end."""
-        total = float(load.sum())
-        if not total > 0.0 or (self._gross and not slipping.any()):
-            self.slipped[:] = self._gross = False
-        self.slipped |= slipping
-        self.slipped &= load > 0.0
-        self.share = float(load[self.slipped].sum()) / total if total > 0.0 else 0.0
-        self._gross |= self.share >= GROSS
 
 
 class Mechanics:
@@ -149,13 +113,12 @@ class Mechanics:
         # of the last step, from which trials start
         self._before_mm = np.full(n, -np.inf)
         self._held_mm = np.zeros((2, n))
-        self._slip = Slip(n)
         self._last: Pose | None = None
         self.passed: np.ndarray | None = None
         self._sunk_m = 0.0
         self.truth = MechanicsTruth(
             (np.eye(3), np.full(3, np.nan)), np.zeros(n, bool), np.zeros((3, n)), np.zeros((3, n)),
-            np.zeros(n, bool), np.zeros((2, n)), 0.0,
+            np.zeros(n, bool), np.zeros((2, n)),
         )  # fmt: skip
 
     def step(self, pose: Pose) -> MechanicsTruth:
@@ -242,5 +205,3 @@ class Mechanics:
         np.greater(load, 0.0, out=truth.contact)
         self._before_mm[:] = depth_mm
         self._last = truth.pose = pose
-        self._slip.follow(load, truth.slipping)
-        truth.slip_share = self._slip.share

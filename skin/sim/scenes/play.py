@@ -175,7 +175,7 @@ class ScriptedScene:
     ends_s : float
         When it is over: infinite for a scene that repeats.
     units : UnitSimulator
-        Units with imperfect electronics, for `skin.sim.node.SimulatedUnits`.
+        For `skin.sim.node.SimulatedUnits`.
     material : Prony, or another with its method `elastic`, or None
         Creep of faces: that of the units' parameters; units without such parameters creep like a
         soft silicone if `viscoelastic` is set.
@@ -219,9 +219,8 @@ class ScriptedScene:
             ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
             self._surroundings = Surroundings(ambient_ut)
         self.units = UnitSimulator(
-            topology, seed=script.seed, noise=wanted.noise, field=self._field(),
-            counter=script.counter, divider=script.divider, converter=script.hall_converter,
-        )  # fmt: skip
+            topology, seed=script.seed, noise=wanted.noise, field=self._field()
+        )
         self._to_wrench = wrench_map(topology.position, topology.rotation)
         self._source_c = np.empty(n)
         self._truth = Truth.at_rest(n, room_c)

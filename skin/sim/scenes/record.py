@@ -24,7 +24,6 @@ slipping               (t, n)             bool      whether a body moves over th
 body_wrench            (t, b, 6)          float64   of each body, as `wrench`
 body_position          (t, b, 3)          float64   metre, skin frame
 body_rotation          (t, b, 3, 3)       float64   coordinates of the body to those of the skin
-slip_share             (t, b)             float64   share of the load on faces that have slipped
 =====================  =================  ========  ================================================
 
 Cycle c of simulated units, counted from their first, is row c.
@@ -118,5 +117,4 @@ def _row(scene: ScriptedScene, truth: Truth) -> dict[str, np.ndarray]:
     row["body_wrench"] = scene.body_wrench()
     row["body_position"] = np.array([body.pose[1] for body in bodies]).reshape(-1, 3)
     row["body_rotation"] = np.array([body.pose[0] for body in bodies]).reshape(-1, 3, 3)
-    row["slip_share"] = np.array([body.mechanics.truth.slip_share for body in bodies])
     return row

@@ -26,8 +26,7 @@ patch. Unnamed quantities do nothing.
 
 `[[loads]]` are weights glued to units, `[[tools]]` spheres of iron that pass by, `[[room]]` the air
 and the attitude of the skin in the field of the Earth. `[non_ideal]` switches on single effects of
-real units that the paper's formulas leave out; boards measure exactly, unless there is a
-`[counter]`, a `[divider]` or a `[hall_converter]`, which may be empty.
+real units that the paper's formulas leave out.
 `skin check --schema scene` prints all of it as a JSON Schema.
 """
 
@@ -42,7 +41,6 @@ from msgspec import Meta
 
 from bus.faults.script import FaultScript
 from skin.physics.surroundings import Tool
-from skin.sim.board import Counter, Divider, HallConverter
 
 __all__ = [
     "BodyTable",
@@ -277,16 +275,6 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     description: str = ""
     seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
     non_ideal: NonIdeal = NonIdeal()
-    counter: Annotated[
-        Counter | None,
-        Meta(description="The timer's periods are counted within a gate, by a clock"),
-    ] = None
-    divider: Annotated[
-        Divider | None, Meta(description="The gel is measured by a divider and an ADC")
-    ] = None
-    hall_converter: Annotated[
-        HallConverter | None, Meta(description="Step and range of the Hall chip")
-    ] = None
     room: tuple[RoomKey, ...] = ()
     bodies: tuple[BodyTable, ...] = ()
     loads: tuple[LoadTable, ...] = ()

@@ -86,15 +86,3 @@ def test_a_recording_that_is_too_short_is_refused(test_of, skin, units):
     recording = counts(units, *press(0, skin.n))[:39]
     with pytest.raises(ScanError, match="counts: must be 40 cycles or more; got 39"):
         test_of(recording)
-
-
-def test_a_tare_in_memory_is_that_of_its_file(skin, units):
-    still = counts(units, np.zeros((400, 2, skin.n)), np.zeros((400, skin.n)))
-    rest_ut = np.full((3, skin.n), 30.0)
-    one = tare(skin, still).leaving_out(rest_ut)
-    other = tare(skin, still, rest_ut=rest_ut)
-    assert np.allclose(one.offset_ut, other.offset_ut)
-    np.testing.assert_array_equal(one.rest_ut, other.rest_ut)
-    applied = one.applied()
-    assert np.array_equal(applied.parameters["hall_offset_x_ut"], one.offset_ut[0])
-    assert applied.tared.all()

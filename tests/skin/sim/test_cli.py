@@ -89,7 +89,7 @@ def test_a_schema_of_scenes_is_printed_for_editors(capsys: pytest.CaptureFixture
     assert main(["check", "--schema", "scene"]) == 0
     schema = json.loads(capsys.readouterr().out)
     known = schema["$defs"]["SceneFile"]["properties"]
-    assert {"bodies", "tools", "counter", "non_ideal"} <= set(known)
+    assert {"bodies", "tools", "room", "non_ideal"} <= set(known)
     assert schema["$defs"]["SceneFile"]["additionalProperties"] is False
     described = schema["$defs"]["NonIdeal"]["properties"]
     assert all("description" in described[name] for name in described)

@@ -10,7 +10,7 @@ from scipy.stats import spearmanr
 
 from skin.errors import SkinError
 from skin.sim.mechanics.body import Body, Pose
-from skin.sim.mechanics.contact import Mechanics, MechanicsTruth, Slip
+from skin.sim.mechanics.contact import Mechanics, MechanicsTruth
 from skin.sim.truth import wrench_map
 from tests.naive.mechanics import moved, rolled, turned
 from topology import load
@@ -41,39 +41,6 @@ def dissipated_j(truth: MechanicsTruth) -> float:
     return 1e-3 * float(np.vdot(truth.force[:2], truth.slip_mm))
 
 
-# -- coefficients ----------------------------------------------------------------------------------
-
-
-# -- how far slip has gone -------------------------------------------------------------------------
-
-
-def test_slip_counts_by_load() -> None:
-    slip, loads = Slip(4), np.array([1.0, 2.0, 7.0, 0.0])
-    for moving, share in (
-        ([False] * 4, 0.0),
-        ([True, False, False, True], 0.1),
-        ([False, True, False, False], 0.3),
-        ([False, False, True, False], 1.0),
-    ):
-        slip.follow(loads, np.array(moving))
-        assert slip.share == pytest.approx(share)
-    assert not slip.slipped[3]
-
-
-def test_slip_begins_anew_after_rest_or_without_load() -> None:
-    slip, loads = Slip(2), np.ones(2)
-    slip.follow(loads, np.array([True, True]))
-    assert slip.share == 1.0
-    slip.follow(loads, np.array([False, False]))
-    assert slip.share == 0.0
-    slip.follow(loads, np.array([True, False]))
-    slip.follow(loads, np.array([False, False]))
-    assert slip.share == 0.5
-    slip.follow(np.zeros(2), np.array([False, False]))
-    assert slip.share == 0.0
-    assert not slip.slipped.any()
-
-
 # -- bodies on skins -------------------------------------------------------------------------------
 
 
@@ -102,7 +69,6 @@ def test_coulomb_is_never_exceeded_and_no_work_is_gained(
         assert np.all(truth.contact == (truth.load > 0.0))
         assert not np.any(truth.slipping & ~truth.contact)
         assert dissipated_j(truth) >= -1e-12
-        assert 0.0 <= truth.slip_share <= 1.0 + 1e-12
         loads += truth.load.sum()
     assert loads > 0.0
 
@@ -182,22 +148,19 @@ def test_the_rim_slips_first() -> None:
         load("palm"), Body.sphere(0.4),
         static=0.5,
     )  # fmt: skip
-    shares, first_slip = [], np.full(64, np.inf)
+    first_slip = np.full(64, np.inf)
     for k in range(200):
         pose = np.eye(3), np.array([max(0, k - 5) * 2.5e-5, 0.001, 0.4 - 0.0012])
         truth = mechanics.step(pose)
         if k == 5:
             load_n = truth.load.copy()
         first_slip[truth.slipping & np.isinf(first_slip)] = k
-        shares.append(truth.slip_share)
     began = load_n > 0.0
     assert began.sum() > 12
     assert np.all(np.isfinite(first_slip[began]))
     assert spearmanr(load_n[began], first_slip[began]).statistic > 0.9
-    assert shares[5] == 0.0
-    assert shares[-1] > 0.95
+    assert truth.slipping[truth.contact].all()
     truth = mechanics.step(truth.pose)
-    assert truth.slip_share == 0.0
     assert not truth.slipping.any()
 
 
@@ -229,7 +192,7 @@ def test_friction_that_fades_lets_a_held_body_slip() -> None:
         bound = (0.5 - 0.1 * time_s) * truth.load.sum()
         assert wrench(truth)[0] == pytest.approx(min(held, bound), rel=1e-6)
         assert truth.slipping.any() == (held > bound)
-    assert truth.slip_share == 1.0
+    assert truth.slipping[truth.contact].all()
 
 
 def test_asking_rarely_or_often_is_nearly_the_same() -> None:
@@ -264,7 +227,6 @@ def test_torsion_turns_faces_around_the_contact() -> None:
     assert np.all(np.diff(moments) >= -1e-9)
     assert 0.0 < moments[0] < 0.5 * gross
     assert moments[-1] == pytest.approx(gross, rel=1e-4)
-    assert truth.slip_share > 0.95
 
 
 def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does() -> None:
@@ -294,9 +256,3 @@ def test_a_soft_body_spreads_its_load() -> None:
     middle = np.argmax(shifted.load)
     way = np.hypot(*shifted.displacement_mm[:2, middle])
     assert way == pytest.approx(0.1 / 1.5, rel=1e-6)
-
-
-# -- several bodies --------------------------------------------------------------------------------
-
-
-# -- the code --------------------------------------------------------------------------------------

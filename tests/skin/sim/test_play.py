@@ -23,7 +23,6 @@ from skin.cli import main
 from skin.errors import SceneError, SkinError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
-from skin.sim.board import Counter, Divider, HallConverter
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
@@ -103,14 +102,6 @@ def test_units_together_bear_what_the_bodies_weigh(name: str) -> None:
         return
     assert in_skin(truth.force) == pytest.approx(wrenches.sum(axis=1)[:, :3], abs=1e-9)
     assert truth.wrench == pytest.approx(wrenches.sum(axis=1), abs=1e-9)
-
-
-@pytest.mark.parametrize("name", [name for name in names if name != "fig4a"])
-def test_no_unit_is_dragged_harder_than_friction_holds_it(name: str) -> None:
-    truth, _ = played(name)
-    most = max(body.friction for body in load_scene(name, skin()).bodies)
-    tangential = np.hypot(truth.force[:, 0], truth.force[:, 1])
-    assert (tangential <= most * truth.force[:, 2] * (1.0 + 1e-9) + 1e-9).all()
 
 
 @pytest.mark.parametrize("name", ["pull8", "fig4b", "fig4c", "fig6", "grasp"])
@@ -239,30 +230,6 @@ def test_seeds_repeat_and_differ() -> None:
         seen.append(scene.units.counts(scene.at(0.5)))
     assert (seen[0] == seen[1]).all()
     assert (seen[0] != seen[2]).any()
-
-
-def test_the_electronics_are_those_of_the_file() -> None:
-    """A coarse part of each kind, in whole steps of its own; without it, none."""
-    script = replace(load_scene("press", skin()), non_ideal=IDEAL)
-    steps = {
-        "counter": (
-            Counter(gate_s=0.02, clock_hz=1e5), 1,
-            lambda value: 1e5 * np.floor(value * 0.02 + 1e-9) / value,
-        ),
-        "divider": (
-            Divider(bits=8), 0, lambda value: 256.0 * value / (value + 3.3 / 95_000.0 * 1e6)
-        ),
-        "hall_converter": (HallConverter(lsb_ut=500.0), 4, lambda value: value / 500.0),
-    }  # fmt: skip
-    for name, (part, channel, in_steps) in steps.items():
-        off = []
-        for own in (None, part):
-            scene = ScriptedScene(skin(), replace(script, **{name: own}))
-            value = [scene.units.values(scene.at(t))[channel] for t in np.arange(0.0, 2.0, 0.1)]
-            step = in_steps(np.array(value[1:]))
-            off.append(np.abs(step - np.rint(step)).max())
-        assert off[1] < 1e-6
-        assert off[0] > 0.1
 
 
 def test_a_tool_is_felt_by_the_units_near_it_and_by_no_other() -> None:

@@ -6,17 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from msgspec.structs import replace
 from scipy.spatial import ConvexHull
 
 from skin.errors import SkinError
-from skin.physics.elastic import Elastic
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.motion import frame_of
 from skin.sim.scenes.play import ScriptedScene
-from skin.sim.scenes.script import RoomKey
 from skin.sim.truth import Truth
 from topology import Topology, load
 
@@ -28,13 +24,11 @@ def skin(name: str) -> Topology:
     return load(name)
 
 
-def demo(name: str, *, room: tuple[RoomKey, ...] = (), **of_the_ball: object) -> ScriptedScene:
+def demo(name: str, **of_the_ball: object) -> ScriptedScene:
     """The scene with another ball."""
     script = load_scene("demo", skin(name))
     (ball,) = script.bodies
-    return ScriptedScene(
-        skin(name), replace(script, room=room, bodies=(replace(ball, **of_the_ball),))
-    )
+    return ScriptedScene(skin(name), replace(script, bodies=(replace(ball, **of_the_ball),)))
 
 
 @cache
@@ -48,23 +42,6 @@ def history(name: str) -> tuple[Truth, ...]:
 
 def stacked(truths: tuple[Truth, ...], name: str) -> np.ndarray:
     return np.stack([getattr(truth, name) for truth in truths])
-
-
-# -- the sphere ------------------------------------------------------------------------------------
-
-
-# -- contact ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", SKINS)
-def test_each_unit_carries_what_its_depth_costs(name: str) -> None:
-    """Winkler: the load is the unit's own law at its own depth, and nothing without contact."""
-    truths = history(name)
-    depth, contact = stacked(truths, "depth_mm"), stacked(truths, "contact")
-    fz = stacked(truths, "force")[:, 2]
-    soft, stiff = 1.5 * np.minimum(depth, 0.6), 4.5 * np.maximum(depth - 0.6, 0.0)
-    np.testing.assert_allclose(fz, soft + stiff, atol=1e-9)
-    assert np.all((depth > 0.0) == contact)
 
 
 @pytest.mark.parametrize("name", SKINS)
@@ -110,90 +87,7 @@ def test_the_default_stays_within_what_a_unit_can_measure(name: str) -> None:
     assert set(visited) == set(range(len(topology.patch_names)))
 
 
-# -- friction --------------------------------------------------------------------------------------
-
-
-@settings(max_examples=8)
-@given(friction=st.floats(0.02, 0.6), name=st.sampled_from(("palm", "fingertip")))
-def test_coulomb_bound_is_never_exceeded_and_friction_only_dissipates(
-    friction: float, name: str
-) -> None:
-    """|Ft| <= µ Fz; and what a face gives way is along the force that it still bears."""
-    topology = skin(name)
-    scene = demo(name, friction=friction)
-    elastic = Elastic(topology)
-    before, centre = None, None
-    slipped = 0
-    for k in range(150):
-        time_s = 1.0 + 0.03 * k
-        now = scene.at(time_s).copy()
-        lateral = np.hypot(now.force[0], now.force[1])
-        assert np.all(lateral <= friction * now.force[2] + 1e-9)
-        length = np.hypot(*now.displacement_mm)
-        np.testing.assert_allclose(
-            lateral, elastic.tangential(length, now.depth_mm), rtol=1e-9, atol=1e-12
-        )
-        here = scene.bodies[0].pose[1]
-        if before is not None:
-            moved = 1e3 * np.einsum("ijn,i->jn", topology.rotation[:, :2], here - centre)
-            gave_way = before.displacement_mm + moved - now.displacement_mm
-            still = before.contact & now.contact
-            power = (now.force[:2] * gave_way).sum(axis=0)[still]
-            assert np.all(power >= -1e-6)
-            slipped += int((np.hypot(*gave_way)[still] > 1e-6).sum())
-        before, centre = now, here
-    assert slipped > 0
-
-
-def test_held_faces_move_with_the_sphere() -> None:
-    """With friction enough, the faces that were pressed move just as the sphere does."""
-    topology = skin("palm")
-    scene = demo("palm", friction=5.0)
-    start, before = scene.at(2.1).copy(), scene.bodies[0].pose[1]
-    now = scene.at(2.6).copy()
-    moved = 1e3 * (scene.bodies[0].pose[1] - before)
-    expected = np.einsum("ijn,i->jn", topology.rotation[:, :2], moved)
-    middle = np.argmax(start.force[2])
-    got = (now.displacement_mm - start.displacement_mm)[:, middle]
-    assert np.linalg.norm(got) > 0.1
-    np.testing.assert_allclose(got, expected[:, middle], atol=1e-9)
-
-
-# -- temperature -----------------------------------------------------------------------------------
-
-
-def test_layers_follow_the_contact_one_after_the_other() -> None:
-    """Gel 63 % of the way after 4 s of contact; film behind it, chip far behind."""
-    room = (RoomKey(t_s=0.0, temperature_c=20.0),)
-    keys = load_scene("demo", skin("palm")).bodies[0].keys
-    scene = demo("palm", room=room, keys=(replace(keys[0], temperature_c=80.0), *keys[1:]))
-    middle = None
-    for k in range(500):
-        truth = scene.at(k / 100.0)
-        if middle is None and truth.contact.any():
-            middle, began = int(np.argmax(truth.contact)), truth.time_s
-        if middle is not None and truth.time_s - began >= 4.0:
-            break
-    assert truth.contact[middle]
-    share = (truth.temperature[middle] - 20.0) / 60.0
-    assert share == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
-    film, chip = truth.film_temperature[middle], truth.hall_temperature[middle]
-    assert 20.0 < chip < film < truth.temperature[middle]
-    untouched = ~stacked(history("palm"), "contact").any(axis=0)
-    assert np.all(truth.temperature[untouched] == 20.0)
-
-
 # -- time ------------------------------------------------------------------------------------------
-
-
-def test_asking_rarely_or_often_is_nearly_the_same() -> None:
-    often, rarely = demo("palm"), demo("palm")
-    for k in range(1, 1201):
-        a = often.at(k / 300.0)
-    b = rarely.at(4.0)
-    np.testing.assert_allclose(a.force[2], b.force[2], atol=1e-9)
-    np.testing.assert_allclose(a.force[:2], b.force[:2], atol=0.02)
-    np.testing.assert_allclose(a.temperature, b.temperature, atol=0.05)
 
 
 def test_the_ball_moves_without_jumps_while_it_touches() -> None:

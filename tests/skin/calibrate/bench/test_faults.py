@@ -62,15 +62,35 @@ def test_a_healthy_recording_has_none():
     assert faults() == []
 
 
-def test_a_gap_of_the_counts_is_named_with_its_time():
-    def lose(counts):
-        counts.heard[800:850, 0] = False
+def lose(counts):
+    counts.heard[800:850, 0] = False
 
-    (fault,) = faults(with_counts(lose))
-    assert fault == (
-        f"{UNIT}: counts: must go on without a gap above 0.25 s in segments[1]; got none from "
-        "15.98 to 17.00 s"
-    )
+
+def clip(counts):
+    np.minimum(counts.counts[:, BX, 0], 400, out=counts.counts[:, BX, 0])
+
+
+def bare(counts):
+    shape = counts.counts[:, BX : BX + 3, 0].shape
+    counts.counts[:, BX : BX + 3, 0] = np.random.default_rng(1).normal(0.0, 10.0, shape)
+
+
+def press(counts):
+    counts.counts[150:160, FREQUENCY, 0] -= 300
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lose, r"counts: must go on without a gap above 0.25 s in segments\[1\]; got none from "
+               "15.98 to 17.00 s"),
+        (clip, "bx: must not stand at the end of its range; got 400 counts in .*"),
+        (bare, r"bz: must be about 4\d\d\d µT at rest, of a film; got \d+ µT: the film is missing"),
+        (press, "tare: must be untouched; got frequency off its median by -.* a press"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_the_counts_is_named(change, message):
+    assert re.fullmatch(f"{UNIT}: {message}", faults(with_counts(change))[0])
 
 
 def test_a_gap_of_the_reference_is_named_with_its_time():
@@ -78,16 +98,6 @@ def test_a_gap_of_the_reference_is_named_with_its_time():
     kept = (columns["time"] < columns["time"][0] + 16) | (columns["time"] > columns["time"][0] + 17)
     (fault,) = faults(reference={name: values[kept] for name, values in columns.items()})
     assert fault.startswith(f"{UNIT}: r.csv: time: must go on without a gap above 0.25 s; got none")
-
-
-def test_a_clipped_channel_is_named():
-    def clip(counts):
-        np.minimum(counts.counts[:, BX, 0], 400, out=counts.counts[:, BX, 0])
-
-    assert (
-        f"{UNIT}: bx: must not stand at the end of its range; got 400 counts in"
-        in faults(with_counts(clip))[0]
-    )
 
 
 def test_a_clipped_force_is_named():
@@ -116,27 +126,19 @@ def test_a_reversed_axis_is_named(name):
     )
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("gf", 101.97), ("mN", 1000.0), ("lbf", 0.2248)])
-def test_a_force_in_other_units_of_measure_is_named(unit, factor):
-    columns = recorded()[3]
-    other = {f"force_{axis}": factor * columns[f"force_{axis}"] for axis in "xyz"}
+@pytest.mark.parametrize(
+    ("name", "unit", "factor", "shift"),
+    [
+        ("force", "gf", 101.97, 0.0), ("force", "mN", 1000.0, 0.0), ("force", "lbf", 0.2248, 0.0),
+        ("displacement", "um", 1e3, 0.0), ("temperature", "K", 1.0, 273.15),
+    ],
+)  # fmt: skip
+def test_another_unit_of_measure_is_named(name, unit, factor, shift):
+    other = {column: factor * values + shift for column, values in recorded()[3].items()
+             if column.startswith(name)}  # fmt: skip
     (fault,) = faults(reference=with_columns(**other))
-    assert fault.startswith(f"{UNIT}: force: must be in the unit of measure that columns states")
+    assert fault.startswith(f"{UNIT}: {name}: must be in the unit of measure that columns states")
     assert fault.endswith(f"as of {unit}")
-
-
-def test_a_way_in_micrometres_is_named():
-    columns = recorded()[3]
-    other = {f"displacement_{axis}": 1e3 * columns[f"displacement_{axis}"] for axis in "xyz"}
-    (fault,) = faults(reference=with_columns(**other))
-    assert fault.startswith(f"{UNIT}: displacement: must be in the unit of measure")
-    assert fault.endswith("as of um")
-
-
-def test_a_temperature_in_kelvin_is_named():
-    (fault,) = faults(reference=with_columns(temperature=recorded()[3]["temperature"] + 273.15))
-    assert fault.startswith(f"{UNIT}: temperature: must be in the unit of measure")
-    assert fault.endswith("as of K")
 
 
 def test_a_segment_that_is_too_short_is_named():
@@ -165,28 +167,6 @@ def test_strokes_in_one_direction_only_are_named():
     found = find_faults(lab.nominal, recording, series)
     assert len(found) == 1
     assert found[0].startswith(f"{UNIT}: shear: must go in directions all around; got -")
-
-
-def test_a_missing_film_is_named():
-    def bare(counts):
-        counts.counts[:, BX : BX + 3, 0] = np.random.default_rng(1).normal(
-            0.0, 10.0, counts.counts[:, BX : BX + 3, 0].shape
-        )
-
-    found = faults(with_counts(bare))
-    message = (
-        rf"{UNIT}: bz: must be about 4\d\d\d µT at rest, of a film; got \d+ µT: the film is missing"
-    )
-    assert re.fullmatch(message, found[0])
-
-
-def test_a_press_during_the_tare_is_named():
-    def press(counts):
-        counts.counts[150:160, FREQUENCY, 0] -= 300
-
-    (fault,) = faults(with_counts(press))
-    assert fault.startswith(f"{UNIT}: tare: must be untouched; got frequency off its median by -")
-    assert fault.endswith("a press")
 
 
 def test_two_units_that_are_exchanged_are_named():
