@@ -65,7 +65,8 @@ class Options:
     slip : SlipSettings or None
         Priors of friction, the safety of grip forces, and thresholds of slip.
     false_contacts_per_day : float
-        Contacts that noise alone may start on the whole skin; see `skin.contact.cluster`.
+        Contacts that noise alone may start on the whole skin; see
+        `skin.contact.model.start_sigmas`.
     capacity : int, optional
         Contacts of a cycle that have an identity, at most: the heaviest; others are counted in
         `State.untracked`. If None it follows the number of units; see

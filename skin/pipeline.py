@@ -28,8 +28,8 @@ from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
     from skin.calibrate.zeros import Zeros
+    from skin.contact.model import Common
     from skin.contact.stream import ContactStream
-    from skin.contact.unseen import Common
 
 __all__ = ["Pipeline"]
 
@@ -193,17 +193,17 @@ class Pipeline:
 
     def _shared(self) -> Common | None:
         """Errors that units have in common: the ambient field, where it is estimated."""
-        from skin.contact.unseen import common_field
+        from skin.contact.model import Common
         from skin.decode.ambient_kernels import PRIOR_UT2
+        from skin.physics.halbach import CHIP_AXES
 
         decoder, ambient = self.decoder, self.decoder.ambient
         if ambient is None:
             return None
-        whole = decoder.whole
-        return common_field(
-            self.topology, ambient.body, ambient.covariance_ut2, ambient.residue_ut2,
-            whole.field_ut, whole.displacement_mm, rest_ut2=PRIOR_UT2,
-            by_strength=decoder.estimator == "sine",
+        axes = np.moveaxis(self.topology.rotation * CHIP_AXES[:, np.newaxis], 2, 0)
+        return Common(
+            ambient.body, axes, PRIOR_UT2, ambient.covariance_ut2, decoder.force_per_ut,
+            ambient.residue_ut2,
         )  # fmt: skip
 
     def _bind_contacts(self, stream: ContactStream) -> None:

@@ -191,7 +191,7 @@ class State(_Wanted):
         their common ambient field, the unknown place of the pressure on each face, the possible
         load of units that are not valid, and the loads below the gate, which `wrench` leaves out:
         next to a contact, and elsewhere, as far as the readings show them
-        (`skin.contact.unseen`),
+        (`skin.contact.describe`),
         and the even load that zeros of the first second may hide (`skin.calibrate.zeros`).
         Where nothing touches it is the noise of the sum of all units, or that sum; never 0.
     centroid : ndarray, shape (3,), float64

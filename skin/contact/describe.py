@@ -2,6 +2,15 @@
 
 One pass over the units of a contact sums moments; everything else follows from the sums, and those
 of the skin are the sums of its contacts, with what no contact has.
+
+The error of the ambient field is one vector for all units of a body, so that its parts in their
+forces add up linearly, not as squares: with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0)
++ (Σ J_i) C (Σ J_i)'. The same holds for the field in which Bz at rest was learnt. The decoder gives
+J_i, and includes the variance of both in the sigma of each unit; `add_shared` subtracts it.
+
+Loads below the gate and possible loads of silent units are in no wrench. They count as errors,
+whose root mean square is in the sigmas: the rules are in docs/explanation/derivations.md, "What a
+wrench leaves out".
 """
 
 from __future__ import annotations
@@ -9,19 +18,174 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import compiled, jitable
-from skin.contact.model import ADDED, WAYPOINTS
-from skin.contact.record import TORSION_BLIND, UNSEEN, UNTOUCHED, WEAK
-from skin.contact.shape import ROUND, add, add_faces, add_first, arm, cross, orient, shifted
+from skin.contact.model import ADDED, IN_CONTACT, UNCOUNTED, WAYPOINTS
+from skin.contact.record import OPEN, TORSION_BLIND, UNSEEN, UNTOUCHED, WEAK
+from skin.contact.shape import ROUND, add, add_faces, add_first, arm, cross, orient, shifted, swept
 from skin.contact.shock import follow_shocks
-from skin.contact.unseen import add_apart, add_around, add_shared, add_unseen, spread_shared
 
-__all__ = ["describe", "describe_python", "walk"]
+__all__ = ["add_shared", "describe", "describe_python", "spread_shared", "walk"]
 
 STEP_SIGMAS = 3.0
 STEP_M = 2e-4
 """Smallest movement of the centre between waypoints, in its sigmas, and in metres [assumed]."""
 WEAK_SIGMAS = 5.0
 """Sigmas of its load below which a contact has no centre [assumed]."""
+
+
+# -- errors that units share, and loads that are not seen ------------------------------------------
+
+
+@jitable
+def add_shared(u, pose, gain):
+    """Add a unit to the wrenches per µT of each body; returns the part of the ambient field in the
+    variances of its two tangential forces, N²."""
+    each = u["per_ut"]
+    xx, xy, xz, yx, yy, yz = each[0], each[1], each[2], each[3], each[4], each[5]
+    if not np.isfinite(xx + xy + xz + yx + yy + yz):
+        return 0.0, 0.0
+    r, body = pose["rotation"], pose["body"]
+    for b in range(3):
+        ax, ay, az = pose["axes"][b, 0], pose["axes"][b, 1], pose["axes"][b, 2]
+        for rest in range(2):
+            x, y = az * xz, az * yz
+            if not rest:
+                x, y = x + ax * xx + ay * xy, y + ax * yx + ay * yy
+            force = r[0, 0] * x + r[0, 1] * y, r[1, 0] * x + r[1, 1] * y, r[2, 0] * x + r[2, 1] * y
+            torque = cross(pose["position"], force)
+            for a in range(3):
+                gain[body, rest, b, a] += force[a]
+                gain[body, rest, b, a + 3] += torque[a]
+    return u["residue"] * (xx * xx + xy * xy), u["residue"] * (yx * yx + yy * yy)
+
+
+@jitable
+def spread_shared(gain, rest_ut2, data, covariance):
+    """Add the common errors of units to the covariance of their wrench: Σ G' C G."""
+    for g in range(gain.shape[0]):
+        field, rest, c = gain[g, 0], gain[g, 1], data.covariance_ut2[g]
+        for a in range(6):
+            for p in range(3):
+                x = field[0, a] * c[0, p] + field[1, a] * c[1, p] + field[2, a] * c[2, p]
+                for b in range(6):
+                    covariance[a, b] += x * field[p, b] + rest_ut2 * rest[p, a] * rest[p, b]
+
+
+@jitable
+def _add_light(u, pose, s):
+    """Add the load below the gate of a unit."""
+    s["light_units"] += 1.0
+    add_first(s["light"], u["force"][2], pose["position"])
+    add(s["light_noise"], u["force_sigma"][2] ** 2, pose["position"])
+
+
+@jitable
+def _add_silent(u, pose, s):
+    """Add the possible load of a unit, in any direction."""
+    add(s["unseen"], u["possible"], pose["position"])
+    s["hidden"] = max(s["hidden"], 1.0 * u["hides"])
+
+
+@jitable
+def add_around(k, members, model, data):
+    """Add to the sums of group k what the neighbours of its units may bear, each once: light loads,
+    whose readings are unbiased, since none is selected by its load, and silent units."""
+    s = data.sums[0]
+    for i in members:
+        for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+            u, pose = data.units[j], model.poses[j]
+            if u["counted"] == IN_CONTACT or u["counted"] == k:
+                continue
+            u["counted"] = k
+            if u["kind"] > OPEN:
+                s["silent_area"] += pose["area"]
+                _add_silent(u, pose, s)
+            else:
+                _add_light(u, pose, s)
+    if s["load"]["sum"] > 0.0 and s["light_units"] > 0.0:
+        _add_missed(s, model.settings[0]["keep_sigma"])
+
+
+@jitable
+def _add_missed(s, keep_sigma):
+    """Add the neighbours' loads below the gate, which are in no wrench, to the covariance of a
+    contact.
+
+    Their most likely sum is that of their readings, or 0 where noise makes it negative; it acts at
+    these units. The gate leaves out so many sigmas of a unit at least, which act at any of them.
+    Both act along the force of the contact, since the same body presses all [assumed].
+    """
+    load, noise, covariance = s["load"]["sum"], s["light_noise"], s["wrench_covariance"]
+    likely = max(s["light"]["sum"], 0.0)
+    least = keep_sigma * keep_sigma * noise["sum"] / s["light_units"] - likely * likely
+    share = least / noise["sum"] if least > 0.0 else 0.0
+    square = likely * likely + share * noise["sum"]
+    s["missed"] += square
+    turned = 1.0 if likely > 0.0 else 0.0
+    along = s["wrench"][0] / load, s["wrench"][1] / load, s["wrench"][2] / load
+    here, there = cross(along, s["light"]["first"]), cross(along, noise["first"])
+    for a in range(3):
+        for b in range(3):
+            both = along[a] * (share * there[b] + likely * here[b])
+            covariance[a, b] += square * along[a] * along[b]
+            covariance[a, b + 3] -= both
+            covariance[b + 3, a] -= both
+            covariance[a + 3, b + 3] += turned * here[a] * here[b]
+    swept(noise["second"], along, share, covariance[3:, 3:])
+
+
+@jitable
+def add_apart(touched, model, data):
+    """Add to the total what units may bear that are in no contact: light ones next to contacts,
+    silent ones, the others, and the even load that zeros may hide.
+
+    Comes after `add_around`. `touched` is whether there is any contact.
+    """
+    units, poses, s = data.units, model.poses, data.sums[1]
+    keep_sigma, total, variance, most, lone = model.settings[0]["keep_sigma"], 0.0, 0.0, 0.0, -1
+    for i in range(units.size):
+        u, pose = units[i], poses[i]
+        if pose["doubt"] > 0.0:
+            add(s["unseen"], pose["doubt"], pose["position"])
+        if u["kind"] > OPEN:
+            _add_silent(u, pose, s)
+        elif u["counted"] >= 0:
+            _add_light(u, pose, s)
+        elif u["counted"] == UNCOUNTED and u["force_sigma"][2] < np.inf:
+            load, gate = u["force"][2], keep_sigma * u["force_sigma"][2]
+            total, variance = total + load, variance + u["force_sigma"][2] ** 2
+            if max(load, gate) > most and (not touched or load > gate):
+                most, lone = max(load, gate), i
+    square = 0.0 if touched else max(most * most, variance)
+    if total > 0.0 and (not touched or total * total > keep_sigma * keep_sigma * variance):
+        square = max(square, total * total)
+    if touched and most * most > square:
+        add(s["unseen"], most * most, poses[lone]["position"])
+    elif square > 0.0 and variance > 0.0:
+        for i in range(units.size):
+            u, sigma = units[i], units[i]["force_sigma"][2]
+            if u["kind"] <= OPEN and u["counted"] == UNCOUNTED and sigma < np.inf:
+                add(s["unseen"], square / variance * sigma * sigma, poses[i]["position"])
+
+
+@jitable
+def add_unseen(unseen, covariance):
+    """Add loads of unknown directions to the covariance of a wrench: Σ v of the screws (e, p × e)
+    of the axes e of the skin frame."""
+    p, q = unseen["first"], unseen["second"]
+    size = q[0, 0] + q[1, 1] + q[2, 2]
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        covariance[a, a] += unseen["sum"]
+        covariance[a + 3, a + 3] += size
+        for d in range(3):
+            covariance[a + 3, d + 3] -= q[a, d]
+        covariance[a, b + 3] += p[c]
+        covariance[b + 3, a] += p[c]
+        covariance[a, c + 3] -= p[b]
+        covariance[c + 3, a] -= p[b]
+
+
+# -- contacts --------------------------------------------------------------------------------------
 
 
 @jitable

@@ -5,6 +5,11 @@ matched with the slots of the cycle before by the load on common units. Each uni
 that last owned it. When two contacts merge, the heavier one represents both and the units keep
 their owners, so that the parts get their identities back when they separate. When one splits, the
 heavier part keeps the identity, as does a contact that is lost and soon returns to its place.
+
+Clusters are units above the gate, joined along the neighbour graph. The gate is a normal load in
+sigmas: one that starts a contact, and a smaller one that keeps a unit in it. A unit may start a
+contact alone, by the mean of two successive cycles, or together with a neighbour. Shear alone makes
+no contact: stray fields read as shear on untouched units.
 """
 
 from __future__ import annotations
@@ -12,21 +17,25 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import compiled, jitable
-from skin.contact.cluster import join, take_readings
+from skin.contact.model import IN_CONTACT, UNCOUNTED
 from skin.contact.record import (
     ABSORBED,
     BORN,
+    BRIDGE,
     FREE,
     LOST,
     MERGED,
     NEW,
+    OPEN,
+    OUT,
     PRESENT,
     RESUMED,
+    SILENT,
     SPLIT,
 )
-from skin.contact.unseen import remember
 
-__all__ = ["EARLY", "SAME", "find_contacts", "find_contacts_python"]
+__all__ = ["EARLY", "SAME", "find_contacts", "find_contacts_python", "join", "remember",
+           "take_readings"]  # fmt: skip
 
 SAME, EARLY = -1, -2
 """Return values for an unchanged set of contacts, and for a stamp that is not later."""
@@ -36,6 +45,147 @@ QUIET = 0.25
 they part: the representative does not change with every squeeze [assumed]."""
 NEARBY = 1e-3
 """Weight of a unit that a contact owns, relative to one that it once owned [assumed]."""
+TINY = 1e-200
+"""Lower bound of sigma, newton, for numbers without noise."""
+
+# -- clusters --------------------------------------------------------------------------------------
+
+
+@jitable
+def take_readings(readings, model, data):
+    """Copy the readings of a cycle into the records of the units, and list the units above the
+    gate; returns how many. A unit that is not valid or has a non-finite number is silent; the shear
+    of unloaded units is not read.
+    """
+    settings, cycle, count = model.settings[0], data.cycle[0], 0
+    cycle["cycles"] += 1
+    for i in range(data.units.size):
+        u = data.units[i]
+        load, sigma = np.float64(readings.force[2, i]), np.float64(readings.force_sigma[2, i])
+        u["force"][2], u["force_sigma"][2] = load, sigma
+        data.label[i] = -1
+        heard = readings.valid[i] and np.isfinite(load) and sigma >= 0.0
+        u["kind"] = OUT
+        if heard and load > settings["keep_sigma"] * sigma:
+            heard = _take_loaded(i, u, readings, settings["slip"], cycle)
+            if heard:
+                u["kind"] = OPEN
+                data.lists[count]["loaded"] = i
+                count += 1
+        if not heard:
+            u["kind"] = BRIDGE if u["touching"] else SILENT
+    return count
+
+
+@jitable
+def _take_loaded(i, u, readings, needs_displacement, cycle):
+    """Copy all that is given of one unit above the gate; returns whether what is needed is
+    finite."""
+    total = 0.0
+    for a in range(3):
+        u["force"][a] = readings.force[a, i]
+        u["force_sigma"][a] = readings.force_sigma[a, i]
+        total += abs(u["force"][a]) + abs(u["force_sigma"][a])
+        if cycle["has_depth"]:
+            u["displacement"][a] = readings.displacement_mm[a, i]
+            u["displacement_sigma"][a] = readings.displacement_sigma_mm[a, i]
+        if needs_displacement:
+            total += abs(u["displacement"][a]) + abs(u["displacement_sigma"][a])
+    if cycle["has_field"]:
+        u["residue"] = readings.residue_ut2[i]
+        for a in range(6):
+            u["per_ut"][a] = readings.force_per_ut[a, i]
+    u["temperature"] = readings.temperature[i] if cycle["has_temperature"] else np.nan
+    # load in sigmas, in this cycle and the one before
+    u["level_before"] = u["level"] if u["level_cycle"] == cycle["cycles"] - 1 else -np.inf
+    if np.isfinite(total):
+        u["level"] = u["force"][2] / max(u["force_sigma"][2], TINY)
+        u["level_cycle"] = cycle["cycles"]
+    return np.isfinite(total)
+
+
+@jitable
+def _spread(first, part, stored, model, data):
+    """Flood-fill a cluster from a unit: its open units go into `members` from `stored` on; returns
+    the end of `queue`, which lists all of its units, and of `members`."""
+    units, label, lists = data.units, data.label, data.lists
+    label[first] = part
+    lists[0]["queue"] = first
+    head, tail = 0, 1
+    while head < tail:
+        i = lists[head]["queue"]
+        head += 1
+        if units[i]["kind"] == OPEN:
+            data.members[stored] = i
+            stored += 1
+        for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+            if label[j] < 0 and (units[j]["kind"] == OPEN or units[j]["kind"] == BRIDGE):
+                label[j] = part
+                lists[tail]["queue"] = j
+                tail += 1
+    return tail, stored
+
+
+@jitable
+def _starts(members, model, units):
+    """Whether a unit of a cluster starts a contact, alone, with the cycle before or with a
+    neighbour; or was in one."""
+    settings = model.settings[0]
+    alone = settings["start_sigma"]
+    twice = np.sqrt(2.0) * settings["repeat_sigma"]
+    both = np.sqrt(2.0) * settings["pair_sigma"]
+    for i in members:
+        u = units[i]
+        level = u["level"]
+        if u["touching"] or level > alone or level + u["level_before"] > twice:
+            return True
+        for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+            other = units[j]
+            if other["level_cycle"] == u["level_cycle"] and level + other["level"] > both:
+                return True
+    return False
+
+
+@jitable
+def join(loaded, model, data):
+    """Join the units above the gate to clusters.
+
+    Silent units that were in contact connect their neighbours, so that one lost frame does not cut
+    a contact in two, but belong to no cluster.
+
+    Parameters
+    ----------
+    loaded : int
+        Listed units.
+    model : ContactModel
+    data : ContactData
+
+    Returns
+    -------
+    int
+        Number of clusters with a unit that starts a contact or was in one. Units of cluster k are
+        ``members[begin[k]:begin[k + 1]]``; `label` is the cluster of each unit, -1.
+    """
+    units, lists, parts, stored = data.units, data.lists, 0, 0
+    lists[0]["begin"] = 0
+    for at in range(loaded):
+        first = lists[at]["loaded"]
+        if units[first]["kind"] != OPEN or data.label[first] >= 0:
+            continue
+        tail, end = _spread(first, parts, stored, model, data)
+        if _starts(data.members[stored:end], model, units):
+            parts += 1
+            lists[parts]["begin"] = end
+            stored = end
+            continue
+        for k in range(tail):
+            i = lists[k]["queue"]
+            units[i]["kind"] = OUT if units[i]["kind"] == OPEN else SILENT
+            data.label[i] = -1
+    return parts
+
+
+# -- identities ------------------------------------------------------------------------------------
 
 
 @jitable
@@ -283,43 +433,105 @@ def _go_on(parts, model, data):
 
 
 @jitable
-def _order(parts, before, data):
-    """Contacts by age: `present` holds their slots, `label` of a unit counts along it.
-
-    Of the `before` contacts of the last cycle it has the order already, and new ones come in that
-    of their identities: only those that are back are sorted in.
-    """
-    slots, contacts, stored = data.slots, data.contacts, 0
-    for k in range(before):
-        slots[stored]["present"] = slots[k]["present"]
-        stored += slots[slots[k]["present"]]["part_of"] >= 0
+def _order(parts, data):
+    """Contacts by age: `present` holds their slots, `label` of a unit counts along it."""
+    slots, contacts = data.slots, data.contacts
     for part in range(parts):
-        slot = slots[part]["slot_of"]
-        if not contacts[slot]["event"] & (BORN | RESUMED):
-            continue
-        at = stored
+        slot, at = slots[part]["slot_of"], part
         while at > 0 and contacts[slots[at - 1]["present"]]["id"] > contacts[slot]["id"]:
             slots[at]["present"] = slots[at - 1]["present"]
             at -= 1
         slots[at]["present"] = slot
-        stored += 1
     for k in range(parts):
         record = contacts[slots[k]["present"]]
         for i in data.members[record["begin"] : record["end"]]:
             data.label[i] = k
 
 
+# -- what may be borne unseen ----------------------------------------------------------------------
+
+
 @jitable
-def _tick(cycle):
-    """Take over the time of the cycle; returns whether it is later than that of the last one."""
-    dt_s = cycle["period_s"]
-    if cycle["begun"]:
-        if cycle["now_ns"] <= cycle["last_ns"]:
-            return False
-        dt_s = 1e-9 * (cycle["now_ns"] - cycle["last_ns"])
-    cycle["begun"], cycle["last_ns"] = 1, cycle["now_ns"]
-    cycle["elapsed_before_s"], cycle["elapsed_s"] = cycle["elapsed_s"], dt_s
-    return True
+def remember(model, data):
+    """Store which units touch, for the next cycle; the upper bounds of heard loads and the largest
+    load in contact around them; of units that are not heard, what they may bear. Resets `counted`,
+    and, where there is no contact, the slip of the units that are heard."""
+    units, keep_sigma, silent = data.units, model.settings[0]["keep_sigma"], 0
+    untouched = data.cycle[0]["present"] == 0
+    for i in range(units.size):
+        u, pressed = units[i], data.label[i] >= 0
+        u["counted"] = UNCOUNTED
+        u["touching"] = u["kind"] == OPEN or (u["kind"] == BRIDGE and pressed)
+        if u["kind"] > OPEN:
+            data.label[i] = -1
+            silent += 1
+            continue
+        u["borne"] = max(u["force"][2], keep_sigma * u["force_sigma"][2])
+        u["around"] = 0.0
+        u["pressed"] = pressed
+        if u["kind"] != OUT or pressed:
+            u["counted"] = IN_CONTACT
+        if untouched:
+            data.slip[i] = 0
+    for j in data.members[: data.cycle[0]["touching_units"]]:
+        load = units[j]["force"][2]
+        for i in model.neighbour[model.start[j] : model.start[j + 1]]:
+            if units[i]["kind"] <= OPEN and load > units[i]["around"]:
+                units[i]["around"] = load
+    for i in range(units.size if silent > 0 else 0):
+        if units[i]["kind"] > OPEN:
+            _bound(i, model, data)
+
+
+@jitable
+def _bound(i, model, data):
+    """Square of the upper bound of the load of a silent unit, and whether it may hide a part of a
+    contact as far as its neighbours show."""
+    u, now, noise, heard = data.units[i], 0.0, 0.0, False
+    known, before = u["borne"] == u["borne"], u["around"]
+    most = u["borne"] if known else -1.0
+    for j in model.neighbour[model.start[i] : model.start[i + 1]]:
+        other = data.units[j]
+        if other["kind"] > OPEN:
+            continue
+        heard = True
+        if data.label[j] >= 0 and other["force"][2] > now:
+            now, noise = other["force"][2], other["force_sigma"][2]
+        elif not known and other["borne"] == other["borne"]:
+            most = max(most, other["borne"])
+    ceiling = model.poses[i]["most"]
+    changed = abs(now - before)
+    if now > 0.0 and before > 0.0:
+        most = most * max(1.0, now / before) + changed
+    elif now > 0.0:
+        bounded = _not_centred(i, model, data) or not np.isfinite(ceiling)
+        most = max(most, now) if bounded else ceiling
+    elif most < 0.0:
+        most = ceiling if np.isfinite(ceiling) else 0.0
+    # each of two readings may be off by the gate
+    gate = 2.0 * model.settings[0]["keep_sigma"] * noise
+    still = now == 0.0 or (before > 0.0 and changed <= gate)
+    feels = model.poses[i]["feels"] > 0.0
+    u["possible"] = min(most, ceiling) ** 2 if feels else 0.0
+    u["hides"] = feels and not (heard and still and u["pressed"] == 0)
+
+
+@jitable
+def _not_centred(i, model, data):
+    """Whether the loads in contact around a unit do not all fall with the distance from it."""
+    neighbour, start, label, units = model.neighbour, model.start, data.label, data.units
+    around, keep_sigma = neighbour[start[i] : start[i + 1]], model.settings[0]["keep_sigma"]
+    for near in around:
+        if label[near] < 0:
+            continue
+        for far in neighbour[start[near] : start[near + 1]]:
+            beyond, u = label[far] >= 0, units[far]
+            for other in around:
+                beyond &= far != other
+            most = u["force"][2] + keep_sigma * u["force_sigma"][2]
+            if beyond and most >= units[near]["force"][2]:
+                return True
+    return False
 
 
 def find_contacts_python(readings, model, data):
@@ -339,8 +551,13 @@ def find_contacts_python(readings, model, data):
         later than that, and nothing was done.
     """
     slots, cycle, room = data.slots, data.cycle[0], data.slots.size // 2
-    if not _tick(cycle):
-        return EARLY
+    elapsed_s = cycle["period_s"]
+    if cycle["begun"]:
+        if cycle["now_ns"] <= cycle["last_ns"]:
+            return EARLY
+        elapsed_s = 1e-9 * (cycle["now_ns"] - cycle["last_ns"])
+    cycle["begun"], cycle["last_ns"] = 1, cycle["now_ns"]
+    cycle["elapsed_before_s"], cycle["elapsed_s"] = cycle["elapsed_s"], elapsed_s
     before = cycle["present"]
     parts = join(take_readings(readings, model, data), model, data)
     cycle["touching_units"] = data.lists[parts]["begin"]
@@ -355,7 +572,7 @@ def find_contacts_python(readings, model, data):
         _end(parts, count, model.settings[0]["settle_ns"], data)
         _disown(data.contacts, data.units)
         _go_on(parts, model, data)
-        _order(parts, before, data)
+        _order(parts, data)
     cycle["present"] = parts
     remember(model, data)
     same = parts == before

@@ -1,16 +1,15 @@
 """The records of the contact stage: what a stream is made of, and what a cycle works on.
 
 `ContactModel` does not change between cycles but for poses; `ContactData` does. Both are few record
-arrays, so that a call of a kernel looks at few arguments. All numbers are float64: readings of
+arrays. All numbers are float64: readings of
 any type are converted as they enter. Lengths are about the middle of the array, so that a skin far
 from the origin of its frame loses no digits.
 """
 
 from __future__ import annotations
 
-from collections import namedtuple
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,14 +17,15 @@ from skin.contact.record import CONTACT, UNTOUCHED
 from skin.contact.slip.parameters import SlipSettings
 from skin.contact.slip.state import SLIP, SLIP_UNIT
 from skin.errors import SkinError
-from skin.physics.force_law import TERMS
+from skin.options import Options
 from topology.pose import pose_fault
 
 __all__ = [
-    "ADDED", "CYCLE", "LIST", "PAIR", "POSE", "SETTINGS", "SLOT", "SUMS", "UNIT", "WAYPOINTS",
-    "ContactData", "ContactModel", "DescribeData", "FindData", "Readings", "SlipData",
+    "ADDED", "CYCLE", "KEEP_SIGMA", "LIST", "PAIR", "POSE", "SETTINGS", "SLOT", "SUMS", "UNIT",
+    "WAYPOINTS", "Common", "ContactData", "ContactModel", "Readings",
     "check_poses", "checked_graph", "contact_capacity", "contact_data", "contact_model",
-    "neighbour_graph", "no_readings", "part_of", "set_poses",
+    "neighbour_graph", "no_readings", "set_poses",
+    "start_sigmas",
 ]  # fmt: skip
 
 LEAST_CAPACITY, UNITS_EACH = 16, 16
@@ -37,6 +37,14 @@ WAYPOINTS = 128
 MEMORY_NS, SETTLE_NS = 1e8, 2e8
 """How long a lost contact can return, and how old a contact must be to outlive being absorbed, ns
 [assumed]."""
+
+KEEP_SIGMA = 3.0
+"""Normal load that a unit must exceed to belong to a contact, in sigmas [assumed]."""
+FALSE_CONTACTS_PER_DAY = Options.false_contacts_per_day
+"""Allowed contacts due to noise on the whole skin, per day [assumed]."""
+UNCOUNTED, IN_CONTACT = -1, -2
+"""Marks of units in `counted`: next to no contact so far; heard, and not only light. A group that
+counts a unit as its neighbour writes its own number."""
 
 _F, _I, _L, _B = np.float64, np.int32, np.int64, np.uint8
 
@@ -67,15 +75,9 @@ POSE = _record(
     ("area", _F),  # m²
     ("feels", _F),  # 0 for a unit that is never heard
     ("most", _F),  # N that it can bear
-    ("doubt", _F),  # N², of a load that it stands for; see `skin.contact.unseen`
-    # how its tangential force follows its field; see `skin.contact.unseen`
+    ("doubt", _F),  # N², of an even load that its zero may hide
     ("body", _I),  # whose ambient field it is
     ("axes", _F, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
-    ("film", _F, (2,)),  # mm, middle of the film off the chip's axis
-    ("shear", _F, (len(TERMS), 1)),  # law of the tangential force
-    ("gain", _F),  # 1/mm, by depth
-    ("gain_offset", _F),
-    ("wavenumber", _F),  # rad/mm if R is found by the field's strength; or 0 for all
 )
 """Pose and constants of a unit."""
 
@@ -99,8 +101,7 @@ UNIT = _record(
     ("displacement", _F, (3,)),  # mm, unit frame; the last one is the pressed depth
     ("displacement_sigma", _F, (3,)),
     ("temperature", _F),  # degree Celsius, NaN without
-    ("field", _F, (3,)),  # µT, of its film
-    ("field_displacement", _F, (3,)),  # mm, decoded from this field
+    ("per_ut", _F, (6,)),  # N/µT: how its tangential force follows its field, see `Readings`
     ("residue", _F),  # µT², of a lateral axis by the ambient field, as in its sigma
 )
 """Reading and state of a unit. Touching and what follows from it persist."""
@@ -222,9 +223,8 @@ class Readings(NamedTuple):
     displacement_sigma_mm: np.ndarray  # (3, n)
     temperature: np.ndarray  # (n,), degree Celsius
     valid: np.ndarray  # (n,), bool
-    field_ut: np.ndarray  # (3, n), and the two below: see `skin.contact.unseen.Common`
-    field_displacement_mm: np.ndarray  # (3, n)
-    residue_ut2: np.ndarray  # (n,)
+    force_per_ut: np.ndarray  # (6, n), tangential force by Bx, By, Bz of its field: x, then y
+    residue_ut2: np.ndarray  # (n,), see `Common`
 
 
 class ContactData(NamedTuple):
@@ -248,17 +248,56 @@ class ContactData(NamedTuple):
     all: np.ndarray  # (1,), SLIP
 
 
-FindData = namedtuple("FindData", "units label slip members lists slots contacts cycle pairs")
-DescribeData = namedtuple(
-    "DescribeData", "units members slots contacts cycle sums columns covariance_ut2 gain"
-)
-SlipData = namedtuple("SlipData", "units label slip members lists slots contacts cycle slips all")
-"""What each kernel works on: a call takes 20 ns for every array that it is given."""
+class Common(NamedTuple):
+    """Errors common to the units of g bodies; all but the first three are read in each cycle."""
+
+    body: np.ndarray  # (n,), body of each unit
+    axes: np.ndarray  # (n, 3, 3): columns are the axes of its field in the frame of the covariance
+    rest_ut2: float  # variance of an axis of the field that Bz at rest was learnt in
+    covariance_ut2: np.ndarray  # (g, 3, 3), float64: of the ambient field of each body
+    force_per_ut: np.ndarray  # (6, n), see `Readings`
+    residue_ut2: np.ndarray  # (n,), variance of a lateral axis by both, as in the sigma of a unit
 
 
-def part_of(data: ContactData, kind: type[Any]) -> Any:
-    """The arrays of `ContactData` that a kernel works on."""
-    return kind(*(getattr(data, name) for name in kind._fields))
+def start_sigmas(
+    n: int, pairs: int, rate_hz: float, false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY
+) -> tuple[float, float]:
+    """Thresholds of a unit, alone or in the mean of two cycles, and of the mean of two neighbours.
+
+    Parameters
+    ----------
+    n, pairs : int
+        Units, and pairs of neighbours.
+    rate_hz : float
+        Cycles a second.
+    false_contacts_per_day : float
+        On the whole skin, on white Gaussian noise.
+
+    Returns
+    -------
+    tuple of float
+        Sigmas of normal load, or of the mean.
+
+    Raises
+    ------
+    SkinError
+        The first is below `KEEP_SIGMA`.
+
+    Examples
+    --------
+    >>> [round(sigma, 2) for sigma in start_sigmas(64, 210, 250.0)]
+    [6.22, 6.41]
+    """
+    from scipy.special import ndtri
+
+    tests = 3.0 * 86_400.0 * rate_hz / false_contacts_per_day
+    alone = -ndtri(1.0 / (tests * n)) if tests * n > 2.0 else 0.0
+    if alone < KEEP_SIGMA:
+        raise SkinError(
+            f"false_contacts_per_day: must leave a start of contact at {KEEP_SIGMA} sigmas or "
+            f"more; got {false_contacts_per_day:g}, {alone:.2f}"
+        )
+    return float(alone), float(-ndtri(1.0 / (tests * pairs))) if pairs else np.inf
 
 
 def contact_model(
@@ -377,11 +416,9 @@ def contact_capacity(n: int) -> int:
 
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     """Arrays for the readings of n units, all valid."""
-    force, force_sigma, moved, moved_sigma, field, field_moved = np.zeros((6, 3, n), dtype)
     temperature, residue = np.zeros((2, n), dtype)
-    valid = np.ones(n, bool)
     return Readings(
-        force, force_sigma, moved, moved_sigma, temperature, valid, field, field_moved, residue
+        *np.zeros((4, 3, n), dtype), temperature, np.ones(n, bool), np.zeros((6, n), dtype), residue
     )
 
 

@@ -10,28 +10,26 @@ from typing import Any
 import numpy as np
 
 from bus.compiled.jit import bound
-from skin.contact.cluster import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
 from skin.contact.contact import Contact, Kept
 from skin.contact.describe import describe
 from skin.contact.identity import EARLY, SAME, find_contacts
 from skin.contact.model import (
-    DescribeData,
-    FindData,
+    FALSE_CONTACTS_PER_DAY,
+    KEEP_SIGMA,
+    Common,
     Readings,
-    SlipData,
     check_poses,
     contact_capacity,
     contact_data,
     contact_model,
     no_readings,
-    part_of,
     set_poses,
+    start_sigmas,
 )  # fmt: skip
 from skin.contact.record import BRIDGE
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.slip.detector import detect_slip
-from skin.contact.unseen import Common
 from skin.errors import OptionError, SkinError, check_array, check_number, check_numbers, shown
 from skin.options import MOST_CONTACTS, wanted
 
@@ -203,10 +201,10 @@ class ContactStream:
         model, data, wants = self.model, self.data, self.model.settings[0]
         calls: list[tuple[Any, ...]] = []
         if wants["total"]:
-            calls.append((describe, model, part_of(data, DescribeData)))
+            calls.append((describe, model, data))
         if wants["slip"]:
-            calls.append((detect_slip, model, part_of(data, SlipData)))
-        return [*calls, (find_contacts, self.readings, model, part_of(data, FindData))]
+            calls.append((detect_slip, model, data))
+        return [*calls, (find_contacts, self.readings, model, data)]
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
@@ -287,7 +285,7 @@ class ContactStream:
             As in `update`, of one type, float32 or float64, contiguous; overwritten before each
             step, and kept.
         common : Common, optional
-            Common errors of units; see `skin.contact.unseen`.
+            Common errors of units; see `Common`.
 
         Raises
         ------
@@ -307,11 +305,10 @@ class ContactStream:
                 fixed[name] = array
         self._clock["has_field"] = common is not None
         if common is not None:
-            for name, values in common.laws.items():
-                self.model.poses[name] = values
-            self.model.settings["rest_ut2"] = common.rest_ut2
-            covariance, *readings = common[2:]
-            fixed |= dict(zip(own._fields[-3:], readings, strict=True))
+            body, axes, rest_ut2, covariance, per_ut, residue = common
+            self.model.poses["body"], self.model.poses["axes"] = body, axes
+            self.model.settings["rest_ut2"] = rest_ut2
+            fixed |= {"force_per_ut": per_ut, "residue_ut2": residue}
             gain = np.zeros((2, len(covariance), 2, 3, 6))
             self.data = self.data._replace(gain=gain, covariance_ut2=covariance)
         self.readings, self._kernels = own._replace(**fixed), None

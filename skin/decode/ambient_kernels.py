@@ -280,29 +280,23 @@ def _mark_near(model, data):
 def _judge(unit, memory, run, size, disturbed, dt_s, slow_s):
     """Which units of a block vote, for they are not disturbed and not touched, and how much load
     there may be on those that do."""
-    assume_noalias()
     marks, dt_s = memory["marks"], max(dt_s, SHORTEST_S)
     share = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
-    per_s, most_samples = 1.0 / dt_s, (2.0 - share) / share
-    load = weight = near_load = near_weight = 0.0
-    for j in range(min(size, LANES)):
-        undisturbed = marks[j] & disturbed == 0
-        memory["alone_s"][j] = memory["alone_s"][j] if undisturbed else 0.0
-        votes = undisturbed & (memory["age_s"][j] > 0.0)
-        samples = min(most_samples, memory["age_s"][j] * per_s)
-        w = samples * unit["load_information"][j] if votes else 0.0
-        told, most = (memory["fast_hz"][j] - memory["bound_hz"][j]) * w, TOUCHED_SIGMAS * np.sqrt(w)
-        found = TOUCHED if told > most else VOTES
-        marks[j] |= found if votes else 0
-        told, is_near = min(told, most), marks[j] & NEAR != 0
-        load += 0.0 if is_near else told
-        weight += 0.0 if is_near else w
-        near_load += told if is_near else 0.0
-        near_weight += w if is_near else 0.0
-    run["load"] += load
-    run["weight"] += weight
-    run["near_load"] += near_load
-    run["near_weight"] += near_weight
+    for j in range(size):
+        if marks[j] & disturbed != 0:
+            memory["alone_s"][j] = 0.0
+        elif memory["age_s"][j] > 0.0:
+            samples = min((2.0 - share) / share, memory["age_s"][j] / dt_s)
+            weight = samples * unit["load_information"][j]
+            load = (memory["fast_hz"][j] - memory["bound_hz"][j]) * weight
+            most = TOUCHED_SIGMAS * np.sqrt(weight)
+            marks[j] |= TOUCHED if load > most else VOTES
+            if marks[j] & NEAR != 0:
+                run["near_load"] += min(load, most)
+                run["near_weight"] += weight
+            else:
+                run["load"] += min(load, most)
+                run["weight"] += weight
 
 
 @jitable
@@ -338,60 +332,37 @@ def _vote(unit, memory, body, refused, data, first, size):
     A unit counts the less the farther its own residual has long been from what the others see
     (Geman-McClure weights): a unit that lies persistently does not count.
     """
-    assume_noalias()
     field, long_ut, marks = rows_of(data.field_ut, first), memory["long_ut"], memory["marks"]
-    turn = unit["skin_chip"]
-    count = pressed = both = 0.0
-    xx = xy = xz = yy = yz = zz = 0.0
-    tx = ty = tz = 0.0
-    for j in range(min(size, LANES)):
-        x, y, z = read(field, 0, j), read(field, 1, j), read(field, 2, j)
-        z = _axial(z, unit, memory, j)
+    turn, information = unit["skin_chip"], body["information"]
+    for j in range(size):
         may, touched = marks[j] & VOTES != 0, marks[j] & refused != 0
-        marks[j] = TOUCHED | marks[j] ^ VOTES if may & touched else marks[j]
-        felt, may = x + y + z, may & (not touched)
-        votes = may & (felt - felt == 0.0)
-        sigma = unit["sigma_ut"][j]
-        most = CLIP_SIGMAS * sigma
-        x = _clamped(x - unit["own_ut"][0, j], most) if votes else 0.0
-        y = _clamped(y - unit["own_ut"][1, j], most) if votes else 0.0
-        z = _clamped(z, most) if votes else 0.0
-        known = not np.isnan(memory["rest_ut"][j])
+        if may and touched:
+            marks[j] = TOUCHED | marks[j] ^ VOTES
+        if touched or not may:
+            body["pressed"] += 0.0 if memory["age_s"][j] == 0.0 else 1.0
+            continue
+        x, y = read(field, 0, j) - unit["own_ut"][0, j], read(field, 1, j) - unit["own_ut"][1, j]
+        z = _axial(read(field, 2, j), unit, memory, j)
+        if not np.isfinite(x + y + z):
+            continue
+        body["voters"] += 1.0
+        sigma, known = unit["sigma_ut"][j], not np.isnan(memory["rest_ut"][j])
         off_z = long_ut[2, j] if known else 0.0
         off = long_ut[0, j] ** 2 + long_ut[1, j] ** 2 + off_z**2
-        trust = sigma * sigma / (sigma * sigma + off)
-        trust = trust * trust if votes else 0.0
+        trust = (sigma * sigma / (sigma * sigma + off)) ** 2
         lateral = trust * unit["lateral_information"][j]
         # a press too light to be a contact is not ambient field either
         still = abs(memory["slow_hz"][j]) < CALM_SIGMAS * unit["sigma_hz"][j]
-        axial = trust * unit["axial_information"][j] if known & still else 0.0
-        count += 1.0 if votes else 0.0
-        pressed += 0.0 if may | (memory["age_s"][j] == 0.0) else 1.0
-        both += lateral
+        axial = trust * unit["axial_information"][j] if known and still else 0.0
+        most = CLIP_SIGMAS * sigma
+        x, y = lateral * _clamped(x, most), lateral * _clamped(y, most)
+        z = axial * _clamped(z, most)
         # lateral · (1 - n nᵀ) + axial · n nᵀ, n the unit's axis
-        nx, ny, nz, more = turn[0, 2, j], turn[1, 2, j], turn[2, 2, j], axial - lateral
-        xx += more * nx * nx
-        xy += more * nx * ny
-        xz += more * nx * nz
-        yy += more * ny * ny
-        yz += more * ny * nz
-        zz += more * nz * nz
-        x, y, z = lateral * x, lateral * y, axial * z
-        tx += turn[0, 0, j] * x + turn[0, 1, j] * y + nx * z
-        ty += turn[1, 0, j] * x + turn[1, 1, j] * y + ny * z
-        tz += turn[2, 0, j] * x + turn[2, 1, j] * y + nz * z
-    information, told = body["information"], body["told"]
-    body["voters"] += count
-    body["pressed"] += pressed
-    information[0, 0] += both + xx
-    information[0, 1] += xy
-    information[0, 2] += xz
-    information[1, 1] += both + yy
-    information[1, 2] += yz
-    information[2, 2] += both + zz
-    told[0] += tx
-    told[1] += ty
-    told[2] += tz
+        for a in range(3):
+            body["told"][a] += turn[a, 0, j] * x + turn[a, 1, j] * y + turn[a, 2, j] * z
+            information[a, a] += lateral
+            for b in range(a, 3):
+                information[a, b] += (axial - lateral) * turn[a, 2, j] * turn[b, 2, j]
 
 
 @jitable
@@ -509,16 +480,6 @@ def _follow(unit, memory, size, dt_s, slow_s, period_s):
 
 
 @jitable
-def _show_lies(marks, status, valid, size):
-    """Flag the units whose field is none."""
-    assume_noalias()
-    for j in range(min(size, LANES)):
-        lies = marks[j] & LIES != 0
-        status[j] |= ANOMALY if lies else 0
-        valid[j] = valid[j] & (not lies)
-
-
-@jitable
 def _compose(unit, memory, now, data, first, size):
     """What is to be taken off the next cycle's counts, and how well that is known.
 
@@ -594,9 +555,11 @@ def update_python(model, data):
     for b in range(model.blocks.size):
         block = model.blocks[b]
         unit, memory, first, size = model.units[b], data.memory[b], block["first"], block["size"]
-        here = slice(first, first + size)
         _follow(unit, memory, size, dt_s, slow_s, model.period_s)
-        _show_lies(memory["marks"], data.status[here], data.valid[here], size)
+        for j in range(size):
+            if memory["marks"][j] & LIES != 0:
+                data.status[first + j] |= ANOMALY
+                data.valid[first + j] = False
         _compose(unit, memory, data.bodies[block["body"]]["now"], data, first, size)
 
 

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.aligned import zeros
-from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from skin.decode.arrays import Results
 from skin.decode.functions import atan2
@@ -33,209 +32,101 @@ THETA_MOST_RAD = float(np.pi / np.sqrt(3.0))
 
 
 class CreepModel(NamedTuple):
-    """What does not change between cycles of the same length; components are those of all units
-    along x, then along y, then along z.
+    """What does not change between cycles of the same length: of j terms, of the three components
+    of each unit."""
 
-    Attributes
-    ----------
-    weight, faded, gained, spread : ndarray, shape (j, 3 n)
-        w_j; what fades of h_j in a step, what a change in it adds, and the variance of that.
-    step_gain : ndarray, shape (3 n,)
-        What a sudden change counts, 1 + sum of w_j m; so much more the noise of a reading does.
-    left2 : ndarray, shape (3 n,)
-        Variance of what the terms leave, over the square of the force that relaxes.
-    wants : skin.decode.plan.Wants
-    """
-
-    weight: np.ndarray
-    faded: np.ndarray
-    gained: np.ndarray
-    spread: np.ndarray
-    step_gain: np.ndarray
-    left2: np.ndarray
+    weight: np.ndarray  # (j, 3, n), w_j
+    faded: np.ndarray  # (j, 3, n), what fades of h_j in a step,
+    gained: np.ndarray  # what a change in it adds,
+    spread: np.ndarray  # and the variance of that
+    step_gain: np.ndarray  # (3, n), of a sudden change: 1 + sum of w_j m; as much of the noise
+    left2: np.ndarray  # (3, n), variance of what the terms leave, over the square of what relaxes
     wants: Wants
 
 
 class CreepData(NamedTuple):
-    """What changes between cycles.
+    """What changes between cycles."""
 
-    Attributes
-    ----------
-    elastic, total : ndarray, shape (RESULTS, n)
-        Results with elastic forces; written: the same with those that are borne.
-    last : ndarray, shape (3 n,)
-        F_e of the cycle before; NaN of a unit that was never heard.
-    h, h_variance : ndarray, shape (j, 3 n)
-        What is left of the changes before, and its variance.
-    force, over, variance, largest : ndarray, shape (3 n,)
-        Scratch: F_e, what is borne beyond it, the variance of that, and the largest square of what
-        relaxes.
+    elastic: np.ndarray  # (RESULTS, n), results with elastic forces
+    total: np.ndarray  # written: the same with those that are borne
+    last: np.ndarray  # (3, n), F_e of the cycle before; NaN of a unit that was never heard
+    h: np.ndarray  # (j, 3, n), what is left of the changes before,
+    h_variance: np.ndarray  # and its variance
+
+
+@jitable
+def remember(model, data, axis, i, force):
+    """Go on with the terms of one component; returns what is borne beyond the elastic force, and
+    its variance.
+
+    What fades is taken off: where that is little, 1 less it would be rounded.
     """
+    real, was = type(force), data.last[axis, i]
+    begins, step = np.isnan(was), force - was
+    over, variance, largest = real(0.0), real(0.0), force * force
+    for j in range(CREEP_TERMS):
+        weight, faded = model.weight[j, axis, i], model.faded[j, axis, i]
+        h, v = data.h[j, axis, i], data.h_variance[j, axis, i]
+        h += model.gained[j, axis, i] * step - faded * h
+        v += model.spread[j, axis, i] * (step * step) - faded * (real(2.0) - faded) * v
+        h = real(0.5) * force if begins else h
+        v = real(1 / 12) * (force * force) if begins else v
+        data.h[j, axis, i], data.h_variance[j, axis, i] = h, v
+        over += weight * h
+        variance += weight * weight * v
+        largest = max(largest, h * h)
+    data.last[axis, i] = force
+    return over, variance + model.left2[axis, i] * largest
 
-    elastic: np.ndarray
-    total: np.ndarray
-    last: np.ndarray
-    h: np.ndarray
-    h_variance: np.ndarray
-    force: np.ndarray
-    over: np.ndarray
-    variance: np.ndarray
-    largest: np.ndarray
+
+@jitable
+def turn(model, elastic, total, i):
+    """Size and direction of the tangential force of a unit, and their sigma: along the force of
+    noise, which is given along the elastic one, and of the rest; of the direction what that leaves
+    of both axes."""
+    x, y = total[FORCE, i], total[FORCE + 1, i]
+    real = type(x)
+    feeble, zero, one = real(FEEBLE_N), real(0.0), real(1.0)
+    size = np.sqrt(x * x + y * y)
+    total[TANGENTIAL, i] = size
+    if model.wants.theta is not None and size > feeble:
+        total[THETA, i] = atan2(y, x)
+    if model.wants.sigma is not None:
+        was_x, was_y, firm = elastic[FORCE, i], elastic[FORCE + 1, i], max(size, feeble)
+        noise_x = model.step_gain[0, i] * elastic[SIGMA + FORCE, i]
+        noise_y = model.step_gain[1, i] * elastic[SIGMA + FORCE + 1, i]
+        along = model.step_gain[0, i] * elastic[SIGMA + TANGENTIAL, i]
+        noise_x2, noise_y2, along2 = noise_x * noise_x, noise_y * noise_y, along * along
+        across2 = max(noise_x2 + noise_y2 - along2, zero)
+        was = np.sqrt(was_x * was_x + was_y * was_y)
+        aligned = (was_x * x + was_y * y) / (max(was, feeble) * firm)
+        share = (x / firm) * (x / firm)
+        x2, y2 = total[SIGMA + FORCE, i] ** 2, total[SIGMA + FORCE + 1, i] ** 2
+        along2 = across2 + min(aligned * aligned, one) * (along2 - across2)
+        along2 += share * max(x2 - noise_x2, zero) + (one - share) * max(y2 - noise_y2, zero)
+        total[SIGMA + TANGENTIAL, i] = np.sqrt(along2)
+        turned = np.sqrt(max(x2 + y2 - along2, zero)) / firm
+        total[SIGMA + THETA, i] = min(turned, real(THETA_MOST_RAD))
 
 
 def relax_python(model, data):
     """From elastic forces to those that are borne, with their sigma."""
-    elastic, total, force = data.elastic, data.total, data.force
-    units, normal = elastic.shape[1], elastic[FORCE + 2]
+    elastic, total = data.elastic, data.total
+    real = data.last.dtype.type
     for row in range(total.shape[0]):
-        for i in range(units):
+        for i in range(total.shape[1]):
             total[row, i] = elastic[row, i]
-    for axis in range(3):
-        wanted, at = elastic[FORCE + axis], axis * units
-        for i in range(units):
+    for i in range(total.shape[1]):
+        for axis in range(3):
+            force = elastic[FORCE + axis, i]
             # who has a normal force, and no other, is not touched
-            idle = np.isnan(wanted[i]) and not np.isnan(normal[i])
-            force[at + i] = 0.0 if idle else wanted[i]
-    start(force, data.over, data.variance, data.largest)
-    for j in range(CREEP_TERMS):
-        remember(
-            (model.weight[j], model.faded[j], model.gained[j], model.spread[j]),
-            (data.last, data.h[j], data.h_variance[j]),
-            force,
-            (data.over, data.variance, data.largest),
-        )
-    for i in range(force.size):
-        data.last[i] = force[i]
-    for axis in range(3):
-        add(total[FORCE + axis], data.over, axis * units)
-        if model.wants.sigma is not None:
-            sigma = total[SIGMA + FORCE + axis]
-            widen(sigma, model, data.variance, data.largest, axis * units)
-    turn(model, elastic, total)
-
-
-@jitable
-def start(force, over, variance, largest):
-    """Before the first term."""
-    assume_noalias()
-    for i in range(force.size):
-        over[i], variance[i], largest[i] = 0.0, 0.0, force[i] * force[i]
-
-
-@jitable
-def remember(term, memory, now, sums):
-    """Go on with one term, and add what it bears.
-
-    What fades is taken off: where that is little, 1 less it would be rounded.
-    """
-    assume_noalias()
-    weight, faded, gained, spread = term
-    last, h_of, variance_of = memory
-    over, variance, largest = sums
-    half, twelfth, two = weight.dtype.type(0.5), weight.dtype.type(1 / 12), weight.dtype.type(2.0)
-    for i in range(over.size):
-        force, was, f = now[i], last[i], faded[i]
-        begins = was != was  # noqa: PLR0124
-        step = force - was
-        h = h_of[i] - f * h_of[i] + gained[i] * step
-        v = variance_of[i] - f * (two - f) * variance_of[i] + spread[i] * (step * step)
-        h = half * force if begins else h
-        v = twelfth * (force * force) if begins else v
-        h_of[i], variance_of[i] = h, v
-        over[i] += weight[i] * h
-        variance[i] += weight[i] * weight[i] * v
-        square = h * h
-        largest[i] = square if square > largest[i] else largest[i]
-
-
-@jitable
-def add(force, over, first):
-    """Of the components from `first` on."""
-    assume_noalias()
-    for i in range(force.size):
-        force[i] += over[first + i]
-
-
-@jitable
-def widen(sigma, model, variance, largest, first):
-    """Noise counts more, and what is not known is added."""
-    assume_noalias()
-    step_gain, left2 = model.step_gain, model.left2
-    for i in range(sigma.size):
-        noise = step_gain[first + i] * sigma[i]
-        more = variance[first + i] + left2[first + i] * largest[first + i]
-        sigma[i] = np.sqrt(noise * noise + more)
-
-
-@jitable
-def turn(model, elastic, total):
-    """Size and direction of the tangential force, and their sigma."""
-    x, y, size = total[FORCE], total[FORCE + 1], total[TANGENTIAL]
-    size_of(x, y, size)
-    if model.wants.theta is not None:
-        direct(x, y, size, total[THETA])
-    if model.wants.sigma is not None:
-        way = elastic[FORCE], elastic[FORCE + 1], elastic[SIGMA + TANGENTIAL]
-        noise = elastic[SIGMA + FORCE], elastic[SIGMA + FORCE + 1], model.step_gain
-        sigma_x, sigma_y = total[SIGMA + FORCE], total[SIGMA + FORCE + 1]
-        along = total[SIGMA + TANGENTIAL]
-        lengthwise(way, noise, (x, y, size), (sigma_x, sigma_y), along)
-        across(sigma_x, sigma_y, along, size, total[SIGMA + THETA])
-
-
-@jitable
-def size_of(x, y, size):
-    """Size of the tangential force."""
-    assume_noalias()
-    for i in range(size.size):
-        size[i] = np.sqrt(x[i] * x[i] + y[i] * y[i])
-
-
-@jitable
-def direct(x, y, size, theta):
-    """Its direction, which stays as it is where there is no force."""
-    assume_noalias()
-    feeble = size.dtype.type(FEEBLE_N)
-    for i in range(size.size):
-        found = atan2(y[i], x[i])
-        theta[i] = found if size[i] > feeble else theta[i]
-
-
-@jitable
-def lengthwise(way, noise, force, sigma, along):
-    """Sigma along the force: of noise, which is given along the elastic one, and of the rest."""
-    assume_noalias()
-    elastic_x, elastic_y, elastic_along = way
-    noise_x, noise_y, step_gain = noise
-    (x, y, size), (sigma_x, sigma_y) = force, sigma
-    real = along.dtype.type
-    feeble, zero, one = real(FEEBLE_N), real(0.0), real(1.0)
-    for i in range(along.size):
-        firm, noisier2 = max(size[i], feeble), step_gain[i] * step_gain[i]
-        noise_x2 = noisier2 * (noise_x[i] * noise_x[i])
-        noise_y2 = noisier2 * (noise_y[i] * noise_y[i])
-        along2 = noisier2 * (elastic_along[i] * elastic_along[i])
-        across2 = max(noise_x2 + noise_y2 - along2, zero)
-        was = np.sqrt(elastic_x[i] * elastic_x[i] + elastic_y[i] * elastic_y[i])
-        aligned = elastic_x[i] * x[i] + elastic_y[i] * y[i]
-        aligned /= max(was, feeble) * firm
-        share = x[i] / firm
-        share *= share
-        more_x2 = max(sigma_x[i] * sigma_x[i] - noise_x2, zero)
-        more_y2 = max(sigma_y[i] * sigma_y[i] - noise_y2, zero)
-        total = across2 + min(aligned * aligned, one) * (along2 - across2)
-        along[i] = np.sqrt(total + share * more_x2 + (one - share) * more_y2)
-
-
-@jitable
-def across(sigma_x, sigma_y, along, size, theta_sigma):
-    """Sigma of the direction: what the sigma along it leaves of that of both axes."""
-    assume_noalias()
-    real = along.dtype.type
-    feeble, zero, most = real(FEEBLE_N), real(0.0), real(THETA_MOST_RAD)
-    for i in range(along.size):
-        rest = sigma_x[i] * sigma_x[i] + sigma_y[i] * sigma_y[i] - along[i] * along[i]
-        theta_sigma[i] = min(np.sqrt(max(rest, zero)) / max(size[i], feeble), most)
+            idle = np.isnan(force) and not np.isnan(elastic[FORCE + 2, i])
+            over, variance = remember(model, data, axis, i, real(0.0) if idle else force)
+            total[FORCE + axis, i] += over
+            if model.wants.sigma is not None:
+                noise = model.step_gain[axis, i] * total[SIGMA + FORCE + axis, i]
+                total[SIGMA + FORCE + axis, i] = np.sqrt(noise * noise + variance)
+        turn(model, elastic, total, i)
 
 
 relax = compiled(relax_python, fastmath={"contract"}, allocates=False)
@@ -266,23 +157,20 @@ class Creep:
         self.total = Results(n, real)
         self.total.flags, self.total.valid = elastic.flags, elastic.valid
         self.total.arrays = self.total.values, elastic.flags, elastic.valid
-        shape = (CREEP_TERMS, 3 * n)
         laws = ("shear", "shear", "normal")
-        weight = np.hstack([p[f"{law}_creep_relative"] for law in laws])
-        time_s = np.hstack([p[f"{law}_creep_s"] for law in laws])
+        weight = np.stack([p[f"{law}_creep_relative"] for law in laws], axis=1)
+        time_s = np.stack([p[f"{law}_creep_s"] for law in laws], axis=1)
         # a term without weight may have any time
         time_s = np.where(weight > 0.0, time_s, 1.0)
         self._periods = 1.0 / (topology.cycle_rate_hz * time_s)
-        left = np.hstack([p[f"{law}_creep_sigma_relative"] for law in laws])
-        faded, gained, spread, h, variance = zeros((5, *shape), real)
-        step_gain, last, *scratch = zeros((6, 3 * n), real)
+        left = np.stack([p[f"{law}_creep_sigma_relative"] for law in laws])
+        faded, gained, spread, h, variance = zeros((5, CREEP_TERMS, 3, n), real)
+        step_gain, last = zeros((2, 3, n), real)
         self._model = CreepModel(
             weight.astype(real), faded, gained, spread, step_gain, np.square(left).astype(real),
             wants,
         )  # fmt: skip
-        self._data = CreepData(
-            elastic.values, self.total.values, last, h, variance, *scratch
-        )  # fmt: skip
+        self._data = CreepData(elastic.values, self.total.values, last, h, variance)
         self.call = relax, self._model, self._data
         self.steps = 0.0
         self.reset()

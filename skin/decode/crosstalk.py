@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bus.compiled.aligned import zeros
-from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from skin.decode.density import sparse_enough
 from skin.decode.resting import share_shown, stray_ut2
@@ -70,131 +69,90 @@ class StrayData(NamedTuple):
     out: np.ndarray  # (5, n), written: the background with what the films add
     base: np.ndarray  # (5, n), background that the result begins with
     film_above_k: np.ndarray  # (n,) temperature of each film above that of its calibration
-    dx_mm: np.ndarray  # (n,) where each film is that counts: zero for those that do not
-    dy_mm: np.ndarray
-    depth_mm: np.ndarray
-    weight: np.ndarray  # its strength as warm as it is, in the unit of the stencil
     known: np.ndarray  # (n,) 1 for films that are usable and within the range, else 0
-    stale: np.ndarray  # (n,) uint8, 1 where `known` has changed
     residue_ut2: np.ndarray  # (n,) variance of an axis
     term: np.ndarray  # (1 + terms,), scratch
     sums: np.ndarray  # scratch, three axes of the units of the film that most are near to
 
 
 @jitable
-def find_films(model, data):
-    """Take over the displacements of the films that count, and begin the result.
+def add_field(film, weight, x, y, h, model, data):
+    """Add the field of a film, sum(c w dx^i dy^j H^k), at all units near it."""
+    out, term, sums, parent = data.out, data.term, data.sums, model.parent
+    first, last = model.film_start[film], model.film_start[film + 1]
+    term[0], moved, coefficients = weight, (x, y, h), model.coefficients
+    lanes, at = 3 * (last - first), model.place[film]
+    for i in range(lanes):
+        sums[i] = 0.0
+    for k in range(parent.size):
+        term[1 + k] = value = term[parent[k]] * moved[model.factor[k]]
+        for i in range(lanes):
+            # unsigned: numba adds the length to an index that may be negative, which no vector of
+            # neighbours can
+            sums[i] += value * coefficients[np.uintp(at + i)]
+        at += lanes
+    for p in range(first, last):
+        for axis in range(3):
+            out[FIELD + axis, model.receiver[p]] += sums[3 * (p - first) + axis]
+
+
+@jitable
+def add_film(film, warmer, model, data):
+    """Add the field of a film if it counts; returns whether `known` has changed.
 
     A film whose depth is known, but whose dx or dy is NaN, counts as not displaced: it has not been
-    looked at since nothing touches it. The field of neighbours at rest changes with their
-    temperature, taken to be that of the unit's own film.
-
-    Returns
-    -------
-    moved, changed : bool
-        Whether any film counts; whether `known` has changed of any.
+    looked at since nothing touches it.
     """
-    assume_noalias()
-    known, above, base, out = data.known, data.film_above_k, data.base, data.out
-    real = out.dtype.type
-    nothing, one = real(0.0), real(1.0)
+    real = data.out.dtype.type
+    moved, nothing = data.displacement_mm, real(0.0)
+    x, y, h = moved[0, film], moved[1, film], moved[2, film]
+    if np.isnan(x) or np.isnan(y):
+        x, y = nothing, nothing
+    is_known = data.usable[film] and np.isfinite(x + y + h)
     far, highest = real(model.displacement_max_mm), real(model.depth_min_mm)
-    deepest, idle_depth = real(model.depth_max_mm), real(model.idle_depth_mm)
-    idle_pull, idle_square = real(model.idle_pull_mm), real(model.idle_displacement_mm2)
-    n = data.usable.size
-    moved = changed = np.int32(0)  # as wide as a float32, or vectors would be half as long
-    for i in range(n):
-        x, y, h = data.displacement_mm[0, i], data.displacement_mm[1, i], data.displacement_mm[2, i]
-        looked = (x == x) & (y == y)  # noqa: PLR0124 - NaN: not looked at
-        x = x if looked else nothing
-        y = y if looked else nothing
-        # NaN and infinity times zero are not zero
-        finite = data.usable[i] & ((x + y + h) * nothing == nothing)
-        away = (h > idle_depth) | (h < -idle_pull) | (x * x + y * y > idle_square)
-        counts = finite & away
-        # NaN: a unit that has not been heard of
-        warmer = above[i] if above[i] == above[i] else nothing
-        gain = one + model.drift_per_k[i] * warmer
-        data.dx_mm[i] = min(max(x, -far), far) if counts else nothing
-        data.dy_mm[i] = min(max(y, -far), far) if counts else nothing
-        data.depth_mm[i] = min(max(h, highest), deepest) if counts else nothing
-        data.weight[i] = model.strength[i] * gain if counts else nothing
-        within = (max(abs(x), abs(y)) <= far) & (h >= highest) & (h <= deepest)
-        now = one if finite & within else nothing
-        other = known[i] != now
-        known[i] = now
-        data.stale[i] = other
-        moved = np.int32(moved | np.int32(counts))
-        changed = np.int32(changed | np.int32(other))
-    for axis in range(3):
-        for i in range(n):
-            warmer = above[i] if above[i] == above[i] else nothing
-            more = model.rest_ut[axis, i] * (model.drift_per_k[i] * warmer)
-            out[FIELD + axis, i] = base[FIELD + axis, i] + more
-    for i in range(n):
-        out[FREQUENCY, i] = base[FREQUENCY, i]
-    for i in range(n):
-        out[VARIANCE, i] = base[VARIANCE, i] + data.residue_ut2[i]
-    return moved != 0, changed != 0
-
-
-@jitable
-def add_fields(model, data):
-    """Add the fields of the films that count, sum(c w dx^i dy^j H^k), film by film."""
-    out, term, sums, parent = data.out, data.term, data.sums, model.parent
-    coefficients = model.coefficients
-    for film in range(data.weight.size):
-        weight, first, last = data.weight[film], model.film_start[film], model.film_start[film + 1]
-        if weight == 0.0 or first == last:
-            continue
-        moved = data.dx_mm[film], data.dy_mm[film], data.depth_mm[film]
-        term[0] = weight
-        for k in range(parent.size):
-            term[1 + k] = term[parent[k]] * moved[model.factor[k]]
-        lanes = 3 * (last - first)
-        for i in range(lanes):
-            sums[i] = 0.0
-        at = model.place[film]
-        for k in range(parent.size):
-            value = term[1 + k]
-            for i in range(lanes):
-                # unsigned: numba adds the length to an index that may be negative, which no vector
-                # of neighbours can
-                sums[i] += value * coefficients[np.uintp(at + i)]
-            at += lanes
-        for p in range(first, last):
-            for axis in range(3):
-                out[FIELD + axis, model.receiver[p]] += sums[3 * (p - first) + axis]
-
-
-@jitable
-def add_unknown(model, data):
-    """Add up the variances of what is not known, of the units near a film that is stale."""
-    one = data.known.dtype.type(1.0)
-    for film in range(data.stale.size):
-        if data.stale[film]:
-            for p in range(model.film_start[film], model.film_start[film + 1]):
-                i = model.receiver[p]
-                total = model.always_ut2[i]
-                for q in range(model.unit_start[i], model.unit_start[i + 1]):
-                    total += model.prior_ut2[q] * (one - data.known[model.neighbour[q]])
-                data.residue_ut2[i] = total
-                data.out[VARIANCE, i] = data.base[VARIANCE, i] + total
+    deepest = real(model.depth_max_mm)
+    away = h > model.idle_depth_mm or h < -model.idle_pull_mm
+    if is_known and (away or x * x + y * y > model.idle_displacement_mm2):
+        weight = model.strength[film] * (real(1.0) + model.drift_per_k[film] * warmer)
+        add_field(film, weight, min(max(x, -far), far), min(max(y, -far), far),
+                  min(max(h, highest), deepest), model, data)  # fmt: skip
+    is_within = max(abs(x), abs(y)) <= far and highest <= h <= deepest
+    now, was = real(1.0) if is_known and is_within else nothing, data.known[film]
+    data.known[film] = now
+    return now != was
 
 
 def add_stray_python(model, data):
     """Add the fields of neighbours' films to a background.
+
+    The field of neighbours at rest changes with their temperature, taken to be that of the unit's
+    own film.
 
     Parameters
     ----------
     model : StrayModel
     data : StrayData
     """
-    moved, changed = find_films(model, data)
-    if changed:
-        add_unknown(model, data)
-    if moved:
-        add_fields(model, data)
+    base, out, above, n = data.base, data.out, data.film_above_k, data.usable.size
+    real = out.dtype.type
+    for i in range(n):
+        # NaN: a unit that has not been heard of
+        warmer = real(0.0) if np.isnan(above[i]) else above[i]
+        out[FREQUENCY, i] = base[FREQUENCY, i]
+        for axis in range(3):
+            more = model.rest_ut[axis, i] * (model.drift_per_k[i] * warmer)
+            out[FIELD + axis, i] = base[FIELD + axis, i] + more
+    changed = False
+    for film in range(n):
+        warmer = real(0.0) if np.isnan(above[film]) else above[film]
+        changed |= add_film(film, warmer, model, data)
+    for i in range(n):
+        if changed:
+            data.residue_ut2[i] = model.always_ut2[i]
+            for p in range(model.unit_start[i], model.unit_start[i + 1]):
+                unknown = real(1.0) - data.known[model.neighbour[p]]
+                data.residue_ut2[i] += model.prior_ut2[p] * unknown
+        out[VARIANCE, i] = base[VARIANCE, i] + data.residue_ut2[i]
 
 
 add_stray = compiled(add_stray_python, fastmath={"contract"}, allocates=False)
@@ -404,10 +362,8 @@ def _data_of(model: StrayModel, real: np.dtype) -> StrayData:
     """Buffers; what a prediction reads and writes is zero."""
     n = model.strength.size
     most = 3 * int(np.diff(model.film_start).max(initial=0))
-    above, dx, dy, depth, weight = (zeros(n, real) for _ in range(5))
     return StrayData(
         zeros((3, n), real), np.zeros(n, bool), zeros((5, n), real), zeros((5, n), real),
-        above, dx, dy, depth, weight, known=np.ones(n, real), stale=np.zeros(n, np.uint8),
-        residue_ut2=model.always_ut2.copy(), term=zeros(1 + model.parent.size, real),
-        sums=zeros(most, real),
+        zeros(n, real), known=np.ones(n, real), residue_ut2=model.always_ut2.copy(),
+        term=zeros(1 + model.parent.size, real), sums=zeros(most, real),
     )  # fmt: skip

@@ -191,6 +191,14 @@ class Decoder:
         return self._reading
 
     @property
+    def force_per_ut(self) -> np.ndarray:
+        """How the tangential forces of the last cycle follow the fields, N/µT, unit frame; shape
+        (6, n), the three of x first. On an array that stays the same; with `ambient`, or where
+        fields are wanted, and sigmas."""
+        first = records.FORCE_PER_UT
+        return self._out.values[first : first + 6]
+
+    @property
     def estimator(self) -> str:
         """Inversion of the tangential field."""
         return self.plan.estimator

@@ -4,9 +4,10 @@ Units are decoded in blocks of `LANES`, a block after the other: each stage is a
 of the block, in which all laws of the stage are computed and each result goes to its own row. There
 are few stages, for what is computed stays in registers; but none in which a unit takes so many
 instructions in a row that the processor cannot look ahead to the next one. The records stand in
-`records`, the stages and their laws in `temperature`, `field` and `tangential`; flags by counts
-here. The type of the coefficients, float32 or float64, is the type of all arithmetic; what is not
-wanted is None, so that the compiler leaves it out.
+`records`, fields and forces in `tangential`; flags by counts and temperatures here. The gel's
+temperature follows from its current; the film, and a chip whose temperature is not on the wire,
+follow the gel with a lag of first order. The type of the coefficients, float32 or float64, is the
+type of all arithmetic; what is not wanted is None, so that the compiler leaves it out.
 """
 
 from __future__ import annotations
@@ -17,17 +18,26 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
-from skin.decode.field import check_fields
-from skin.decode.functions import read, rows_of, write
-from skin.decode.tangential import decode_unloaded, hide, invert_units, show_units
-from skin.decode.temperature import decode_temperatures
+from skin.decode.functions import log2, read, rows_of, write
+from skin.decode.tangential import (
+    EXTRAPOLATION,
+    check_fields,
+    decode_unloaded,
+    hide,
+    invert_units,
+    show_units,
+)
 
 from skin.decode.records import (  # isort: skip
-    BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, INVALID, LANES, OUT_OF_RANGE, SATURATED,
-    SILENT, UNKNOWN,
+    BX, BY, BZ, CHIP, EXTRAPOLATED, FILM_ABOVE, FLAGS, FREQUENCY, GEL, INVALID, LANES, OUT_OF_RANGE,
+    SATURATED, SIGMA, SILENT, TEMPERATURE, UNKNOWN,
 )  # fmt: skip
 
 __all__ = ["DecodeData", "decode", "decode_python"]
+
+
+CURRENT_MIN = 1e-6
+"""Bound of the gel current over its value at 20 °C."""
 
 
 class DecodeData(NamedTuple):
@@ -67,68 +77,104 @@ class DecodeData(NamedTuple):
 
 
 @jitable
-def outside(count, limits, j):
+def outside(count, ends, j):
     """Whether a count is outside a range: one comparison modulo 2^16."""
-    return (int(count) - int(limits["low"][j])) & 0xFFFF > int(limits["width"][j]) & 0xFFFF
-
-
-@jitable
-def judge(status, counts, limits, j):
-    """Flags of a unit from its counts alone, before anything is clamped."""
-    gel, frequency = read(counts, GEL, j), read(counts, FREQUENCY, j)
-    bx, by, bz = read(counts, BX, j), read(counts, BY, j), read(counts, BZ, j)
-    chip = read(counts, CHIP, j)
-    railed = (
-        outside(gel, limits["rail_gel"], j)
-        | outside(frequency, limits["rail_frequency"], j)
-        | outside(bx, limits["rail_bx"], j)
-        | outside(by, limits["rail_by"], j)
-        | outside(bz, limits["rail_bz"], j)
-        | outside(chip, limits["rail_chip"], j)
-    )
-    impossible = (
-        outside(gel, limits["possible_gel"], j)
-        | outside(frequency, limits["possible_frequency"], j)
-        | outside(chip, limits["possible_chip"], j)
-    )
-    uncalibrated = outside(gel, limits["calibrated_gel"], j) | outside(
-        frequency, limits["calibrated_frequency"], j
-    )
-    known = int(status) | int(limits["status"][j])
-    found = (
-        (SATURATED if railed else 0)
-        | (OUT_OF_RANGE if impossible else 0)
-        | (EXTRAPOLATED if uncalibrated else 0)
-    )
-    return (known if known & SILENT else known | found) & FLAGS
+    return (int(count) - int(ends[0, j])) & 0xFFFF > int(ends[1, j]) & 0xFFFF
 
 
 @jitable
 def find_flags(counts, status, limits, size, flag):
-    """Flags of the units of a block by their counts or from the bus; all of them in one.
+    """Flags of the units of a block from their counts alone, before anything is clamped, or from
+    the bus; all of them in one."""
+    assume_noalias()
+    all_found = np.int16(0)
+    for j in range(min(size, LANES)):
+        gel, frequency = read(counts, GEL, j), read(counts, FREQUENCY, j)
+        chip = read(counts, CHIP, j)
+        railed = (
+            outside(gel, limits["rail_gel"], j)
+            | outside(frequency, limits["rail_frequency"], j)
+            | outside(read(counts, BX, j), limits["rail_bx"], j)
+            | outside(read(counts, BY, j), limits["rail_by"], j)
+            | outside(read(counts, BZ, j), limits["rail_bz"], j)
+            | outside(chip, limits["rail_chip"], j)
+        )
+        impossible = (
+            outside(gel, limits["possible_gel"], j)
+            | outside(frequency, limits["possible_frequency"], j)
+            | outside(chip, limits["possible_chip"], j)
+        )
+        uncalibrated = outside(gel, limits["calibrated_gel"], j) | outside(
+            frequency, limits["calibrated_frequency"], j
+        )
+        known = int(status[j]) | int(limits["status"][j])
+        found = (
+            (SATURATED if railed else 0)
+            | (OUT_OF_RANGE if impossible else 0)
+            | (EXTRAPOLATED if uncalibrated else 0)
+        )
+        flag[j] = np.int16((known if known & SILENT else known | found) & FLAGS)
+        all_found = np.int16(all_found | flag[j])
+    return all_found
 
-    Most blocks have none, which takes fewer limits to see than which flags each unit has.
+
+@jitable
+def gel_law(gel, unit, j):
+    """Gel temperature from the logarithm of its current (`topology.gel`), and its current."""
+    real = type(gel)
+    current = max(unit["gel_scale"][j] * gel + unit["gel_offset"][j], real(CURRENT_MIN))
+    octaves, power = log2(current), unit["gel_octaves"]
+    rise = (power[2, j] * octaves + power[1, j]) * octaves + power[0, j]
+    return real(20.0) + rise * octaves, current
+
+
+@jitable
+def gel_sigma(t, current, unit, j):
+    """One-sigma of the gel's temperature."""
+    real = type(t)
+    step, power = unit["gel_step"][j] / current, unit["gel_rate"]
+    above = t - real(20.0)
+    rate = (power[2, j] * above + power[1, j]) * above + power[0, j]
+    over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
+    noise2 = rate * rate * (unit["gel_noise"][j] + step * step)
+    sigma = np.sqrt(unit["gel_variance"][j] + noise2)
+    return sigma + real(EXTRAPOLATION) * max(over, real(0.0))
+
+
+@jitable
+def decode_temperatures(wants, unit, counts, size, state, tile, flag, advance):
+    """Temperatures of a block's units, and of film and chip above their references.
+
+    A unit that is INVALID leaves no trace in the state; without `advance` the state is already that
+    of this cycle.
     """
     assume_noalias()
-    size = min(size, LANES)
-    doubt = found = np.int16(0)
-    for j in range(size):
-        unusual = (
-            outside(read(counts, GEL, j), limits["usual_gel"], j)
-            | outside(read(counts, FREQUENCY, j), limits["usual_frequency"], j)
-            | outside(read(counts, BX, j), limits["usual_bx"], 0)
-            | outside(read(counts, BY, j), limits["usual_by"], 0)
-            | outside(read(counts, BZ, j), limits["usual_bz"], 0)
-            | outside(read(counts, CHIP, j), limits["usual_chip"], 0)
-        )
-        known = np.int16(status[j]) | limits["status"][j]
-        doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
-        flag[j] = np.int16(0)
-    if doubt != 0:
-        for j in range(size):
-            flag[j] = np.int16(judge(status[j], counts, limits, j))
-            found = np.int16(found | flag[j])
-    return found
+    real, out = unit["gel_scale"].dtype.type, tile["result"]
+    for j in range(min(size, LANES)):
+        keep = flag[j] & INVALID == 0
+        now = advance | (not keep)
+        t, current = gel_law(real(read(counts, GEL, j)), unit, j)
+        last = state["last_temperature"][j]
+        # NaN: no cycle before this one
+        step = last - t if last == last else real(0.0)  # noqa: PLR0124
+        state["last_temperature"][j] = t if keep & now else last
+        was = state["film_lag"][j]
+        film_lag = unit["film_keep"][j] * (was + step) if now else was
+        state["film_lag"][j] = film_lag if keep else was
+        film_above = (t - unit["film_reference"][j]) + film_lag
+        chip_count = real(read(counts, CHIP, j))
+        chip_above = unit["chip_scale"][j] * chip_count + unit["chip_offset"][j]
+        if wants.chip is not None:
+            was = state["chip_lag"][j]
+            chip_lag = unit["chip_keep"][j] * (was + step) if now else was
+            state["chip_lag"][j] = chip_lag if keep else was
+            chip_above += unit["chip_follows"][j] * (t + chip_lag)
+        tile["film_above"][j] = film_above
+        tile["chip_above"][j] = chip_above
+        out[TEMPERATURE, j] = t
+        out[FILM_ABOVE, j] = film_above
+        if wants.sigma is not None:
+            out[SIGMA + TEMPERATURE, j] = gel_sigma(t, current, unit, j)
 
 
 @jitable

@@ -27,7 +27,7 @@ STEP_SIGMA = 12.0**-0.5
 Range = tuple[np.ndarray, np.ndarray]
 
 
-def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray | dict[str, np.ndarray]]:
+def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray]:
     """Values of the record `LIMITS` of each unit; `vertical` whether Bz is used at all."""
     p = topology.parameters
     low, high = p["temperature_min_c"], p["temperature_max_c"]
@@ -54,25 +54,9 @@ def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray | dict
     note = np.where(topology.calibrated, 0, k.UNCALIBRATED)
     note += np.where(topology.tared, 0, k.UNTARED)
     note[status != 0] = 0
-    never_usual = np.zeros(topology.n, bool)
-    for name in k.CHANNEL_NAMES:
-        kinds = [f"{kind}_{name}" for kind in ("rail", "possible", "calibrated")]
-        ends = [ranges[kind] for kind in kinds if kind in ranges]
-        low = np.max([each[0] for each in ends], axis=0)
-        high = np.min([each[1] for each in ends], axis=0)
-        if name not in ("gel", "frequency"):
-            low, high = np.full_like(low, low.max()), np.full_like(high, high.min())
-        never_usual |= low > high
-        ranges[f"usual_{name}"] = low, np.maximum(low, high)
-    status[never_usual] += k.UNUSUAL
     return {"status": status, "note": note} | {
-        name: _from_ends(*ends) for name, ends in ranges.items()
+        name: np.stack([low, high - low]).astype(np.int64) for name, (low, high) in ranges.items()
     }
-
-
-def _from_ends(low: np.ndarray, high: np.ndarray) -> dict[str, np.ndarray]:
-    """Values of the record `RANGE`."""
-    return {"low": low.astype(np.int64), "width": (high - low).astype(np.int64)}
 
 
 def _currents(topology: Topology, *temperatures: np.ndarray) -> list[np.ndarray]:

@@ -13,11 +13,11 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from skin.decode import records as k
 from skin.decode.arrays import check
-from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, calibrated_drop_hz, frequency_sigma_hz, limits_of
 from skin.decode.plan import Plan, Wants
 from skin.decode.resting import axial_at_rest
+from skin.decode.tangential import GAIN_MIN
 from skin.decode.uncertainty import Neighbours, uncertainty
 from skin.errors import CalibrationError
 from skin.physics.force_law import normal_law_mm, shear_law, stacked
@@ -25,8 +25,6 @@ from topology import THETA_KNOTS, Topology
 from topology.gel import gel_octaves, gel_share
 
 __all__ = ["DecodeModel", "field_angle_ends", "model_of", "refuse_impossible"]
-
-Values = Mapping[str, "np.ndarray | Values"]
 
 TURN_MAX_RAD = 1.0
 """Largest correction of a direction [derived]: the kernel's sine and cosine hold this far."""
@@ -110,10 +108,10 @@ def model_of(
     )
 
 
-def _blocks(values: Values, record: np.dtype) -> np.ndarray:
+def _blocks(values: Mapping[str, np.ndarray], record: np.dtype) -> np.ndarray:
     """Values of units, shape (n,) or (rows, n) each, as records, one for every `LANES` units; the
     last one is filled up with the last unit. A single one where all units are alike."""
-    each = _cast(values, record)
+    each = {name: np.asarray(values[name]).astype(record[name].base) for name in record.names or ()}
     n = max(value.shape[-1] for value in each.values())
     alike = all(
         ((value == value[..., :1]) | (np.isnan(value) & np.isnan(value[..., :1]))).all()
@@ -122,25 +120,10 @@ def _blocks(values: Values, record: np.dtype) -> np.ndarray:
     units = np.arange(k.LANES if alike else -(-n // k.LANES) * k.LANES)
     units = np.zeros_like(units) if alike else np.minimum(units, n - 1)
     out = zeros(units.size // k.LANES, record)
-    for path, value in each.items():
-        here, name = out, path[-1]
-        for step in path[:-1]:
-            here = here[step]
+    for name, value in each.items():
         lanes = value[..., units].reshape(*value.shape[:-1], -1, k.LANES)
-        here[name] = np.moveaxis(lanes, -2, 0)
+        out[name] = np.moveaxis(lanes, -2, 0)
     return out
-
-
-def _cast(values: Values, record: np.dtype) -> dict[tuple[str, ...], np.ndarray]:
-    """Values by the path that leads to them in a record, in their type there."""
-    found = {}
-    for name in record.names or ():
-        kind, value = record[name], values[name]
-        if isinstance(value, Mapping):
-            found |= {(name, *path): part for path, part in _cast(value, kind).items()}
-        else:
-            found[name,] = np.asarray(value).astype(kind.base)
-    return found
 
 
 def _temperature(topology: Topology) -> dict[str, np.ndarray]:

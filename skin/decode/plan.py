@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.decode.records import FILM_ABOVE, ROWS, SIGMA
+from skin.decode.records import FILM_ABOVE, FORCE_PER_UT, ROWS, SIGMA
 from skin.errors import OptionError, check_flag
 from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS
@@ -164,6 +164,8 @@ class Plan:
         if self.sweeps or self.ambient:
             names |= {"displacement"}
         found = {FILM_ABOVE} if self.sweeps else set[int]()
+        if None not in (self.wants.shear, self.wants.field, self.wants.sigma):
+            found.update(range(FORCE_PER_UT, FORCE_PER_UT + 6))
         for name, (first, count) in ROWS.items():
             if name in names or (self.ambient and name in ("field", "temperature")):
                 known = self.wants.sigma is not None and first < SIGMA

@@ -37,23 +37,17 @@ INVALID = int(status.INVALID)
 UNCALIBRATED, UNTARED = int(Status.UNCALIBRATED), int(Status.UNTARED)
 FLAGS = sum(map(int, Status)) & ~UNCALIBRATED & ~UNTARED
 """Those that differ from cycle to cycle."""
-UNUSUAL = 1 << 14
-"""In the status of `LIMITS`: no counts are usual."""
 
 # -- what does not change between cycles -----------------------------------------------------------
-RANGE = np.dtype([("low", np.int16, (LANES,)), ("width", np.int16, (LANES,))])
-"""Counts from `low` on; the width is modulo 2^16."""
-
+RANGE = np.int16, (2, LANES)
+"""First count, and how many more, modulo 2^16."""
 LIMITS = np.dtype([
     ("status", np.int16, (LANES,)),  # before a count has come: DISABLED, NOT_F3T
     ("note", np.uint16, (LANES,)),  # in any case: UNCALIBRATED, UNTARED
-    # that raise no flag: the unit's own of gel and frequency, those of all units of the others, of
-    # which one lane is read
-    *((f"usual_{name}", RANGE) for name in CHANNEL_NAMES),
-    *((f"rail_{name}", RANGE) for name in CHANNEL_NAMES),  # off the rails
-    *((f"possible_{name}", RANGE) for name in ("gel", "frequency", "chip")),  # of a working unit
-    *((f"calibrated_{name}", RANGE) for name in ("gel", "frequency")),
-    ("idle_frequency", RANGE),  # without load
+    *((f"rail_{name}", *RANGE) for name in CHANNEL_NAMES),  # off the rails
+    *((f"possible_{name}", *RANGE) for name in ("gel", "frequency", "chip")),  # of a working unit
+    *((f"calibrated_{name}", *RANGE) for name in ("gel", "frequency")),
+    ("idle_frequency", *RANGE),  # without load
 ])  # fmt: skip
 """Ranges of counts."""
 
@@ -107,19 +101,19 @@ ABOVE = ("film_above", "chip_above")
 
 INTERMEDIATES = (
     "x", "y", "z", "strength", "gain", "radius", "along", "each", "variance", "beyond",
-    "depth", "push", "depth_sigma", "push_sigma",
+    "depth", "push", "depth_sigma", "push_sigma", "turn",
 )  # fmt: skip
 """Field with the chip's gain, and S, µT; gain of chip and film, with `sine` 1 / M0 over it; R and
 its sigma; 1 / S; variance of the field; how far its miss is beyond what it may be, relative,
-squared; depth and normal force."""
+squared; depth and normal force; `skin.decode.field.Inverted.turn`."""
 
 # -- what is decoded -------------------------------------------------------------------------------
 TEMPERATURE, FORCE, TANGENTIAL, THETA, DISPLACEMENT = 0, 1, 4, 5, 6
 """First rows of the results; the third of force and displacement is normal."""
 SIGMA = 9
 """Rows from each of them to its one-sigma."""
-FIELD, TEST_RATIO, FILM_ABOVE = 18, 21, 22
-RESULTS = 23
+FIELD, TEST_RATIO, FORCE_PER_UT, FILM_ABOVE = 18, 21, 22, 28
+RESULTS = 29
 """Rows of all results."""
 ROWS = {
     "temperature": (TEMPERATURE, 1), "force": (FORCE, 3), "tangential": (TANGENTIAL, 1),

@@ -12,7 +12,6 @@ No force is clipped at zero: a pull continues the first line.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,7 +22,7 @@ from bus.compiled.jit import jitable
 
 __all__ = [
     "STIFFNESSES", "TERMS", "Law", "at", "energy", "force", "in_series", "inverse",
-    "normal_law", "normal_law_mm", "rescaled", "scaled", "secant", "shear_law", "slope", "stacked",
+    "normal_law", "normal_law_mm", "rescaled", "scaled", "shear_law", "slope", "stacked",
     "stiffening",
 ]  # fmt: skip
 
@@ -104,19 +103,6 @@ def scaled(law, factor):
     """The law of forces that are so many times as large."""
     soft, knee, stiffer, cubic = law
     return factor * soft, knee, factor * stiffer, factor * cubic
-
-
-@jitable
-def secant(square, law):
-    """Force over displacement at a vector of this squared length, and how much the slope along the
-    vector is above that; across it the slope is the secant."""
-    soft, knee, stiffer, cubic = law
-    bent = square > knee * knee
-    size = math.sqrt(square) if bent else 1.0
-    beyond, lines = size - knee, stiffer * knee / size
-    curve = cubic * beyond * beyond / size
-    across, steeper = soft + (stiffer - lines) + curve * beyond, lines + curve * (2.0 * size + knee)
-    return (across, steeper) if bent else (soft, 0.0)
 
 
 @jitable

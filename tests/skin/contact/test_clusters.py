@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.cluster import join, take_readings
+from skin.contact.identity import join, take_readings
 from skin.contact.model import contact_data, contact_model, neighbour_graph, no_readings
 from skin.contact.record import UnitKind
 

@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 import tests.naive.contact as naive
-from skin.contact.model import neighbour_graph
+from skin.contact.model import Common, neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.stream import ContactStream
-from skin.contact.unseen import Common
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.contact_stream import with_gate
 
@@ -66,13 +65,11 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
     half = rng.normal(0.0, 12.0, (bodies, 3, 3))
     covariance = half @ half.transpose(0, 2, 1)
     body = np.arange(n) * bodies // n
-    law = np.array([0.5, 0.8, 2.0, 0.0])[:, np.newaxis]
-    laws = {"body": body, "axes": np.moveaxis(rotation, 2, 0), "shear": law, "gain_offset": 1.0}
     true = drag * np.array([[np.cos(0.7)], [np.sin(0.7)]]) * rng.uniform(0.7, 1.0, n)
     true_force = np.vstack([shear_of(field_of(true))[1], np.full((1, n), 2.0)])
-    field, moved, force, sigma = (np.zeros((3, n)) for _ in range(4))
-    residue = np.zeros(n)
-    common = Common(laws, rest_ut**2, covariance, field, moved, residue)
+    moved, force, sigma = (np.zeros((3, n)) for _ in range(3))
+    residue, per_ut = np.zeros(n), np.zeros((6, n))
+    common = Common(body, np.moveaxis(rotation, 2, 0), rest_ut**2, covariance, per_ut, residue)
     stream = stream_of(position, rotation)
     stream.bind(force, sigma, moved, np.full((3, n), 0.01), common=common)
     told, _ = naive.wrench(range(n), true_force, sigma, position, rotation, np.zeros(3))
@@ -84,7 +81,7 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
         at_units[2] += np.einsum(
             "an,na->n", rotation[:, 2], rng.normal(0, rest_ut, (bodies, 3))[body]
         )
-        field[:] = field_of(true) + at_units
+        field = field_of(true) + at_units
         moved[:2], force[:2] = shear_of(field)
         force[2] = 2.0
         # what the decoder has in sigma, by differences: the mean variance of both lateral axes,
@@ -95,6 +92,7 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
         residue += rest_ut**2 * (square[0] + square[1]) / square.sum(axis=0)
         slopes = [(shear_of(field + step * np.eye(3)[:, [a]])[1] - force[:2]) / step
                   for a in range(3)]  # fmt: skip
+        per_ut[:] = np.swapaxes(slopes, 0, 1).reshape(6, n)
         own = noise**2 + residue * np.square(slopes[:2]).sum(axis=0)
         force += noise * rng.standard_normal((3, n))
         sigma[:2], sigma[2] = np.sqrt(own), noise

@@ -11,6 +11,7 @@ from tests.fixtures.decode import (
     posed,
     row_of,
     sensible_counts,
+    stiffening,
     strokes,
     with_parameters,
 )
@@ -46,6 +47,27 @@ def test_an_off_centre_film_is_decoded_as_the_model_says(estimator):
     turned = np.angle(np.exp(1j * (found.theta - naive["theta"])))
     assert np.abs(turned).max() < 1e-6
     np.testing.assert_array_equal(found.status, naive["status"])
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_the_tangential_force_follows_the_field_as_by_differences(estimator):
+    skin = off_centre(stiffening(calibrated(row_of(UNITS), seed=1)))
+    counts, step = sensible_counts(skin, 1, most=0.9)[0], 1e-3
+    expected = np.empty((2, 3, UNITS))
+    for axis in range(3):
+        by = np.zeros((4, UNITS))
+        by[1 + axis] = step
+        more, less = (everything(skin, estimator)(counts, background=way * by) for way in (-1, 1))
+        expected[:, axis] = (more.force[:2] - less.force[:2]) / (2.0 * step)
+    decoder = everything(skin, estimator)
+    decoder(counts)
+    found = decoder.force_per_ut.reshape(2, 3, UNITS)
+    turn = np.array([[skin.parameters[f"field_{row}{column}"] for column in "xy"] for row in "xy"])
+    np.testing.assert_allclose(
+        np.einsum("abn,bcn->acn", found[:, :2], turn), expected[:, :2], rtol=1e-4, atol=1e-9
+    )
+    np.testing.assert_allclose(found[:, 2], expected[:, 2], rtol=1e-4, atol=1e-9)
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

@@ -234,7 +234,7 @@ def test_tangential_sigmas_are_those_of_the_turned_ellipse():
         along2 = bare.tangential_sigma[i] ** 2
         across2 = (bare.force_sigma[:2, i] ** 2).sum() - along2
         turn = np.array([[x, -y], [y, x]])
-        gain2 = decoder.creep._model.step_gain[i] ** 2
+        gain2 = decoder.creep._model.step_gain[0, i] ** 2
         own = gain2 * turn @ np.diag([along2, across2]) @ turn.T
         more = reading.force_sigma[:2, i] ** 2 - np.diag(own)
         whole = own + np.diag(more)

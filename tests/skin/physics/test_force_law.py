@@ -69,23 +69,6 @@ def test_a_compliance_in_series_adds_what_it_yields_and_a_factor_scales_the_forc
     np.testing.assert_allclose(found, factor * pushed(x, *law), rtol=1e-11, atol=1e-11)
 
 
-@given(law=laws, x=st.floats(0.01, 10.0), angle=st.floats(-3.0, 3.0))
-def test_secant_and_slope_are_the_jacobian_of_a_vector(law, x, angle):
-    if abs(x - law[1]) < 1e-4:
-        return
-
-    def push(way):
-        length = np.hypot(*way)
-        return pushed(length, *law) / length * way
-
-    along = np.array([np.cos(angle), np.sin(angle)])
-    secant, steeper = force_law.secant(x * x, law)
-    expected = np.stack([(push(x * along + d) - push(x * along - d)) / 2e-6
-                         for d in 1e-6 * np.eye(2)], axis=1)  # fmt: skip
-    found = secant * np.eye(2) + steeper * np.outer(along, along)
-    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
-
-
 def all_python(x, laws, out):
     for i in range(x.size):
         law = force_law.at(laws, i)
