@@ -39,7 +39,7 @@ MANY_ARGUMENTS: dict[str, Callable[[Definition], bool]] = {
         (relative(d.file), d.name)
         in (
             ("skin/opening.py", "open"),
-            ("skin/io/publish/publisher.py", "ros"),
+            ("skin/io/publish/__init__.py", "ros"),
             ("skin/sim/grasping/world.py", "grasp"),
         )
     ),
