@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import errno
 import os
+import struct
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,6 +43,8 @@ SPARE_FRAMES = 8
 FED, PART = 0, 4
 """Further events than those of `Ending`, as in ``f3t_msgs/msg/CanFrames``: so many frames, and so
 many of a batch that continues with the next event."""
+PACK = [struct.Struct(f"<{3 + 2 * count}q").pack_into for count in range(EVENTS + 1)]
+"""Write the counts of a slot and so many events."""
 
 
 def slot_dtype(topology: Topology, contacts: int) -> np.dtype[Any]:
@@ -105,8 +108,10 @@ class Recorder(WorkerSink):
         most = min(RING_S * topology.cycle_rate_hz, RING_BYTES / dtype.itemsize)
         self._ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
         self._writer = RecordWriter(self._ring.records, pipeline, transports)
+        places: Any = dtype.fields
+        self._counts_at, self._frames_at = places["has_state"][1], places["frames"][1]
         self._room = dtype["frames"].shape[0]
-        self._events: list[tuple[int, int]] = []  # since the last slot, with values; their frames
+        self._events: list[int] = []  # since the last slot, each with its value, and their frames
         self._frames: list[bytes] = []
         self._count = 0
         self.lost_frames = 0
@@ -150,8 +155,8 @@ class Recorder(WorkerSink):
         self._hand_over(state)
 
     def _add(self, event: int, value: int) -> None:
-        self._events.append((event, value))
-        if len(self._events) == EVENTS:
+        self._events += (event, value)
+        if len(self._events) == 2 * EVENTS:
             self._hand_over()
 
     def _hand_over(self, state: State | None = None) -> None:
@@ -163,17 +168,16 @@ class Recorder(WorkerSink):
             self.lost += state is not None
             self.lost_frames += count
         else:
-            own = self._writer.fields
+            writer = self._writer
+            memory, first = writer.bytes, writer.size * at
             if state is not None:
-                self._writer.state(at, state, self.lost, self.lost_frames)
-            self._writer.poses(at)
-            own["has_state"][at] = state is not None
-            own["event_count"][at], own["frame_count"][at] = len(events), count
-            if events:
-                own["events"][at, : len(events)] = events
+                writer.state(at, state, self.lost, self.lost_frames)
             if count:
-                data = np.frombuffer(b"".join(self._frames), np.uint8)
-                own["frames"][at, :count] = data.reshape(count, -1)
+                data = b"".join(self._frames)
+                memory[first + self._frames_at : first + self._frames_at + len(data)] = data
+            writer.poses(at)
+            PACK[len(events) // 2](memory, first + self._counts_at, state is not None,
+                                   len(events) // 2, count, *events)  # fmt: skip
             self._ring.publish()
         self._events, self._frames, self._count = [], [], 0
 
