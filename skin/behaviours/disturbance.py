@@ -23,6 +23,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import betaln
 
 from skin.behaviours.pads import PadLoads, Pads
 from skin.contact.record import SlipState
@@ -32,7 +33,7 @@ from topology import Topology
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
 
-__all__ = ["Disturbance", "Rest"]
+__all__ = ["Disturbance", "Rest", "beta_log"]
 
 LEARN_S, ANCHOR_S, REST_S = 0.2, 0.06, 1.0
 """Duration of learning the first rest, without reports [derived: noise of its mean is a seventh];
@@ -58,6 +59,8 @@ HELD_N = 0.6
 OFF = 0.1
 """Distance of a grasp from where it was, over the lever, for which the rest is learned again
 [assumed: a force is a tenth of it as torque; the centre of one cycle is 1 mm off]."""
+EDGE = 0.005
+"""Fractions are kept this far from 0 and 1: noise resolves no less [assumed]."""
 UNKNOWN = 1e12
 """Doubt before the first cycle."""
 
@@ -357,3 +360,9 @@ def _centre(loads: PadLoads) -> np.ndarray:
     weight = np.where(np.isfinite(loads.centre_m[0]), np.maximum(loads.load_n, 0.0), 0.0)
     total = weight.sum()
     return np.nan_to_num(loads.centre_m) @ weight / (total if total > 0.0 else math.nan)
+
+
+def beta_log(share: float, a: np.ndarray | float, b: np.ndarray | float) -> np.ndarray:
+    """Logarithm of beta densities of a fraction, which is kept off 0 and 1."""
+    kept = min(max(share, EDGE), 1.0 - EDGE)
+    return (a - 1.0) * math.log(kept) + (b - 1.0) * math.log(1.0 - kept) - betaln(a, b)

@@ -14,10 +14,10 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betaln, log_ndtr
+from scipy.special import log_ndtr
 
 from skin.behaviours import KEPT, Decision
-from skin.behaviours.disturbance import Disturbance
+from skin.behaviours.disturbance import Disturbance, beta_log
 from skin.behaviours.pads import unit_vector
 from skin.state import State
 from topology import Topology
@@ -28,8 +28,6 @@ LOOK_S = 0.02
 """Interval at which the confidence is computed during a gesture [assumed]."""
 CONFIDENCE = 0.95
 """Confidence at which a gesture is reported before it has ended [assumed]."""
-EDGE = 0.005
-"""Fractions are kept this far from 0 and 1: noise resolves no less [assumed]."""
 UNKNOWN_RAD = math.pi / math.sqrt(3.0)
 """One-sigma of an angle of which nothing is known [derived]."""
 AWAY = 0.38
@@ -252,8 +250,7 @@ def _log_odds(kinds: list[Kind], seen: Disturbance) -> np.ndarray:
     shares = {"normal": along / force, "moment": moment / (force + moment), "moved": seen.moved}
     for name, share in shares.items():
         a, b = np.array([getattr(kind, name) for kind in kinds]).T
-        kept = min(max(share, EDGE), 1.0 - EDGE)
-        logs += (a - 1.0) * math.log(kept) + (b - 1.0) * math.log(1.0 - kept) - betaln(a, b)
+        logs += beta_log(share, a, b)
     return logs
 
 

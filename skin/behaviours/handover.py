@@ -21,10 +21,10 @@ from enum import StrEnum
 from itertools import takewhile
 
 import numpy as np
-from scipy.special import betaln, log_ndtr
+from scipy.special import log_ndtr
 
 from skin.behaviours import KEPT, Decision
-from skin.behaviours.disturbance import Disturbance
+from skin.behaviours.disturbance import Disturbance, beta_log
 from skin.behaviours.pads import unit_vector
 from skin.errors import check_number
 from skin.state import State
@@ -60,8 +60,6 @@ CONFIDENCE = 0.995
 delay [assumed]."""
 LEAST_N = 0.35
 """Smallest weight that can be handed over [assumed: five sigma of two pads]."""
-EDGE = 0.005
-"""A fraction is kept this far from 0 and 1 [assumed]."""
 
 
 class Phase(StrEnum):
@@ -220,9 +218,7 @@ class Handover:
         total = float(self._lift.sum())
         if self._lift.size != 2 or total <= 0.0:
             return 0.0
-        share = min(max(float(self._lift[0]) / total, EDGE), 1.0 - EDGE)
-        a, b = AGREE
-        return float((a - 1.0) * math.log(share) + (b - 1.0) * math.log(1.0 - share) - betaln(a, b))
+        return float(beta_log(float(self._lift[0]) / total, *AGREE))
 
 
 def _even_log(value: float, low: float, high: float, sigma: float) -> float:

@@ -16,8 +16,8 @@ from skin.cividis import cividis
 from skin.state import INVALID, Status
 
 __all__ = [
-    "INVALID_COLOUR", "OFF_COLOUR", "QUANTITIES", "Quantity", "Scale", "colours", "is_on",
-    "rendered", "valid",
+    "INVALID_COLOUR", "OFF_COLOUR", "QUANTITIES", "Quantity", "Scale", "colours", "is_bad",
+    "is_on", "rendered", "valid",
 ]  # fmt: skip
 
 INVALID_COLOUR = (120, 220, 240)
@@ -48,6 +48,11 @@ def is_on(status: np.ndarray) -> np.ndarray:
     """Units that are enabled in the topology, shape (n,), bool."""
     on: np.ndarray = status & int(Status.DISABLED) == 0
     return on
+
+
+def is_bad(status: np.ndarray) -> np.ndarray:
+    """Units that are enabled and not valid, shape (n,), bool."""
+    return is_on(status) & (status & int(INVALID) != 0)
 
 
 QUANTITIES = {

@@ -13,7 +13,7 @@ from bus.cycle import WRONG_FRAMES
 from bus.state import BusState
 from skin.io.messages.record import BUS_STATES, COUNTERS
 from skin.state import INVALID, Status
-from skin.view.colour import is_on
+from skin.view.colour import is_bad, is_on
 from topology import Topology
 
 __all__ = ["Health", "flagged", "table_html"]
@@ -54,7 +54,7 @@ def flagged(
     [('b', 'late, stale')]
     """
     found = []
-    for i in np.flatnonzero((status & int(INVALID) != 0) & is_on(status)).tolist():
+    for i in np.flatnonzero(is_bad(status)).tolist():
         flags = Status(int(status[i])) & INVALID
         why = [str(flag.name).lower() for flag in flags]
         if test_ratio is not None and np.isfinite(test_ratio[i]):
@@ -141,7 +141,7 @@ class Health:
         """Patches without a valid unit, and the number of invalid units of others."""
         on, count = is_on(status), len(self._patch_names)
         of_patch = np.bincount(self._patch[on], minlength=count)
-        bad = np.bincount(self._patch[on & (status & int(INVALID) != 0)], minlength=count)
+        bad = np.bincount(self._patch[is_bad(status)], minlength=count)
         blind = (of_patch > 0) & (bad == of_patch)
         names = [self._patch_names[at] for at in np.flatnonzero(blind).tolist()]
         return names, int(bad[~blind].sum())
@@ -163,7 +163,7 @@ class Health:
 
     def rows(self, record: np.void) -> list[tuple[str, str]]:
         """Name and text of each line, for a snapshot."""
-        on, bad = is_on(record["status"]), record["status"] & int(INVALID) != 0
+        on, bad = is_on(record["status"]), is_bad(record["status"])
         counters = dict(zip(COUNTERS, record["counters"].tolist(), strict=True))
         losses = [f"{name} {counters[name]}" for name in WRONG_FRAMES if counters[name]]
         cycles, frames = self.rates_hz()

@@ -12,10 +12,11 @@ from typing import TextIO
 import numpy as np
 
 from bus.cycle import WRONG_FRAMES
-from skin.state import INVALID, State, if_wanted
-from skin.view.colour import is_on
+from skin.state import State, if_wanted
+from skin.view.colour import is_bad, is_on
 from skin.view.drawing import contact_label
 from skin.view.health import flagged
+from skin.view.picture import plane
 from topology import Topology
 
 __all__ = ["LiveTable", "unit_map"]
@@ -52,8 +53,7 @@ def unit_map(topology: Topology, width: int = 64) -> tuple[np.ndarray, tuple[int
     """
     from scipy.spatial import KDTree
 
-    spread = np.ptp(topology.position, axis=1)
-    x, y = topology.position[np.sort(np.argsort(-spread, kind="stable")[:2])]
+    x, y = topology.position[plane(topology)]
     places = topology.position.T
     pitch = KDTree(places).query(places, k=2)[0][:, 1].min() if topology.n > 1 else 1.0
     column = np.rint((x - x.min()) / pitch).astype(int)
@@ -112,7 +112,7 @@ class LiveTable:
         """The map: a shade for a load, `!` for an invalid unit, nothing where no unit is on."""
         cells = np.full(self._shape, "  ", object)
         on, force = is_on(state.units.status), if_wanted(state.units, "force")
-        bad = (state.units.status & int(INVALID) != 0) & on
+        bad = is_bad(state.units.status)
         load = np.zeros(on.size) if force is None else np.where(bad, 0.0, force[2])
         level = np.nan_to_num(load / FULL_SCALE_N).clip(0.0, 1.0)
         shades = np.rint(level * (len(SHADES) - 1)).astype(int).tolist()

@@ -126,23 +126,18 @@ class Recorder(WorkerSink):
         """Record frames, shape (m,), FRAME_DTYPE, also those that the pipeline will refuse."""
         if (frames.dtype is not FRAME_DTYPE and frames.dtype != FRAME_DTYPE) or frames.ndim != 1:
             return
-        count = frames.size
-        if count + self._count > self._room:
-            count = self._put_parts(frames)
-            frames = frames[frames.size - count :]
-        self._frames.append(frames.tobytes())
-        self._count += count
-        self._add(FED, count)
-
-    def _put_parts(self, frames: np.ndarray) -> int:
-        """Record all but the last of more frames than a slot has room for; how many are left."""
-        self._hand_over()
+        if frames.size + self._count > self._room:
+            self._hand_over()
         while frames.size > self._room:
             part, frames = frames[: self._room], frames[self._room :]
-            self._frames, self._count = [part.tobytes()], part.size
-            self._add(PART, part.size)
+            self._take(PART, part)
             self._hand_over()
-        return frames.size
+        self._take(FED, frames)
+
+    def _take(self, event: int, frames: np.ndarray) -> None:
+        self._frames.append(frames.tobytes())
+        self._count += frames.size
+        self._add(event, frames.size)
 
     def closing(self, event: Ending, elapsed_ns: int) -> None:
         """See `Sink.closing`."""

@@ -16,7 +16,7 @@ from bus.assemble import Assembler
 from bus.logs import read_all
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.io.export.lerobot import Dataset, Frame
-from skin.io.export.lerobot_files import _statistics, _together
+from skin.io.export.lerobot_files import statistics, together
 from skin.io.export.provenance import calibration_hashes
 from skin.options import Options
 
@@ -161,11 +161,11 @@ def test_statistics_are_those_of_all_frames(folder):
 
 
 def test_statistics_leave_out_what_is_not_finite_and_add_up():
-    found = _statistics(np.array([[1.0, np.nan], [np.nan, np.nan], [3.0, np.nan]]), False)
+    found = statistics(np.array([[1.0, np.nan], [np.nan, np.nan], [3.0, np.nan]]), False)
     assert (found["mean"].tolist(), found["min"].tolist()) == ([2.0, 0.0], [1.0, 0.0])
     assert (found["q50"].tolist(), found["count"].tolist()) == ([2.0, 0.0], [3])
     values = np.random.default_rng(2).normal(0.0, 1.0, (90, 3)) + np.arange(90)[:, np.newaxis]
-    told = _together([_statistics(part, False) for part in np.split(values, [20, 50])])
+    told = together([statistics(part, False) for part in np.split(values, [20, 50])])
     np.testing.assert_allclose(told["mean"], values.mean(axis=0))
     np.testing.assert_allclose(told["std"], values.std(axis=0))
     np.testing.assert_array_equal(told["max"], values.max(axis=0))

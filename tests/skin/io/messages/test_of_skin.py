@@ -18,6 +18,7 @@ from bus.faults import script as kinds
 from bus.state import BusState
 from skin import sinks
 from skin.contact.record import CONTACT
+from skin.io import publish
 from skin.io.messages.definitions import MESSAGES, type_of
 from skin.io.messages.of_skin import SkinMessages
 from skin.io.messages.record import (
@@ -27,7 +28,7 @@ from skin.io.messages.record import (
     described,
     record_dtype,
 )
-from skin.io.publish import process, publisher
+from skin.io.publish import process
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.state import Status
@@ -71,11 +72,11 @@ def run(tmp_path_factory):
     ends = [FaultyTransport(end, script, topology=loaded) for end in nodes.in_process()]
     patch = pytest.MonkeyPatch()
     patch.setattr(process, "Participant", Heard)
-    patch.setattr(publisher, "require", lambda *_: None)
+    patch.setattr(publish, "require", lambda *_: None)
     states = []
     with over(loaded, ends, record=file, deadline_s=0.001, pace=False) as strip:
         patch.setattr(sinks, "Worker", InProcess)
-        node = publisher.ros(strip, rate_hz=None)
+        node = publish.ros(strip, rate_hz=None)
         for state in itertools.islice(strip, CYCLES):
             states.append(state)
             if len(states) in MOVED:

@@ -384,7 +384,7 @@ def test_topics_stay_within_this_machine_unless_told_otherwise(
     monkeypatch.delenv("CYCLONEDDS_URI")
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr("skin.io.publish.publisher.Publisher.start", started)
+    monkeypatch.setattr("skin.io.publish.Publisher.start", started)
     with pytest.raises(SkinError, match="enough"):
         ros(palm, network=network)
     assert asked == [local]

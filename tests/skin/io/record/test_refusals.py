@@ -192,14 +192,17 @@ def test_other_options_give_other_states_which_are_not_compared(file):
 @pytest.mark.long
 def test_files_that_cannot_be_recorded_to_are_refused_and_kept(file, tmp_path, capsys):
     before = file.read_bytes()
-    for path, expected in (
-        (file, "must be a new file; got one that is there already"),
-        (tmp_path / "none" / "run.mcap", f"must be in a folder that exists; got '{tmp_path}/none'"),
+    far = tmp_path / "none" / "run.mcap"
+    is_new = "must be a new file; got one that is there already"
+    needs_folder = "must be in a folder that exists; got"
+    for path, expected, of_command in (
+        (file, f"{file}: {is_new}", f"{file}: {is_new}"),
+        (far, f"{far}: {needs_folder} '{far.parent}'", f"--record: {needs_folder} '{far}'"),
     ):
-        with pytest.raises(SkinError, match=re.escape(f"{path}: {expected}")):
+        with pytest.raises(SkinError, match=re.escape(expected)):
             skin.open("strip", simulate=True, record=path)
         assert main(["run", "strip", "--simulate", "--record", str(path)]) == 2
-        assert capsys.readouterr().err == f"{path}: {expected}\n"
+        assert capsys.readouterr().err == f"{of_command}\n"
     assert file.read_bytes() == before
 
 
