@@ -121,7 +121,7 @@ def test_arrays_of_a_topology_cannot_be_written_and_survive_pickling():
         assert not array.flags.writeable  # and kernels compiled for read-only arrays fit
 
 
-def test_unit_index_finds_a_unit_and_names_the_nearest():
+def test_an_index_finds_a_unit_and_names_the_nearest():
     palm = load("palm")
     assert palm.unit_names[palm.index("palm/r3c4")] == "palm/r3c4"
     with pytest.raises(UnknownNameError, match="nearest: 'palm/r3c4'"):
