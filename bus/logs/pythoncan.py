@@ -163,7 +163,7 @@ def _write_rows(path: Path, out: BinaryIO) -> None:
         Whatever a library raises on a damaged file; what comes before it is written.
     """
     rows, frames, count = np.zeros(_ROWS, ROW), np.zeros(_ROWS, FRAME_DTYPE), 0
-    view = memoryview(frames.view(np.uint8))
+    view = memoryview(frames.view(np.uint8).data)
     is_asc = ".asc" in path.name.lower()[-len(".asc.gz") :]  # python-can counts its channels from 0
     try:
         for message in _messages(path):

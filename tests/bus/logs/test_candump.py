@@ -51,6 +51,7 @@ EXAMPLE = b"""\
 (9223372035.999999999) can0 12345678##f\x20
 """
 
+
 def of_bytes(text, tmp_path, **options):
     """Read a log, and how it ended."""
     path = tmp_path / "some.log"
