@@ -5,16 +5,14 @@ the force. What the face bears elastically, F_e, follows from its displacement b
 laws, or is what a decoder without terms shows. Fitted is ``F = g (F_e + sum_j w_j h_j)``. The gain
 g belongs to the elastic law: it is 1 where that was measured on faces that were held for long.
 
-The times of the terms are fixed, a decade apart: exponentials of times that are fitted as well
-overlap, and data determine them badly. Each weight has a prior: that of a soft silicone, which
-relaxes by some per cent in a decade of time. What holds do not determine stays with it, and is in
-sigma; where terms predict no better than none, there is none.
+Terms overlap, so that data alone would determine them badly. Each has a prior: that of a soft
+silicone, which relaxes by some per cent in a decade of time. What holds do not determine stays with
+it, and is in sigma; where terms predict no better than none, there is none.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,8 +35,8 @@ from topology import CREEP_TERMS
 __all__ = ["CreepFit", "fit_creep", "unrelaxed"]
 
 TIMES_S = (0.1, 100.0)
-"""Between these lie the times of the terms, evenly as decades go [assumed]: faster ones are over
-before anybody looks, slower ones are drift."""
+"""Between these terms lie evenly, as decades go [assumed]: faster ones are over before anybody
+looks, slower ones are drift."""
 WEIGHT = 0.04
 """Of a term, and one sigma of it [assumed: silicones relax by 2 to 8 % in a decade]."""
 GAIN_SIGMA = 0.1
@@ -51,8 +49,12 @@ taken for a ramp, so that what is over by the next one looks like a part of the 
 MOVED = 5.0
 """Sigmas of the noise, by more than which a face that moves does so from sample to sample."""
 SAMPLES_LEAST = 30
+LONGEST = 500.0
+"""Of a stretch of time over that of a term: its exponentials must be numbers [numeric]."""
 MIDDLES_S = np.geomspace(*TIMES_S, 2 * CREEP_TERMS + 1)[1::2]
-NAMES = [f"weight {k}" for k in range(CREEP_TERMS)]
+DECADE = np.log(TIMES_S[1] / TIMES_S[0]) / CREEP_TERMS
+LOGS = np.log(MIDDLES_S).tolist()
+NAMES = [f"{what} {k}" for what in ("weight", "log_s") for k in range(CREEP_TERMS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,55 +127,45 @@ def fit_creep(
     check_choice("law", law, ("normal", "shear"))
     data = _checked(time_s, elastic_n, force_n, sigma_n, run)
     resolved = MIDDLES_S >= SAMPLES_A_TERM * data.between_s()
-    gain = {"gain": (1.0, GAIN_SIGMA)}
-    terms = gain | dict.fromkeys(NAMES, (WEIGHT, WEIGHT))
+    prior = {"gain": (1.0, GAIN_SIGMA)} | dict.fromkeys(NAMES[:CREEP_TERMS], (WEIGHT, WEIGHT))
+    prior |= {
+        name: (mean, 0.5 * DECADE) for name, mean in zip(NAMES[CREEP_TERMS:], LOGS, strict=True)
+    }
 
     def residual(at: dict[str, Any]) -> np.ndarray:
-        borne = data.elastic + _weights(at, resolved) @ data.memory
-        return (data.force - at["gain"] * borne) / data.sigma
+        return data.missed(at if len(at) == 1 else _tied(at, resolved)) / data.sigma
 
     def fitted(has_terms: bool, chosen: np.ndarray) -> Fit:
-        return fit_law(lambda at: [residual(at)[chosen]], terms if has_terms else gain)
+        known = prior if has_terms else {"gain": prior["gain"]}
+        return fit_law(lambda at: [residual(at)[chosen]], known)
 
     folds = np.cumsum(data.begins) - 1
     if folds[-1] < FOLDS - 1:
         folds = folds_of(folds.size)
 
     def error(has_terms: bool, training: np.ndarray) -> np.ndarray:
-        at = _by_name(fitted(has_terms, training))
+        fit = fitted(has_terms, training)
+        at = dict(zip(fit.names, fit.values.tolist(), strict=True))
         return np.minimum(residual(at)[~training] ** 2, 9.0)
 
     has_terms, scores = cross_validated((False, True), folds, error)
     every = np.ones(folds.size, bool)
     whole = fitted(True, every)
-    weights = _weights(_by_name(whole), resolved)
-    taken = whole = replace(whole, values=np.array([whole["gain"], *weights]))
+    values = _tied(dict(zip(whole.names, whole.values.tolist(), strict=True)), resolved)
+    taken = whole = replace(whole, values=np.array(list(values.values())))
     # from a step on, what is unknown of its relaxation, and how large that is
-    bears = _relaxing(_by_name(whole))
-    unknown2 = whole.unknown(_relaxing) ** 2
-    if not has_terms or rms(bears - whole["gain"]) ** 2 < unknown2:
+    unknown2, relaxes = whole.unknown(_relaxing) ** 2, _relaxing(values) - values["gain"]
+    if not has_terms or rms(relaxes) ** 2 < unknown2:
         taken = fitted(False, every)
-        unknown2 += rms(bears - taken["gain"]) ** 2
-    left_n = data.sigma * residual(_by_name(taken))
+        unknown2 += rms(_relaxing(values) - taken["gain"]) ** 2
+    left_n = data.sigma * residual(dict(zip(taken.names, taken.values.tolist(), strict=True)))
     unknown2 += data.share2(left_n)
-    determined = whole.of(NAMES).left <= KEPT
+    determined = whole.of(NAMES[:CREEP_TERMS]).left <= KEPT
     return CreepFit(
         _parameters(taken, law, float(np.sqrt(unknown2)), folds.size), taken["gain"],
         float(taken.sigma[taken.names.index("gain")]), tuple(determined.tolist()),
         tuple((data.sigma * np.sqrt(scores.mean(axis=1))).tolist()), rms(left_n),
     )  # fmt: skip
-
-
-def _by_name(fit: Fit) -> dict[str, Any]:
-    return dict(zip(fit.names, fit.values.tolist(), strict=True))
-
-
-def _weights(at: dict[str, Any], resolved: np.ndarray) -> np.ndarray:
-    """Weights of the terms, zeros of a gain alone. Materials relax alike from decade to decade:
-    terms that the samples do not resolve weigh as much as the others on average."""
-    weights = np.array([at.get(name, 0.0) for name in NAMES])
-    mean = weights[resolved].mean() if resolved.any() else 0.0
-    return np.where(resolved, weights, mean)
 
 
 class _Data(NamedTuple):
@@ -183,8 +175,16 @@ class _Data(NamedTuple):
     elastic: np.ndarray
     force: np.ndarray
     begins: np.ndarray
-    memory: np.ndarray
     sigma: float
+
+    def missed(self, at: dict[str, Any]) -> np.ndarray:
+        """Residual of the force, N, of a gain and terms, or of a gain alone."""
+        borne = self.elastic
+        if len(at) > 1:
+            weights, log_s = np.array([at[name] for name in NAMES]).reshape(2, -1)
+            starts = np.flatnonzero(self.begins)
+            borne = borne + weights @ _memory(self.time_s, borne, np.exp(log_s), starts)
+        return self.force - at["gain"] * borne
 
     def _interval_s(self) -> np.ndarray:
         return np.where(self.begins, np.nan, np.diff(self.time_s, prepend=np.nan))
@@ -227,8 +227,14 @@ def _checked(
     if not 1.0 / GAIN_MOST < gain < GAIN_MOST:
         raise ScanError(f"force_n: must be 0.5 to 2 times elastic_n; got {gain:.3g} times (another "
                         "unit, axis, sign or scale)")  # fmt: skip
-    memory, noise_n = _memory(time, elastic, begins), max(noise_of(force), noise_of(elastic))
-    return _Data(time, elastic, force, begins, memory, max(sigma_n, noise_n))
+    return _Data(time, elastic, force, begins, max(sigma_n, noise_of(force), noise_of(elastic)))
+
+
+def _tied(at: dict[str, Any], resolved: np.ndarray) -> dict[str, Any]:
+    """Materials relax alike from decade to decade: terms that the samples do not resolve weigh as
+    much as the others on average."""
+    mean = sum(at[NAMES[k]] for k in np.flatnonzero(resolved)) / max(resolved.sum(), 1)
+    return at | {NAMES[k]: mean for k in np.flatnonzero(~resolved)}
 
 
 def unrelaxed(fit: CreepFit, time_s: np.ndarray, elastic_n: np.ndarray) -> np.ndarray:
@@ -242,37 +248,55 @@ def unrelaxed(fit: CreepFit, time_s: np.ndarray, elastic_n: np.ndarray) -> np.nd
     elastic_n : ndarray, shape (t,)
         As of `fit_creep`; the face has rested before.
     """
-    begins = np.arange(len(time_s)) == 0
-    return fit.gain * fit.weights @ _memory(time_s, elastic_n, begins)
+    times_s = np.maximum(fit.fit.values[CREEP_TERMS : 2 * CREEP_TERMS], 1e-3)
+    return fit.gain * fit.weights @ _memory(time_s, elastic_n, times_s, np.zeros(1, int))
 
 
-def _memory(time_s: np.ndarray, elastic_n: np.ndarray, begins: np.ndarray) -> np.ndarray:
+def _memory(
+    time_s: np.ndarray, elastic_n: np.ndarray, times_s: np.ndarray, starts: np.ndarray
+) -> np.ndarray:
     """h_j of each sample, shape (j, t): what fades of the steps before, by a ramp from sample to
-    sample, ``h = sum over steps d of m d exp(-age / time_j)``; zero where a run begins."""
-    step = np.where(begins, 0.0, np.diff(elastic_n, prepend=0.0))
-    interval_s = np.where(begins, np.inf, np.diff(time_s, prepend=0.0))
-    lag = np.maximum(interval_s / MIDDLES_S[:, np.newaxis], 1e-12)
-    kept, gained = np.exp(-lag), -np.expm1(-lag) / lag * step
-    rows = [zip(*row, strict=True) for row in zip(kept.tolist(), gained.tolist(), strict=True)]
-    return np.array([list(accumulate(row, lambda h, at: at[0] * h + at[1], initial=0.0))[1:]
-                     for row in rows])  # fmt: skip
+    sample, ``h = sum over steps d of m d exp(-age / times_s)``; zero where a run begins."""
+    out = np.zeros((times_s.size, time_s.size))
+    for first, end in zip(starts, np.append(starts[1:], time_s.size), strict=True):
+        at, step = time_s[first:end], np.diff(elastic_n[first:end], prepend=elastic_n[first])
+        for j, lag_s in enumerate(times_s):
+            lag = np.maximum(np.diff(at, prepend=at[0]) / lag_s, 1e-12)
+            gained, h = -np.expm1(-lag) / lag * step, 0.0
+            # cumulative sums of what has faded by the end of a stretch
+            stretch = np.floor((at - at[0]) / (LONGEST * lag_s)).astype(int)
+            for part in np.split(np.arange(at.size), np.flatnonzero(np.diff(stretch)) + 1):
+                age = (at[part] - at[part[0]]) / lag_s
+                before = h * np.exp(-lag[part[0]])
+                out[j, first + part] = np.exp(-age) * (
+                    before + np.cumsum(gained[part] * np.exp(age))
+                )
+                h = out[j, first + part[-1]]
+    return out
 
 
 def _relaxing(at: dict[str, Any]) -> np.ndarray:
     """What a step of 1 bears from 0.1 to 100 s after it, shape (31,)."""
-    fading = np.exp(-np.geomspace(*TIMES_S, 31)[:, np.newaxis] / MIDDLES_S)
-    return at["gain"] * (1.0 + fading @ [at[name] for name in NAMES])
+    at_s = np.geomspace(*TIMES_S, 31)
+    fading = sum(at[f"weight {k}"] * np.exp(-at_s / np.exp(at[f"log_s {k}"]))
+                 for k in range(CREEP_TERMS))  # fmt: skip
+    return at["gain"] * (1.0 + fading)
 
 
 def _parameters(fit: Fit, law: str, unknown: float, samples: int) -> Fit:
-    """Terms as parameters of a unit; zeros where there is none."""
+    """Terms by their times as parameters of a unit; zeros where there is none."""
     names = [f"{law}_creep_{what}[{k}]" for what in ("relative", "s") for k in range(CREEP_TERMS)]
     count, values = 2 * CREEP_TERMS, np.zeros(2 * CREEP_TERMS + 1)
     covariance = np.zeros((count + 1, count + 1))
     if len(fit.names) > 1:
         terms = fit.of(NAMES)
-        values[:count] = *np.maximum(terms.values, 0.0), *MIDDLES_S
-        covariance[:CREEP_TERMS, :CREEP_TERMS] = terms.covariance
+        order = np.argsort(terms.values[CREEP_TERMS:])
+        order = np.append(order, CREEP_TERMS + order)
+        values[:count] = terms.values[order]
+        values[:CREEP_TERMS] = np.maximum(values[:CREEP_TERMS], 0.0)
+        values[CREEP_TERMS:count] = np.exp(values[CREEP_TERMS:count])
+        scale = np.append(np.ones(CREEP_TERMS), values[CREEP_TERMS:count])
+        covariance[:count, :count] = terms.covariance[np.ix_(order, order)] * np.outer(scale, scale)
     values[-1], covariance[-1, -1] = unknown, unknown**2 / (2.0 * samples)
     return Fit((*names, f"{law}_creep_sigma_relative"), values, covariance,
                np.zeros(count + 1), fit.rms, samples)  # fmt: skip

@@ -67,22 +67,32 @@ def modulus(material, time_s):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["terms", "stretched"])
-def test_a_relaxation_is_followed_within_the_sigma_that_is_given(kind):
-    """Errors from 0.1 s to 100 s after a step, of terms at other times and of another form."""
-    at = np.geomspace(0.1, 100.0, 31)
-    if kind == "terms":
-        material = Prony((1,), WEIGHTS, TIMES_S)
+def test_terms_of_the_same_form_are_found_within_their_sigma():
+    squares = []
+    for seed in range(3):
+        fit = fit_creep(*recording(Prony((1,), WEIGHTS, TIMES_S), 40.0, seed=seed))
+        assert fit.determined == (True, True, True)
+        true = np.concatenate([WEIGHTS, TIMES_S])
+        squares.append(((fit.fit.values[:6] - true) / fit.fit.sigma[:6]) ** 2)
+        assert fit.gain == pytest.approx(1.0, abs=4.0 * fit.gain_sigma)
+        at = np.geomspace(0.1, 100.0, 30)
         expected = 1.0 + WEIGHTS @ np.exp(-at / TIMES_S[:, None])
-    else:
-        material = Stretched(1, seed=3)
-        expected = modulus(material, at)
+        assert np.abs(relaxed(fit, at) - expected).max() < 0.01
+    # 18 squares of a normal distribution have a mean of 1 ± 0.33; drivers have some noise, too
+    assert np.mean(squares) < 3.0
+
+
+@pytest.mark.long
+def test_a_stretched_exponential_is_followed_within_the_sigma_that_is_told():
+    """Errors from 0.1 s to 100 s after a step, over what is told of them; and few are large."""
+    material = Stretched(1, seed=3)
     fit = fit_creep(*recording(material, 60.0))
-    sigma = fit.fit["normal_creep_sigma_relative"]
-    assert fit.determined == (True, True, True)
-    assert np.sqrt(np.mean((relaxed(fit, at) - expected) ** 2)) < 2.0 * sigma
-    assert sigma < 0.02
-    # and terms predict what was left out better than none does
+    at = np.geomspace(0.1, 100.0, 31)
+    off = relaxed(fit, at) - modulus(material, at)
+    told = fit.fit["normal_creep_sigma_relative"]
+    assert np.sqrt(np.mean(off**2)) < 2.0 * told
+    assert told < 0.02
+    # and more terms predict what was left out better than none does
     assert fit.scores[-1] < 0.9 * fit.scores[0]
 
 
@@ -95,12 +105,17 @@ def test_without_relaxation_there_is_no_term():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("hold_s", [2.0, 5.0, 24.0])
-def test_what_short_holds_leave_unknown_is_in_sigma(hold_s):
-    fit = fit_creep(*recording(Prony((1,), WEIGHTS, TIMES_S), hold_s, 50.0))
-    at = np.geomspace(0.1, 100.0, 31)
-    off = relaxed(fit, at) - (1.0 + WEIGHTS @ np.exp(-at / TIMES_S[:, None]))
-    assert np.sqrt(np.mean(off**2)) < 2.0 * fit.fit["normal_creep_sigma_relative"]
+def test_holds_that_are_shorter_than_a_term_leave_it_in_sigma():
+    """Of terms to 20 s: the shorter the holds, the more is said to be unknown; it is as much."""
+    before = np.inf
+    for hold_s in (2.0, 5.0, 24.0):
+        fit = fit_creep(*recording(Prony((1,), WEIGHTS, TIMES_S), hold_s, 50.0))
+        at = np.geomspace(0.1, 100.0, 31)
+        off = relaxed(fit, at) - (1.0 + WEIGHTS @ np.exp(-at / TIMES_S[:, None]))
+        told = fit.fit["normal_creep_sigma_relative"]
+        assert np.sqrt(np.mean(off**2)) < 2.0 * told
+        assert told < before
+        before = told
 
 
 @pytest.mark.parametrize("hold_s", [2.0, 5.0, 24.0])
