@@ -564,7 +564,10 @@ def show_units(wants, unit, size, tile):
         strength = tile["strength"][j]
         field = Field(tile["x"][j], tile["y"][j], tile["z"][j], strength, strength)
         inverted = Inverted(
-            tile["radius"][j], tile["along"][j], tile["each"][j], tile["variance"][j],
+            tile["radius"][j],
+            tile["along"][j],
+            tile["each"][j],
+            tile["variance"][j],
             tile["turn"][j],
         )
         normal = Normal(
