@@ -120,8 +120,8 @@ class Fields:
 
     Metre, newton, newton metre, pascal, second; skin frame unless stated. A field that is added
     here is an attribute of `skin.contact.contact.Contact`, and, unless it is a `detail`, a column,
-    an array and a field of messages in every output: ``python -m tests.house draw`` renews their
-    list in docs/reference/columns.md.
+    an array and a field of messages in every output: ``make reference`` renews their list in
+    docs/reference/columns.md.
     """
 
     __slots__ = ()

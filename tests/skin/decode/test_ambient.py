@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -155,27 +153,3 @@ def test_flat_skin_without_bz_knows_nothing_of_the_field_across_it():
     sigma = np.sqrt(np.diag(ambient.covariance_ut2[0]))
     assert sigma[2] == pytest.approx(50.0)
     assert sigma[:2].max() < 6.0
-
-
-@long_after_first("dtype", ["float32", "float64"])
-def test_kernel_does_as_its_python(dtype):
-    skin = calibrated(topology.load("fingertip").exact(), seed=2)
-    ambient, world = settled(skin, seconds=1.0, dtype=dtype)
-    world.ambient_ut[:] = EARTH
-    world.drop_hz[2] = 100.0
-    plain = copy.deepcopy(ambient)
-    for _ in range(20):
-        reading = world.cycle(ambient.background)
-        plain.elapsed_s[:] = 0.004
-        reading.valid = np.ones(skin.n, bool)
-        ambient_kernels.update_python(*plain.call(reading)[1:])
-        look(ambient, reading)
-        assert np.allclose(plain.taken, ambient.taken, rtol=1e-6, atol=1e-6)
-    for name in set(ambient_kernels.MEMORY.names) - {"taken"}:
-        assert np.allclose(
-            plain.read(name), ambient.read(name), rtol=1e-9, atol=1e-9, equal_nan=True
-        )
-    for name in ("field_ut", "covariance_ut2"):
-        assert np.allclose(
-            plain._bodies["now"][name], ambient._bodies["now"][name], rtol=1e-9, atol=1e-9
-        )

@@ -11,7 +11,6 @@ from msgspec import structs
 
 import topology
 from skin.calibrate.film import angle_powers
-from skin.decode import crosstalk as crosstalk_module
 from skin.decode.crosstalk import CrossTalk
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
@@ -267,21 +266,3 @@ def test_arrays_that_the_kernel_would_leave_are_refused():
             SkinError, match=rf"^{name}: must be contiguous float64 of shape \(5, 64"
         ):
             crosstalk.predict(moved, np.ones(64, bool), out, base)
-
-
-# -- heat ------------------------------------------------------------------------------------------
-
-
-# -- the kernels as Python -------------------------------------------------------------------------
-@pytest.mark.parametrize("name", ["palm", "fingertip"])
-def test_python_and_machine_code_agree(name, monkeypatch):
-    crosstalk = crosstalk_of(name)
-    moved = displaced(topology.load(name).exact().n, cycles=1)[0]
-    usable = np.arange(moved.shape[1]) != 5
-    compiled, base = predict(crosstalk, moved, usable), np.ones((5, moved.shape[1]))
-    residue = crosstalk.residue_ut2.copy()
-    predict(crosstalk, moved)
-    monkeypatch.setattr(crosstalk_module, "add_stray", crosstalk_module.add_stray_python)
-    np.testing.assert_allclose(predict(crosstalk, moved, usable), compiled, atol=1e-9)
-    np.testing.assert_allclose(crosstalk.residue_ut2, residue)
-    np.testing.assert_allclose(predict(crosstalk, moved, usable, base), 1.0 + compiled, atol=1e-9)

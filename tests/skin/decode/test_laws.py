@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus.status import Status
-from skin.decode import kernel
 from skin.decode.decoder import Decoder
 from skin.options import ESTIMATORS
 from skin.sim.unit import UnitSimulator
@@ -151,30 +150,6 @@ def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
         assert sure.sum() > 50
 
 
-# -- compiled and not, single and double ---------------------------------------------------------
-
-
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("turn_rad", [pytest.param(0.0, marks=pytest.mark.long), 0.3])
-@pytest.mark.usefixtures("machine_code")
-def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
-    skin = calibrated(row_of(21), seed=9, turn_rad=turn_rad)
-    raw = np.concatenate([sensible_counts(skin, 2, 10), any_counts(skin, 1, 11)])
-    status = np.zeros((3, 21), np.uint16)
-    status[1, :4] = [Status.NEVER, Status.LATE, Status.DISABLED, Status.FAULT]
-    fast = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw, status)
-    monkeypatch.setattr(kernel, "decode", kernel.decode_python)
-    slow = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw, status)
-    np.testing.assert_array_equal(fast.status, slow.status)
-    np.testing.assert_array_equal(fast.valid, slow.valid)
-    sensible = slice(0, 2)
-    # Only the compiled kernel fuses products into sums; near the crest that shows.
-    loose = {"rtol": 0.0, "atol": 3e-3} if dtype == "float32" else {"rtol": 0.0, "atol": 1e-8}
-    for name in FIELDS[:5]:
-        a, b = getattr(fast, name)[sensible], getattr(slow, name)[sensible]
-        np.testing.assert_allclose(a, b, err_msg=name, **loose)
-
-
 # -- symmetries ----------------------------------------------------------------------------------
 
 
@@ -250,9 +225,6 @@ def test_units_that_are_alike_decode_as_units_that_differ():
     )(raw)
     for a, b in zip(values_of(alike), values_of(differing), strict=True):
         np.testing.assert_array_equal(a[..., :49], b[..., :49])
-
-
-# -- monotony ------------------------------------------------------------------------------------
 
 
 # -- edges ---------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ KEPT = (
 )  # fmt: skip
 """What a contact says of slip, and what is kept of each unit."""
 EVERY = 10
-"""Cycles from one that is written down to the next."""
+"""Cycles from one that is written down to the next, unless a bench says."""
 
 
 def flat_skin(n, rng):
@@ -72,7 +72,7 @@ class Bench:
         })  # fmt: skip
         self.contacts = self.data.contacts
         self.now_ns, self.seen = 10_000_000_000, set()
-        self.judged, self.rows = 0, []
+        self.every, self.judged, self.rows = EVERY, 0, []
 
     def drag(self, way_mm, angle=0.0, units=slice(None), tilt=0.0):
         """How a body that goes along the skin (2,), turns about its middle normal and tilts by
@@ -131,7 +131,7 @@ class Bench:
         cycle = data.cycle
         cycle["present"], cycle["elapsed_s"], cycle["now_ns"] = len(contacts), dt_s, self.now_ns
         detect_slip_python(self.model, data)
-        if self.judged % EVERY == 0:
+        if self.judged % self.every == 0:
             self.rows += [self._row(record, members) for record, members in records]
         self.judged += 1
         return [record for record, _ in records]

@@ -72,6 +72,7 @@ def test_one_unit_whose_noise_is_greater_than_told(bench_of):
 def test_soft_ground_is_allowed_for_where_many_units_stick(bench_of):
     rng = np.random.default_rng(7)
     bench = bench_of(flat_skin(21, rng), rng)
+    bench.every = 1  # the number of units that stick passes the bound in one cycle
     states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 21), cycles=55, speed=0.05)
     assert INCIPIENT in states
 
