@@ -82,7 +82,8 @@ def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     rest = (np.ones(palm.n, bool), np.zeros(palm.n, np.uint16), *(np.zeros(palm.n, int),) * 3)
     ages = []
     for number, stamp_ns in ((7, 900), (8, 1000), (8, 1000), (9, 10), (20, -5), (3, 0)):
-        state = read(RawCycle(number, stamp_ns, ClosedBy.COMPLETE, counts, *rest))
+        read.counts[:] = counts
+        state = read.state(RawCycle(number, stamp_ns, ClosedBy.COMPLETE, counts, *rest))
         (contact,) = state.contacts
         assert contact.id == 1
         assert state.stamp_ns == stamp_ns
