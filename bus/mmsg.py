@@ -1,7 +1,7 @@
 """Many frames per system call: `recvmmsg`, `sendmmsg` and `ppoll`, compiled, without the GIL.
 
 The system calls are symbols of the C library, which only machine code can call: the functions that
-call them have no Python version. Code that can run in Python is separate (`finish_records`,
+call them have no Python version. Code that can run in Python is separate (`finish_records_python`,
 `stage`): it converts the kernel's structures into records, and back. ctypes is not used, since its
 addresses would prevent caching by numba.
 
@@ -278,7 +278,6 @@ def _send(fd, first, count, words, buffers):
     return taken
 
 
-finish_records = compiled(finish_records_python, [_void(_long, _long, _long, _rows, _buffers)])
 stage = compiled(stage_python, [_void(_long, _long, _rows_in, _buffers)])
 _received = _long(_long, _flat, _long, _long, _long, _long, _rows, _buffers)
 wait = compiled(_wait, [_long(_flat, _long)])

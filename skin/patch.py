@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skin.contact.contact import Contact, wrench_adjoint
 from skin.errors import OptionError
 
 if TYPE_CHECKING:
+    from skin.contact.contact import Contact
     from skin.state import Reading, State
 
-__all__ = ["Patch"]
+__all__ = ["Patch", "wrench_adjoint"]
 
 
 class Patch:
@@ -152,3 +152,29 @@ class Patch:
         force = ", ".join(f"{newton:.2f}" for newton in self.wrench[:3])
         return (f"<Patch {self.name!r}: {self.index.size} units, {valid}, "
                 f"{len(self.contacts)} contacts, force ({force}) N>")  # fmt: skip
+
+
+def wrench_adjoint(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """The matrix that turns a wrench about the origin of the skin frame into that in another frame.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (3, 3)
+        Columns are the axes of the frame, in the skin frame.
+    origin : ndarray, shape (3,)
+        Metre, origin of the frame, in the skin frame, about which the torque is then given.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+
+    Examples
+    --------
+    >>> (wrench_adjoint(np.eye(3), [0.1, 0, 0]) @ [0, 0, 2.0, 0, -0.2, 0]).tolist()
+    [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
+    """
+    x, y, z = origin
+    turn, adjoint = np.transpose(rotation), np.zeros((6, 6))
+    adjoint[:3, :3] = adjoint[3:, 3:] = turn
+    adjoint[3:, :3] = -turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return adjoint

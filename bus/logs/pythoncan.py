@@ -160,7 +160,7 @@ def _write_rows(path: Path, out: BinaryIO) -> None:
     Raises
     ------
     Exception
-        Whatever a library raises on a damaged file; what comes before it is written.
+        All that a library raises on a damaged file; what comes before it is written.
     """
     rows, frames, count = np.zeros(_ROWS, ROW), np.zeros(_ROWS, FRAME_DTYPE), 0
     view = memoryview(frames.view(np.uint8).data)

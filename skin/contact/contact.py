@@ -11,11 +11,12 @@ from skin.contact.field import Field
 from skin.contact.model import WAYPOINTS
 from skin.contact.record import Fields, SlipState
 from skin.errors import SkinError, no_attribute
+from skin.patch import wrench_adjoint
 
 if TYPE_CHECKING:
     from skin.contact.shock import Shocks
 
-__all__ = ["Contact", "Kept", "wrench_adjoint"]
+__all__ = ["Contact", "Kept"]
 
 
 HIDDEN = {name for name, one in vars(Fields).items() if isinstance(one, Field) and not one.__doc__}
@@ -174,29 +175,3 @@ class Contact(Fields):
         if not self.whole:
             parts.append("not whole")
         return f"<Contact {self.id}: {', '.join(parts)}>"
-
-
-def wrench_adjoint(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """The matrix that turns a wrench about the origin of the skin frame into that in another frame.
-
-    Parameters
-    ----------
-    rotation : ndarray, shape (3, 3)
-        Columns are the axes of the frame, in the skin frame.
-    origin : ndarray, shape (3,)
-        Metre, origin of the frame, in the skin frame, about which the torque is then given.
-
-    Returns
-    -------
-    ndarray, shape (6, 6)
-
-    Examples
-    --------
-    >>> (wrench_adjoint(np.eye(3), [0.1, 0, 0]) @ [0, 0, 2.0, 0, -0.2, 0]).tolist()
-    [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
-    """
-    x, y, z = origin
-    turn, adjoint = np.transpose(rotation), np.zeros((6, 6))
-    adjoint[:3, :3] = adjoint[3:, 3:] = turn
-    adjoint[3:, :3] = -turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return adjoint

@@ -8,8 +8,9 @@ from typing import overload
 
 import numpy as np
 
-from skin.contact.contact import Contact, wrench_adjoint
+from skin.contact.contact import Contact
 from skin.errors import OptionError, SkinError, shown
+from skin.patch import wrench_adjoint
 from skin.robot.closeness import CloseFilm, Closeness
 from topology import Topology
 

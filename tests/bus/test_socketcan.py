@@ -32,9 +32,12 @@ if not has_batches():
     pytest.skip("needs a 64-bit Linux", allow_module_level=True)
 
 from bus import mmsg, socketcan
+from bus.compiled.jit import compiled
 from bus.datagram import DatagramTransport, enlarge_queue
 from bus.link import can_links, read_link
 from tests.fixtures.datagram import datagram_pair, sockets
+
+COMPILED = compiled(mmsg.finish_records_python)
 
 
 @pytest.fixture
@@ -100,7 +103,7 @@ headers = st.integers(0, 2**32 - 1)
 )  # fmt: skip
 def test_settling_is_the_same_compiled_and_in_python(rows, index, hardware):
     results = []
-    for finish_records in (mmsg.finish_records, mmsg.finish_records_python):
+    for finish_records in (COMPILED, mmsg.finish_records_python):
         into = mmsg.new_buffers()
         into.clock["drift"] = 1e-5
         words = np.zeros((len(rows) + 1, 10), np.int64)

@@ -23,6 +23,7 @@ FORBIDDEN = {"topology": {"bus", "skin"}, "bus": {"skin"}, "skin": set()}
 LAYERS = (
     {"errors", "cividis"},
     {"physics", "arrow", "worker", "notebook", "compiling", "clock"},
+    {"patch"},
     {"state"},
     {"options"},
     {"sinks"},

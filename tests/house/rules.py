@@ -31,6 +31,8 @@ USED_ELSEWHERE = {
     "felt_n": "public: a gripper of the user takes the measured load",
     "give": "public: a user hands an object over",
     "weigh": "public: a user fills what is held (examples/fig6_tea.py)",
+    "local_wrench": "public: a user asks for the wrench on a finger in its own frame",
+    "local_wrench_sigma": "public: the same",
     "on_start": "bus/compiled/watch.py: numba calls it",
     "on_end": "bus/compiled/watch.py: numba calls it",
 }

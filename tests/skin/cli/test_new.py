@@ -97,8 +97,11 @@ def test_what_is_there_stays(there, folder, capsys):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--patches", "palm"], "--patches: must be NAME=ROWSxCOLUMNS, NAME=dome:RADIUSmm or "
-         "NAME=cylinder:RADIUSmm:ROWSxCOLUMNS, as in palm=8x8; got 'palm'"),
+        (
+            ["--patches", "palm"],
+            "--patches: must be NAME=ROWSxCOLUMNS, NAME=dome:RADIUSmm or "
+            "NAME=cylinder:RADIUSmm:ROWSxCOLUMNS, as in palm=8x8; got 'palm'",
+        ),
         (["--patches", "tip=dome:10"], "--patches: must be NAME=ROWSxCOLUMNS"),
         (["--robot", "none.urdf"], "none.urdf: must be an existing file"),
         (["--patches", "palm=0x3"], "--patches: must be NAME=ROWSxCOLUMNS"),

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.contact import wrench_adjoint
 from skin.contact.record import Flag
+from skin.patch import wrench_adjoint
 from tests.fixtures.contact_features import contact_features
 
 AREA = 1.1e-4
