@@ -11,7 +11,6 @@ from hypothesis import HealthCheck, settings
 # the kernel of the vcan tests included, whatever folder they run in. Set before numba is imported.
 os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parent.parent / "build" / "numba")
 
-SLOW = Path(__file__).parent / "house" / "slow.txt"
 AS_MACHINE_CODE = {"divide": "ignore", "invalid": "ignore", "over": "ignore"}
 """Which computes with infinity and NaN in silence."""
 
@@ -26,21 +25,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("f3t")
-
-
-@pytest.hookimpl(tryfirst=True)  # before -m leaves tests out
-def pytest_collection_modifyitems(items):
-    """Mark as `long`: all cases but the first of a test that is `long_but_first`, or in the list
-    of slow ones, and a slow test with one case."""
-    slow, begun = set(SLOW.read_text().split()), set()
-    for item in items:
-        test = item.nodeid.split("[")[0]
-        is_slow = test in slow
-        if test in begun and (is_slow or item.get_closest_marker("long_but_first")):
-            item.add_marker("long")
-        if is_slow and item.nodeid == test:
-            item.add_marker("long")
-        begun.add(test)
 
 
 @pytest.fixture

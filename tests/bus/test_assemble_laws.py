@@ -44,6 +44,7 @@ def streams(draw):
     return join(*(record for _, _, record in sorted(events, key=lambda event: event[:2])))
 
 
+@pytest.mark.long
 @given(streams())
 @settings(max_examples=150)
 def test_assembling_is_what_the_obvious_reference_does(records):

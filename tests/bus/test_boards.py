@@ -15,6 +15,7 @@ from bus.discover import Survey
 from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
 from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, STATES, heartbeat_nodes
 from tests.fixtures.bus import PERIOD_NS, data_frames, frame, join, make_topology, sync
+from tests.fixtures.cases import long_after_first
 from tests.topology.test_messages import check_golden
 from topology import LAYOUTS, WireLayout
 
@@ -157,11 +158,12 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@long_after_first("name", CASES)
 def test_every_trouble_of_a_board_is_found_and_nothing_else(name):
     assert [finding.code for finding in found_in(*a_case(name))] == CASES[name]
 
 
+@pytest.mark.long
 def test_the_words_of_findings_about_boards():
     lines = []
     for name in CASES:

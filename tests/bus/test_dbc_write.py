@@ -17,6 +17,7 @@ from bus.logs import read_all
 from skin.cli import main
 from skin.sim.heartbeat import Heartbeats
 from tests.fixtures.bus import make_topology, with_data_ids
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.dbc import Unpacker, by_canmatrix, by_cantools
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, builtin, load
@@ -78,7 +79,7 @@ def canmatrix_id(record):
     return canmatrix.ArbitrationId(int(record["id"]) & 0x1FFFFFFF, bool(record["id"] >> 31))
 
 
-@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16", "f3t-fd64", "xela-uskin"])
+@long_after_first("layout", ["f3t-classic", "f3t-fd16", "f3t-fd64", "xela-uskin"])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_counts_mean_the_same_to_cantools(layout, seed, tmp_path_factory):
     topology = topology_of(tmp_path_factory.mktemp("any"), layout, 7)
@@ -283,6 +284,7 @@ def test_a_bus_without_units_is_a_file_without_messages(tmp_path):
 names = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}", fullmatch=True)
 
 
+@pytest.mark.long
 @given(
     units=st.lists(names, min_size=1, max_size=6, unique=True),
     patch=names,

@@ -19,6 +19,7 @@ from bus.frame import CAN_EFF, CAN_ERR, ECHO, FD_FDF, FRAME_DTYPE
 from bus.transport import Transport
 from skin.sim.node import SimulatedUnits
 from tests.fixtures.bus import SYNC_ID, data_frames, frame, join, make_topology, sync, with_data_ids
+from tests.fixtures.cases import long_after_first
 from tests.topology.test_messages import check_golden
 
 PERIOD_NS = 10_000_000
@@ -243,11 +244,12 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@long_after_first("name", CASES)
 def test_every_trouble_is_found_and_nothing_else(name):
     assert {finding.code for finding in diagnose(survey_of(*a_case(name)))} == CASES[name]
 
 
+@pytest.mark.long
 def test_the_words_of_all_findings():
     lines = []
     for name in CASES:

@@ -20,6 +20,7 @@ from skin.cli import main
 from tests.bus import fault_trials as figures
 from tests.bus.transport_contract import CHECKS
 from tests.fixtures.bus import counts_of, data_frames, frame, join, make_topology, sync
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.datagram import datagram_pair
 from tests.fixtures.patience import LONG_S
 from tests.topology.test_messages import check_golden
@@ -61,7 +62,7 @@ def assemble(skin, records):
 QUICK = figures.trials(240)
 
 
-@pytest.mark.parametrize("trial", QUICK, ids=[trial.name for trial in QUICK])
+@long_after_first("trial", QUICK, ids=[trial.name for trial in QUICK])
 def test_every_fault_is_counted_and_no_wrong_value_gets_through(trial):
     row = figures.measure(trial, 240)
     assert row["injected"] == row["counted"] > 0

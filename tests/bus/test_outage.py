@@ -21,6 +21,7 @@ from tests.fixtures.bus import (
     make_topology,
     sync,
 )
+from tests.fixtures.cases import long_after_first
 from topology import LAYOUTS
 
 BARE = msgspec.structs.replace(
@@ -61,9 +62,9 @@ def delivered(small, first, last, over, others_first=False):
     return each
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("outage", [5, 15, 16, 17, 40, 300])
-@pytest.mark.parametrize("over", [1, 2, 3])
+@long_after_first("kind", KINDS)
+@long_after_first("outage", [5, 15, 16, 17, 40, 300])
+@long_after_first("over", [1, 2, 3])
 def test_what_a_link_has_kept_is_late_and_never_new(kind, outage, over):
     small = make_topology(KINDS[kind], units=4)
     assembler = Assembler(small)
@@ -203,8 +204,8 @@ def validity(small, times, *, others_first=False, cycles=80):
 ALONE = [kind for kind in KINDS if kind != "its SYNC's counter, two parts"]
 
 
-@pytest.mark.parametrize("kind", ALONE)
-@pytest.mark.parametrize("every", [2, 3, 6, 8, 17, 20])
+@long_after_first("kind", ALONE)
+@long_after_first("every", [2, 3, 6, 8, 17, 20])
 def test_a_unit_that_answers_every_kth_cycle_is_no_late_one(kind, every):
     """As `bus.configure` lets a board do; it may be doubted until its rate is known."""
     valid, assembler = validity(make_topology(KINDS[kind], units=12), lambda i: i % every == 0)
@@ -244,9 +245,9 @@ def slow_board(kind, every, place_of):
     return [i // every for i in valid]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("every", [2, 5, 6, 10])
-@pytest.mark.parametrize("order", ["first", "last", "one part last", "now first, now last"])
+@long_after_first("kind", KINDS)
+@long_after_first("every", [2, 5, 6, 10])
+@long_after_first("order", ["first", "last", "one part last", "now first, now last"])
 def test_a_board_that_answers_every_kth_cycle_is_waited_for_in_that_cycle(kind, every, order):
     """Its frames are those that end the cycle: closed without waiting for them, they are late."""
     place_of = {
@@ -259,8 +260,8 @@ def test_a_board_that_answers_every_kth_cycle_is_waited_for_in_that_cycle(kind, 
     assert [answer for answer in shown if answer >= KNOWN] == list(range(KNOWN, ANSWERS))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if "SYNC" in kind])
-@pytest.mark.parametrize("every", [2, 5, 6, 10])
+@long_after_first("kind", [kind for kind in KINDS if "SYNC" in kind])
+@long_after_first("every", [2, 5, 6, 10])
 def test_a_board_whose_answer_comes_behind_the_next_sync_is_waited_for_when_the_next_is_due(
     kind, every
 ):
@@ -269,8 +270,8 @@ def test_a_board_whose_answer_comes_behind_the_next_sync_is_waited_for_when_the_
     assert [answer for answer in shown if answer >= KNOWN] == [4, 6, 8]
 
 
-@pytest.mark.parametrize("kind", ["its own count, 4 bits", "its own count, 8 bits", "no number"])
-@pytest.mark.parametrize("others_first", [True, False])
+@long_after_first("kind", ["its own count, 4 bits", "its own count, 8 bits", "no number"])
+@long_after_first("others_first", [True, False])
 def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_first):
     valid, _ = validity(
         make_topology(KINDS[kind], units=12), lambda i: 0 if 20 <= i < 40 else 2,

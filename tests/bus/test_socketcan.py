@@ -600,6 +600,7 @@ def test_filters_that_do_not_fit_are_left_out():
         )
 
 
+@pytest.mark.long
 def test_the_compiled_calls_are_loaded_from_the_cache_in_another_process():
     code = (
         "from bus import mmsg; "

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from bus import FRAME_DTYPE, LogError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO
 from bus.logs import blf, blf_kernels, read, read_all
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.logs import (
     CHANNELS,
     blf_container,
@@ -237,8 +238,7 @@ def example_file(packed):
     return blf_file(*parts, padded(EXAMPLE[half:]), objects=len(EXAMPLE))
 
 
-@pytest.mark.long_but_first
-@pytest.mark.parametrize("packed", [True, False])
+@long_after_first("packed", [True, False])
 def test_a_file_cut_anywhere_is_read_as_far_as_it_goes(packed, tmp_path):
     content = example_file(packed)
     whole, log = of_bytes(content, tmp_path)

@@ -15,6 +15,7 @@ from skin.calibrate.files import write_calibration
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError, ScanError
 from skin.sim.mechanics.viscoelastic import Prony
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.creep import Stretched
 from tests.fixtures.decode import row_of, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
@@ -118,7 +119,7 @@ def test_holds_that_are_shorter_than_a_term_leave_it_in_sigma():
         before = told
 
 
-@pytest.mark.parametrize("hold_s", [2.0, 5.0, 24.0])
+@long_after_first("hold_s", [2.0, 5.0, 24.0])
 def test_short_holds_of_what_does_not_relax_tell_no_term(hold_s):
     fit = fit_creep(*recording(Prony((1,), (), ()), hold_s, 50.0))
     np.testing.assert_array_equal(fit.weights, 0.0)

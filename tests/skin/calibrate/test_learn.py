@@ -68,6 +68,7 @@ def touched(skin, field, estimate, rng, noise_ut=10.0, spoilt=()):
         estimate.touch(moved, change, np.arange(n) != unit, noise_ut)
 
 
+@pytest.mark.long
 def test_readings_at_rest_and_in_touch_each_bring_the_stencil_nearer_to_the_truth(skin, field):
     estimate, n = StrayEstimate(skin), skin.n
     drawn, prior = missed_ut(estimate.theory, field, n), estimate.sigma_ut().mean()
@@ -89,6 +90,7 @@ def test_the_rest_that_is_learned_lies_within_its_sigma(skin, field):
     assert np.sqrt(np.mean(off**2)) < 1.5
 
 
+@pytest.mark.long
 def test_a_chip_that_reads_something_else_does_not_spoil_the_others(skin, field):
     honest, spoilt = StrayEstimate(skin), StrayEstimate(skin)
     touched(skin, field, honest, np.random.default_rng(3))

@@ -24,6 +24,7 @@ from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.ambient import without_bz
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 CYCLES = 500
@@ -542,6 +543,7 @@ def test_field_of_resting_neighbours_that_is_known_is_left_out():
     assert np.isnan(blind.axial_ut).all()
 
 
+@pytest.mark.long
 def test_film_beside_its_chip_is_in_the_offsets_only_if_not_known():
     """No offset undoes it where the unit is pressed, and it must not be taken off twice."""
     nominal = topology.load("fingertip")
@@ -644,8 +646,8 @@ def test_command_refuses_wrong_use(arguments, message, tmp_path, monkeypatch, ca
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize(
+@long_after_first("axis", [0, 1])
+@long_after_first(
     ("taken_with", "decoded_with", "told"),
     [
         (None, None, None),

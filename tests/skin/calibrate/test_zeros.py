@@ -19,6 +19,7 @@ from skin.sim.bench import differing
 from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from topology import CHANNELS
 
@@ -189,8 +190,8 @@ def test_who_does_not_want_it_is_not_tared():
     assert Hand(known=PALM.exact()).pipeline.zeros is None
 
 
-@pytest.mark.parametrize("name", ["palm", "fingertip"])
-@pytest.mark.parametrize(
+@long_after_first("name", ["palm", "fingertip"])
+@long_after_first(
     "options", [{"sweeps": 0, "ambient": False}, {"dtype": "float64", "sweeps": 2}, {"skip": True}]
 )
 def test_every_untouched_unit_is_tared_whatever_is_decoded(name, options):
@@ -227,6 +228,7 @@ def test_tared_units_do_not_count_what_films_at_rest_may_be_off_by():
     assert np.allclose(crosstalk.residue_ut2, fresh.residue_ut2, rtol=1e-4)
 
 
+@pytest.mark.long
 def test_a_decoder_with_new_zeros_is_one_that_was_made_with_them():
     hand = Hand()
     hand.run(WINDOW + N)

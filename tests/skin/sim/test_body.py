@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from skin.sim.mechanics import body as room
 from skin.sim.mechanics.body import Body, carried, penetration
+from tests.fixtures.cases import long_after_first
 from tests.naive.mechanics import inside, moved, rolled, sphere_reach, square, turned
 from topology import load
 
@@ -30,7 +31,7 @@ def rotation_of(rng: np.random.Generator) -> np.ndarray:
     return q * np.sign(np.linalg.det(q))
 
 
-@pytest.mark.parametrize("name", BODIES)
+@long_after_first("name", BODIES)
 @settings(max_examples=30)
 @given(seed=SEEDS)
 def test_the_axis_leaves_the_body_where_the_body_ends(name: str, seed: int) -> None:
@@ -70,6 +71,7 @@ def test_a_sphere_reaches_as_deep_as_the_formula_of_the_sphere(seed: int) -> Non
     np.testing.assert_allclose(np.maximum(depth_mm, 0.0), 1e3 * depth, atol=1e-9)
 
 
+@pytest.mark.long
 @settings(max_examples=20)
 @given(seed=SEEDS, name=st.sampled_from(sorted(BODIES)))
 def test_where_the_skin_lies_in_space_does_not_matter(seed: int, name: str) -> None:

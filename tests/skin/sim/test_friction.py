@@ -89,7 +89,7 @@ def drag_plate(way: np.ndarray, static: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(done), np.array(lost)
 
 
-@pytest.mark.long_but_first
+@pytest.mark.long
 def test_a_way_around_and_around_leaves_all_its_work_in_friction() -> None:
     angle = np.linspace(0.0, 6.0 * np.pi, 601)
     way = 2e-3 * np.stack([np.cos(angle) - 1.0, np.sin(angle)], axis=1)
@@ -164,6 +164,7 @@ def test_the_rim_slips_first() -> None:
     assert not truth.slipping.any()
 
 
+@pytest.mark.long
 def test_gross_slip_bears_the_friction_of_motion_and_rest_that_of_rest() -> None:
     """A plate at rest is held by more than one in motion, and again so after a rest."""
     mechanics = Mechanics(load("palm"), Body.plate(0.3, 0.3), static=0.5, kinetic=0.3)
@@ -212,6 +213,7 @@ def test_asking_rarely_or_often_is_nearly_the_same() -> None:
 # -- torsion, rolling, soft bodies -----------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_torsion_turns_faces_around_the_contact() -> None:
     """A moment against the turn, no net force; gross slip at the sum of µ f r."""
     mechanics = ball(static=0.4)
@@ -229,6 +231,7 @@ def test_torsion_turns_faces_around_the_contact() -> None:
     assert moments[-1] == pytest.approx(gross, rel=1e-4)
 
 
+@pytest.mark.long
 def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does() -> None:
     def drags(rolls: bool) -> float:
         mechanics = ball(static=0.5)

@@ -43,6 +43,7 @@ from skin.sim.scenes.script import (
     ToolTable,
 )
 from skin.sim.truth import Truth
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from tests.fixtures.truth import read_truth
 from topology import Topology, load
@@ -81,7 +82,7 @@ def in_skin(force: np.ndarray) -> np.ndarray:
 # -- ready-made scenes -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", names)
+@long_after_first("name", names)
 def test_every_ready_made_scene_plays_and_something_happens(name: str) -> None:
     truth, _ = played(name)
     assert truth.contact.any() or name == "fig4a"  # whose first load comes at 50 s
@@ -213,7 +214,7 @@ def test_a_weight_is_borne_by_its_unit_alone(x: float, y: float, z: float) -> No
 # -- non-idealities --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", NonIdeal.__struct_fields__)
+@long_after_first("name", NonIdeal.__struct_fields__)
 def test_each_non_ideality_alone_changes_the_counts(name: str) -> None:
     counts = []
     for non_ideal in (IDEAL, NonIdeal.only(name)):
@@ -365,7 +366,7 @@ def test_faults_of_a_scene_are_done_to_its_frames() -> None:
     assert 0.4 < lost / whole.frames < 0.6
 
 
-@pytest.mark.parametrize("interface", ["memory", "virtual"])
+@long_after_first("interface", ["memory", "virtual"])
 def test_a_played_scene_is_felt_through_a_bus(
     interface: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

@@ -13,6 +13,7 @@ from skin.cli import main
 from skin.sim.scenes import names
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import DEEPEST_MM
+from tests.fixtures.cases import long_after_first
 
 OPPOSED = """
 format = 1
@@ -56,7 +57,7 @@ def hand(request, tmp_path):
     return topology.load(file)
 
 
-@pytest.mark.parametrize("name", names)
+@long_after_first("name", names)
 def test_every_scene_fits_every_hand(name, hand):
     script = load_scene(name, hand)
     sizes = [np.count_nonzero(hand.patch == i) for i in range(len(hand.patch_names))]
@@ -94,7 +95,7 @@ def test_ready_made_scenes_play_as_they_always_did():
         )
 
 
-@pytest.mark.parametrize("name", SHORT)
+@long_after_first("name", SHORT)
 def test_a_scene_begins_outside_and_touches_what_it_says(name, hand):
     scene = open_scene(name, hand)
     end_s = scene.seconds * (len(hand.patch_names) if name == "demo" else 1)

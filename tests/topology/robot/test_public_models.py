@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import yourdfpy
 
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.robots import of_package, random_joints
 from topology import read_model
 
@@ -17,7 +18,7 @@ MJCFS = ("hand/reach.xml", "adroit_hand/adroit_door.xml", "fetch/reach.xml")
 POSES = 1000
 
 
-@pytest.mark.parametrize("place", URDFS)
+@long_after_first("place", URDFS)
 def test_poses_of_a_urdf_are_those_of_yourdfpy(place):
     (file,) = of_package("airo_models", place)
     robot = read_model(file)

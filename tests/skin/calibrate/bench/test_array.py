@@ -65,6 +65,7 @@ def series(**changed):
     return lab.nominal, series_of(lab.nominal, recording, counts, columns | changed, ("r.csv", ""))
 
 
+@pytest.mark.long
 def test_gains_are_found_within_their_intervals():
     _, gain, _, _ = rolled()
     found = fit_array(*series())

@@ -70,6 +70,7 @@ def test_a_warmed_chip_tells_its_drift_and_to_the_ambient_field_its_offset():
         assert 0.8 * AMBIENT_UT < sigma < AMBIENT_UT
 
 
+@pytest.mark.long
 def test_what_a_bare_chip_cannot_tell_keeps_its_prior():
     kept = fitted(60.0).kept
     assert kept["hall_gain_per_k"].startswith("the recordings leave")

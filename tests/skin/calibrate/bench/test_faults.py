@@ -58,6 +58,7 @@ def with_counts(change):
     return counts
 
 
+@pytest.mark.long
 def test_a_healthy_recording_has_none():
     assert faults() == []
 

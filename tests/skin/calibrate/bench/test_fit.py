@@ -54,6 +54,7 @@ def test_force_alone_tells_the_force_laws_and_leaves_film_and_gel():
     assert "frequency_slope_hz_per_mm" not in result.left
 
 
+@pytest.mark.long
 def test_temperature_alone_tells_the_gel_and_the_drifts_alone():
     result = fitted("temperature")
     true = lab_and_counts()[0].true.parameters
@@ -146,6 +147,7 @@ def test_what_shallow_presses_leave_open_stays_the_models_and_the_rest_is_fitted
     assert found["normal_soft_n_per_hz"] == pytest.approx(soft, rel=0.01)
 
 
+@pytest.mark.long
 def test_turn_of_the_sensor_and_touch_are_found():
     result = fitted(*FORCE, *(f"displacement_{axis}" for axis in "xyz"))
     rng = np.random.default_rng((5, 0))
@@ -156,6 +158,7 @@ def test_turn_of_the_sensor_and_touch_are_found():
     assert result.goodness["touch_mm"] == pytest.approx(0.3, abs=0.005)
 
 
+@pytest.mark.long
 def test_a_lag_is_told_with_its_sigma():
     result, lab = fitted(*FORCE), lab_and_counts()[0]
     error = result.goodness["lag_s"] - lag_s(lab, 0)

@@ -70,6 +70,7 @@ def recorded(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_units_that_were_not_pressed_are_named_and_none_at_all_is_refused(recorded):
     skin = topology.load(recorded / "skin.toml")
     counts = simulated(skin, (0, 3))

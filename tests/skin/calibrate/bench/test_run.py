@@ -69,6 +69,7 @@ def test_what_is_written_is_read_by_a_topology_and_near_the_truth(bench, fitted,
         np.testing.assert_allclose(loaded.parameters[name], true.parameters[name], rtol=share)
 
 
+@pytest.mark.long
 def test_a_recording_gives_the_calibration_that_it_always_gave(bench, fitted):
     """Values to a thousandth of their sigma, which is more than processors differ by."""
     _, found = read_calibration(bench.parent / "pad.toml")
@@ -131,6 +132,7 @@ def test_units_that_were_not_measured_and_comments_stay(bench, fitted, tmp_path)
     assert len(units["r0c0"]) > 5
 
 
+@pytest.mark.long
 def test_the_command_writes_report_and_json(bench, tmp_path, capsys):
     new = copied(bench, tmp_path)
     text = new.read_text()

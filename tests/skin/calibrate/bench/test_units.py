@@ -16,6 +16,7 @@ from skin.physics.halbach import HalbachField
 from skin.sim.bench import DEEPEST_MM, SPREAD, Bench, differing, protocol
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.bench import fits
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import apart, posed, row_of, strokes
 from topology import Topology
 
@@ -63,7 +64,7 @@ def off_mm(units, skin):
     return read.displacement_mm[:, :2] - true.T[:, :, np.newaxis]
 
 
-@pytest.mark.parametrize("name", FOUND)
+@long_after_first("name", FOUND)
 def test_parameters_are_found_again_within_their_sigma(name):
     units, results = on_the_bench(False)
     for unit, result in enumerate(results):
@@ -82,6 +83,7 @@ def test_a_film_as_drawn_is_followed_to_a_few_micrometres_one_with_errors_says_t
     assert (made["field_amplitude_sigma_relative"] > 0.002).all()
 
 
+@pytest.mark.long
 def test_a_film_beside_its_chip_is_found_there():
     p, place = known(True).parameters, on_the_bench(True)[0].films.centre_mm
     # a tilt looks a little like a shift
@@ -90,7 +92,7 @@ def test_a_film_beside_its_chip_is_found_there():
     assert np.hypot(p["film_x_mm"], p["film_y_mm"]).max() < 0.005
 
 
-@pytest.mark.parametrize("fabricated", [False, True])
+@long_after_first("fabricated", [False, True])
 def test_the_sigma_of_a_film_is_the_error_of_its_displacement(fabricated):
     """On poses that the fit has not seen, without noise; a component, root mean square."""
     units, skin = on_the_bench(fabricated)[0], known(fabricated)

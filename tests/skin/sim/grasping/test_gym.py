@@ -21,6 +21,7 @@ def env():
     made.close()
 
 
+@pytest.mark.long
 def test_gymnasium_finds_no_fault(env: GraspEnv) -> None:
     check_env(env, skip_render_check=True, skip_close_check=True)
 

@@ -29,6 +29,7 @@ def port():
         yield number
 
 
+@pytest.mark.long
 def test_another_process_decodes_the_grasp(tmp_path: Path, port: int) -> None:
     file = bus_file(tmp_path, "udp_multicast", GROUP, f"options = {{ port = {port} }}")
     check_decoded(*decoded_elsewhere(file))

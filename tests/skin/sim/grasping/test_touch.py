@@ -20,6 +20,7 @@ TARGET_M = {"box": 0.027, "capsule": 0.036, "sphere": 0.027}
 SHAPES = pytest.mark.parametrize("thing", [BOX, CAPSULE, BALL], ids=lambda t: t.shape)
 
 
+@pytest.mark.long
 @SHAPES
 def test_what_is_held_sags_by_weight_over_stiffness_and_then_stays(thing: GraspObject) -> None:
     plant = pinched(thing, target_m=TARGET_M[thing.shape], seconds=1.5)

@@ -14,6 +14,7 @@ from skin.errors import OptionError, SceneError, SkinError
 from skin.sim.grasping.episode import Episode, Ranges
 from skin.sim.grasping.object import GraspObject
 from skin.sim.grasping.scene import GraspScene
+from tests.fixtures.cases import long_after_first
 from tests.fixtures.robots import GRIPPER, write_gripper
 from topology import load
 
@@ -43,6 +44,7 @@ def test_the_skin_feels_what_the_engine_does() -> None:
         )
 
 
+@pytest.mark.long
 def test_the_same_seed_is_the_same_world_and_another_is_not() -> None:
     forces = []
     for seed in (3, 3, 4):
@@ -93,6 +95,7 @@ def test_two_objects_are_told_apart() -> None:
         assert height[touched == 0].max() < height[touched == 1].min()
 
 
+@pytest.mark.long
 def test_a_push_moves_and_ends() -> None:
     world, _ = played()
     with world:
@@ -162,7 +165,7 @@ def test_objects_that_are_none_are_refused(objects: list, message: str) -> None:
         skin.sim.grasp("gripper", objects=objects)
 
 
-@pytest.mark.parametrize(
+@long_after_first(
     ("name", "target", "message"),
     [
         ("lefd", 0.01, "nearest: 'left'"),
@@ -260,6 +263,7 @@ def test_links_that_are_fixed_stay_links_whatever_the_suffix(tmp_path: Path, nam
     assert plant.model.body(plant.base_body).name == "palm"
 
 
+@pytest.mark.long
 def test_a_skin_without_noise_does_not_take_standing_still_for_a_fault() -> None:
     for options in ({"noise": False}, {"episode": Episode(noise=0.0)}):
         world, state = played(0.6, **options)
