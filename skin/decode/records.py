@@ -105,7 +105,7 @@ INTERMEDIATES = (
 )  # fmt: skip
 """Field with the chip's gain, and S, µT; gain of chip and film, with `sine` 1 / M0 over it; R and
 its sigma; 1 / S; variance of the field; how far its miss is beyond what it may be, relative,
-squared; depth and normal force; `skin.decode.field.Inverted.turn`."""
+squared; depth and normal force; `skin.decode.tangential.Inverted.turn`."""
 
 # -- what is decoded -------------------------------------------------------------------------------
 TEMPERATURE, FORCE, TANGENTIAL, THETA, DISPLACEMENT = 0, 1, 4, 5, 6
