@@ -132,7 +132,9 @@ class Patch:
         touching = state.label[self.index] >= 0
         if touching.any():
             wrenches, _ = self._of_units(self.index[touching & state.units.valid[self.index]])
-            return wrenches.sum(axis=1), sum(one.wrench_covariance for one in self.contacts)
+            return wrenches.sum(axis=1), np.sum(
+                [one.wrench_covariance for one in self.contacts], axis=0
+            )
         wrenches, noise = self._of_units(self.index[state.units.valid[self.index]])
         rest = wrenches.sum(axis=1)
         larger = np.maximum(np.abs(rest) / np.sqrt(np.maximum(np.diag(noise), 1e-300)), 1.0)

@@ -417,9 +417,11 @@ def contact_capacity(n: int) -> int:
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     """Arrays for the readings of n units, all valid."""
     temperature, residue = np.zeros((2, n), dtype)
+    force, sigma, displacement, displacement_sigma = np.zeros((4, 3, n), dtype)
     return Readings(
-        *np.zeros((4, 3, n), dtype), temperature, np.ones(n, bool), np.zeros((6, n), dtype), residue
-    )
+        force, sigma, displacement, displacement_sigma, temperature, np.ones(n, bool),
+        np.zeros((6, n), dtype), residue,
+    )  # fmt: skip
 
 
 def contact_data(

@@ -85,7 +85,7 @@ class Results:
 
     def reading(self, shown: Collection[str], *, sigma: bool) -> Reading:
         """Views of quantities that are `shown`, and of their sigmas."""
-        found: dict[str, np.ndarray] = dict.fromkeys(
+        found: dict[str, Any] = dict.fromkeys(
             ("temperature", "force", "tangential", "theta", "displacement_mm"), UNWANTED
         )
         for name, (first, count) in k.ROWS.items():

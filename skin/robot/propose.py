@@ -110,7 +110,7 @@ def _on_shape(link: str, geom: Geom) -> Proposal:
             else:
                 turn, middle = np.eye(3), np.zeros(3)  # bounds are those in the link's frame
             x, y, z = np.argsort(-size)
-            shape = grid(_many(size[y]), _many(size[x]))
+            shape = grid(_many(float(size[y])), _many(float(size[x])))
             side = turn[:, z]
             place = middle + turn @ centre + 0.5 * size[z] * side
             return _placed(link, shape, reason, side, turn[:, y], place)
