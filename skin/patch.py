@@ -83,11 +83,11 @@ class Patch:
 
     @property
     def whole(self) -> bool:
-        """Whether `wrench` is complete: all units that are not disabled are valid, or the contacts
-        of the patch are whole, and no unit elsewhere in it is silent."""
+        """Whether `wrench` is complete: no unit of it is silent, or those that are bear no part of
+        any contact of the skin (`State.whole`)."""
         silent = self.index[~self.state.units.valid[self.index]]
         silent = silent[self.state.topology.feels[silent]]
-        return silent.size == 0 or (self.state.whole and all(one.whole for one in self.contacts))
+        return silent.size == 0 or self.state.whole
 
     @property
     def pose(self) -> tuple[np.ndarray, np.ndarray]:

@@ -22,8 +22,6 @@ __all__ = ["new"]
 
 GAP_M = 0.02
 """Between two patches, which are put side by side [assumed]."""
-PITCH_M = 0.012
-"""Width that a unit takes [paper]."""
 SHAPE = re.compile(
     r"(?P<name>[A-Za-z0-9_][A-Za-z0-9_.-]*)=(?:dome:(?P<ball>\d+(?:\.\d+)?)mm|"
     r"(?:cylinder:(?P<radius>\d+(?:\.\d+)?)mm:)?"
@@ -177,6 +175,7 @@ def _fingertips(robot: Path) -> list[Proposal]:
 
 def _extent(one: Proposal) -> tuple[int, float]:
     """Number of units, and width along x."""
+    from skin.robot.propose import PITCH_M
     from topology.layout import place
     from topology.schema import Cylinder, Dome, Grid
 
