@@ -10,7 +10,7 @@ import numpy as np
 
 from bus.cycle import ClosedBy, FrameCounters
 from skin.contact.record import CONTACT
-from skin.decode.arrays import Results
+from skin.decode.arrays import Results, rows_of
 from skin.state import UNWANTED, Reading, arrays_in, valid_share
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def _block_of(
         return None
     count = len(heads)
     cycle, stamp_ns, overruns, closed_by, whole, untracked = map(np.array, zip(*heads, strict=True))
-    units = out.reading(decoder.plan.quantities, sigma="sigma" in decoder.want)
+    units = out.reading(rows_of(decoder.plan.quantities, sigma="sigma" in decoder.want))
     units.topology = topology
     for name, one in arrays_in(units).items():
         setattr(units, name, one[:count])

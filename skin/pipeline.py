@@ -127,7 +127,7 @@ class Pipeline:
         )  # fmt: skip
         if self.contacts is not None:
             self._bind_contacts(self.contacts)
-        self._of_units, self._of_array = arrays_in(self.now.units), arrays_in(self.now)
+        self._arrays = arrays_in(self.now)
         lacking = (topology.feels & ~topology.tared).any()
         if options.auto_tare and lacking and not self.decoder.want <= {"temperature", "sigma"}:
             self.zeros = self._make_zeros(tare=True)
@@ -315,7 +315,7 @@ class Pipeline:
         """The state of a cycle whose counts and flags are in `counts` and `status` already."""
         now, contacts = self.step(cycle), self.contacts
         kept = contacts.contacts if contacts is not None and self.lists_contacts else None
-        return now.owned(self._of_units, self._of_array, kept)
+        return now.owned(self.decoder.kept(), self._arrays, kept)
 
     def step(self, cycle: RawCycle) -> State:
         """The cycle: time; counts to forces (`Decoder.step`: films of neighbours, laws of units,

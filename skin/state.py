@@ -319,13 +319,12 @@ class State(_Wanted):
         return [contact for contact in self.contacts if contact.onset_s == 0.0]
 
     def owned(
-        self, of_units: Mapping[str, np.ndarray], of_array: Mapping[str, np.ndarray],
-        contacts: list[Contact] | None,
-    ) -> State:  # fmt: skip
-        """The same state with copies of these of its arrays (see `arrays_in`), and with these
-        contacts."""
-        own = _copied(self, of_array)
-        own.units = _copied(self.units, of_units)
+        self, units: Reading, arrays: Mapping[str, np.ndarray], contacts: list[Contact] | None
+    ) -> State:
+        """The same state with this reading, copies of these of its arrays (see `arrays_in`), and
+        these contacts."""
+        own = _copied(self, arrays)
+        own.units = units
         own.cycle, own.stamp_ns, own.closed_by = self.cycle, self.stamp_ns, self.closed_by
         own.overruns, own.poses, own.began_ns = self.overruns, self.poses, self.began_ns
         if (whole := getattr(self, "whole", None)) is not None:
@@ -338,7 +337,7 @@ class State(_Wanted):
         """The same state with writable arrays and contacts of its own."""
         contacts: list[Contact] | None = if_wanted(self, "contacts")
         kept = None if contacts is None else [contact.copy() for contact in contacts]
-        return self.owned(arrays_in(self.units), arrays_in(self), kept)
+        return self.owned(self.units.copy(), arrays_in(self), kept)
 
 
 def valid_share(topology: Topology, valid: np.ndarray) -> Any:

@@ -280,23 +280,30 @@ def _mark_near(model, data):
 def _judge(unit, memory, run, size, disturbed, dt_s, slow_s):
     """Which units of a block vote, for they are not disturbed and not touched, and how much load
     there may be on those that do."""
+    assume_noalias()
     marks, dt_s = memory["marks"], max(dt_s, SHORTEST_S)
     share = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
-    for j in range(size):
-        if marks[j] & disturbed != 0:
-            memory["alone_s"][j] = 0.0
-        elif memory["age_s"][j] > 0.0:
-            samples = min((2.0 - share) / share, memory["age_s"][j] / dt_s)
-            weight = samples * unit["load_information"][j]
-            load = (memory["fast_hz"][j] - memory["bound_hz"][j]) * weight
-            most = TOUCHED_SIGMAS * np.sqrt(weight)
-            marks[j] |= TOUCHED if load > most else VOTES
-            if marks[j] & NEAR != 0:
-                run["near_load"] += min(load, most)
-                run["near_weight"] += weight
-            else:
-                run["load"] += min(load, most)
-                run["weight"] += weight
+    most_samples = (2.0 - share) / share
+    far_load = far_weight = near_load = near_weight = 0.0
+    for j in range(min(size, LANES)):
+        age_s, is_disturbed = memory["age_s"][j], marks[j] & disturbed != 0
+        memory["alone_s"][j] = 0.0 if is_disturbed else memory["alone_s"][j]
+        judged = (not is_disturbed) & (age_s > 0.0)
+        samples = min(most_samples, age_s / dt_s)
+        weight = samples * unit["load_information"][j] if judged else 0.0
+        load = (memory["fast_hz"][j] - memory["bound_hz"][j]) * weight
+        most, is_near = TOUCHED_SIGMAS * np.sqrt(weight), marks[j] & NEAR != 0
+        verdict = TOUCHED if load > most else VOTES
+        marks[j] |= verdict if judged else 0
+        load = min(load, most)
+        near_load += load if is_near else 0.0
+        near_weight += weight if is_near else 0.0
+        far_load += 0.0 if is_near else load
+        far_weight += 0.0 if is_near else weight
+    run["near_load"] += near_load
+    run["near_weight"] += near_weight
+    run["load"] += far_load
+    run["weight"] += far_weight
 
 
 @jitable
@@ -332,37 +339,54 @@ def _vote(unit, memory, body, refused, data, first, size):
     A unit counts the less the farther its own residual has long been from what the others see
     (Geman-McClure weights): a unit that lies persistently does not count.
     """
+    assume_noalias()
     field, long_ut, marks = rows_of(data.field_ut, first), memory["long_ut"], memory["marks"]
-    turn, information = unit["skin_chip"], body["information"]
-    for j in range(size):
+    turn, told, information = unit["skin_chip"], body["told"], body["information"]
+    pressed = voters = 0.0
+    told_x = told_y = told_z = xx = xy = xz = yy = yz = zz = laterals = 0.0
+    for j in range(min(size, LANES)):
         may, touched = marks[j] & VOTES != 0, marks[j] & refused != 0
-        if may and touched:
-            marks[j] = TOUCHED | marks[j] ^ VOTES
-        if touched or not may:
-            body["pressed"] += 0.0 if memory["age_s"][j] == 0.0 else 1.0
-            continue
+        marks[j] = TOUCHED | marks[j] ^ VOTES if may & touched else marks[j]
+        votes = may & (not touched)
+        pressed += 1.0 if (not votes) & (memory["age_s"][j] > 0.0) else 0.0
         x, y = read(field, 0, j) - unit["own_ut"][0, j], read(field, 1, j) - unit["own_ut"][1, j]
         z = _axial(read(field, 2, j), unit, memory, j)
-        if not np.isfinite(x + y + z):
-            continue
-        body["voters"] += 1.0
-        sigma, known = unit["sigma_ut"][j], not np.isnan(memory["rest_ut"][j])
+        felt = x + y + z
+        votes &= felt - felt == 0.0  # neither NaN nor infinite
+        voters += 1.0 if votes else 0.0
+        sigma, rest = unit["sigma_ut"][j], memory["rest_ut"][j]
+        known = rest == rest  # noqa: PLR0124 - NaN: not known
         off_z = long_ut[2, j] if known else 0.0
         off = long_ut[0, j] ** 2 + long_ut[1, j] ** 2 + off_z**2
-        trust = (sigma * sigma / (sigma * sigma + off)) ** 2
+        trust = (sigma * sigma / (sigma * sigma + off)) ** 2 if votes else 0.0
         lateral = trust * unit["lateral_information"][j]
         # a press too light to be a contact is not ambient field either
         still = abs(memory["slow_hz"][j]) < CALM_SIGMAS * unit["sigma_hz"][j]
-        axial = trust * unit["axial_information"][j] if known and still else 0.0
+        axial = trust * unit["axial_information"][j] if known & still else 0.0
         most = CLIP_SIGMAS * sigma
         x, y = lateral * _clamped(x, most), lateral * _clamped(y, most)
-        z = axial * _clamped(z, most)
+        x, y = x if votes else 0.0, y if votes else 0.0
+        z = axial * _clamped(z, most) if votes else 0.0
+        told_x += turn[0, 0, j] * x + turn[0, 1, j] * y + turn[0, 2, j] * z
+        told_y += turn[1, 0, j] * x + turn[1, 1, j] * y + turn[1, 2, j] * z
+        told_z += turn[2, 0, j] * x + turn[2, 1, j] * y + turn[2, 2, j] * z
         # lateral · (1 - n nᵀ) + axial · n nᵀ, n the unit's axis
-        for a in range(3):
-            body["told"][a] += turn[a, 0, j] * x + turn[a, 1, j] * y + turn[a, 2, j] * z
-            information[a, a] += lateral
-            for b in range(a, 3):
-                information[a, b] += (axial - lateral) * turn[a, 2, j] * turn[b, 2, j]
+        nx, ny, nz = turn[0, 2, j], turn[1, 2, j], turn[2, 2, j]
+        beyond = axial - lateral
+        laterals += lateral
+        xx, xy, xz = xx + beyond * nx * nx, xy + beyond * nx * ny, xz + beyond * nx * nz
+        yy, yz, zz = yy + beyond * ny * ny, yz + beyond * ny * nz, zz + beyond * nz * nz
+    body["pressed"] += pressed
+    body["voters"] += voters
+    told[0] += told_x
+    told[1] += told_y
+    told[2] += told_z
+    information[0, 0] += laterals + xx
+    information[1, 1] += laterals + yy
+    information[2, 2] += laterals + zz
+    information[0, 1] += xy
+    information[0, 2] += xz
+    information[1, 2] += yz
 
 
 @jitable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from skin.errors import CountsError
 from skin.state import UNWANTED, Reading
 from topology import CHANNELS, Topology
 
-__all__ = ["Results", "check", "check_call", "plain"]
+__all__ = ["Results", "check", "check_call", "plain", "rows_of"]
 
 FIELDS = {"displacement": ("displacement_mm", "displacement_sigma_mm"), "field": ("field_ut", "")}
 """Names in a `Reading` that differ from what is wanted, and of their sigmas."""
@@ -83,19 +83,35 @@ class Results:
         self.valid = zeros((*cycles, units), bool)
         self.arrays = self.values, self.flags, self.valid
 
-    def reading(self, shown: Collection[str], *, sigma: bool) -> Reading:
-        """Views of quantities that are `shown`, and of their sigmas."""
+    def reading(self, rows: Mapping[str, int | slice]) -> Reading:
+        """Views of these rows of `values`, as quantities; see `rows_of`."""
         found: dict[str, Any] = dict.fromkeys(
             ("temperature", "force", "tangential", "theta", "displacement_mm"), UNWANTED
         )
-        for name, (first, count) in k.ROWS.items():
-            if name in shown:
-                field, field_sigma = FIELDS.get(name, (name, f"{name}_sigma"))
-                found[field] = self._rows(first, count)
-                if sigma and first < k.SIGMA:
-                    found[field_sigma] = self._rows(first + k.SIGMA, count)
+        found |= {name: self.values[..., row, :] for name, row in rows.items()}
         return Reading(**found, status=self.flags, valid=self.valid)
 
-    def _rows(self, first: int, count: int) -> np.ndarray:
-        place = first if count == 1 else slice(first, first + count)
-        return self.values[..., place, :]
+    def kept(self, rows: Mapping[str, int | slice]) -> Reading:
+        """A reading of these rows of one cycle, on one copy of all."""
+        own, values = object.__new__(Reading), self.values[: k.FORCE_PER_UT].copy()
+        for name, row in rows.items():
+            setattr(own, name, values[row])
+        own.status, own.valid = self.flags.copy(), self.valid.copy()
+        return own
+
+
+def rows_of(shown: Collection[str], *, sigma: bool) -> dict[str, int | slice]:
+    """Rows of the quantities that are `shown`, and of their sigmas, by their names in a reading."""
+    rows: dict[str, int | slice] = {}
+    for name, (first, count) in k.ROWS.items():
+        if name not in shown:
+            continue
+        field, field_sigma = FIELDS.get(name, (name, f"{name}_sigma"))
+        rows[field] = _rows(first, count)
+        if sigma and first < k.SIGMA:
+            rows[field_sigma] = _rows(first + k.SIGMA, count)
+    return rows
+
+
+def _rows(first: int, count: int) -> int | slice:
+    return first if count == 1 else slice(first, first + count)

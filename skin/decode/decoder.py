@@ -11,7 +11,7 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records
-from skin.decode.arrays import Results, check_call, plain
+from skin.decode.arrays import Results, check_call, plain, rows_of
 from skin.decode.plan import Plan
 from skin.errors import CountsError, check_kind
 from skin.options import Options
@@ -168,8 +168,9 @@ class Decoder:
             self.creep = Creep(self.topology, self.plan.wants, self._out)
             self._shown = self.creep.total
         is_known = self.plan.wants.sigma is not None
-        self.whole = self._out.reading(records.ROWS, sigma=is_known)
-        self._reading = self._shown.reading(self.plan.quantities, sigma=is_known)
+        self.whole = self._out.reading(rows_of(records.ROWS, sigma=is_known))
+        self._rows = rows_of(self.plan.quantities, sigma=is_known)
+        self._reading = self._shown.reading(self._rows)
         self.whole.topology = self._reading.topology = self.topology
         self.shown = self._shown.arrays
         counts, status = zeros((len(CHANNELS), n), np.int16), zeros(n, np.uint16)
@@ -189,6 +190,12 @@ class Decoder:
     def reading(self) -> Reading:
         """The last cycle's, on arrays that stay the same: valid until the next cycle."""
         return self._reading
+
+    def kept(self) -> Reading:
+        """The last cycle's, on arrays of its own."""
+        own = self._shown.kept(self._rows)
+        own.topology = self.topology
+        return own
 
     @property
     def force_per_ut(self) -> np.ndarray:
@@ -359,7 +366,7 @@ class Decoder:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
                 return self._batch(raw, status, background, elapsed_s)
             self._one(raw, status, background, elapsed_s)
-            return self._reading.copy()
+            return self.kept()
         finally:
             self._alone.release()
 
@@ -409,7 +416,7 @@ class Decoder:
             self._one(raw[t], flags, given, elapsed_s)
             for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
                 whole[t] = array
-        reading = out.reading(self.plan.quantities, sigma=self.plan.wants.sigma is not None)
+        reading = out.reading(self._rows)
         reading.topology = self.topology
         return reading
 
