@@ -235,30 +235,19 @@ def _row(figure: Figure, row: dict[str, Any]) -> str:
 
 def with_short(readme: str, stored: dict[str, dict[str, Any]]) -> str:
     """The README with its sentences of figures."""
-    known = {_key(figure): figure for figure in FIGURES}
     lines = []
     for sentence in SENTENCES:
         rows = [stored.get(key) for key in sentence.keys]
         if any(row is None or row["value"] is None for row in rows):
             continue
-        targets = [
-            f"{bound(known[key])} {known[key].unit}".rstrip() + f": {verdict(known[key], row)}"
-            for key, row in zip(sentence.keys, rows, strict=True)
-            if known[key].target
-        ]
         text = sentence.text.format(*(row["value"] for row in rows))
         text = re.sub(r"(\d)%", r"\1 %", text)
         mark = SHORT_RUN if any(row["quick"] for row in rows) else ""
-        lines.append(f"- {text}{mark}" + _targets(targets))
+        lines.append(f"- {text}{mark}")
     if any(SHORT_RUN in line for line in lines):
         lines += ["", f"{SHORT_RUN.strip()} `--quick`: fewer units, cycles or trials."]
     short = BEGIN + "\n".join(lines) + "\n" + END
     return re.sub(re.escape(BEGIN) + ".*?" + re.escape(END), lambda _: short, readme, flags=re.S)
-
-
-def _targets(targets: list[str]) -> str:
-    """Targets of a sentence, and whether they are held."""
-    return f" Target{'s' * (len(targets) > 1)}: {'; '.join(targets)}." if targets else ""
 
 
 def number(value: float | None) -> str:
