@@ -1,6 +1,8 @@
 """A newcomer's first hour, from the wheel to a picture of the own hand, with its time.
 
-``pytest tests/test_first_hour.py -m long -s`` prints what each step takes.
+The hand has a URDF with a domed fingertip and an opposed thumb; the boards of the thumb are on a
+bus of their own, and send a message of a DBC file. ``pytest tests/test_first_hour.py -m long -s``
+prints what each step takes, and what a program of ten lines reads.
 """
 
 from __future__ import annotations
@@ -23,8 +25,60 @@ pytestmark = pytest.mark.long
 
 NOT_THERE = ("No matching distribution found", "Could not find a version", "Connection")
 """What pip says where packages of others cannot be had."""
-PATCHES = ("palm=4x4", "thumb=2x3")
-UNITS = 22
+UNITS, OF_FINGER = 15, 6
+URDF = """<robot name="two_fingers">
+  <link name="palm"/>
+  <link name="finger"><collision><geometry><sphere radius="0.012"/></geometry></collision></link>
+  <link name="thumb">
+    <collision><geometry><cylinder radius="0.012" length="0.036"/></geometry></collision>
+  </link>
+  <joint name="bend" type="revolute">
+    <parent link="palm"/><child link="finger"/>
+    <origin xyz="0 0.04 0.1"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="1.5" effort="1" velocity="1"/>
+  </joint>
+  <joint name="oppose" type="revolute">
+    <parent link="palm"/><child link="thumb"/>
+    <origin xyz="0 -0.04 0.1" rpy="0 0 3.14159265"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="1.5" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: Board Host
+BO_ 512 Taxel: 8 Board
+ SG_ Current : 0|12@1+ (0.055,0) [0|225.2] "uA" Host
+ SG_ Frequency : 12|16@1+ (0.125,0) [0|8191.8] "Hz" Host
+ SG_ X : 28|12@1- (2,0) [-4096|4094] "uT" Host
+ SG_ Y : 40|12@1- (2,0) [-4096|4094] "uT" Host
+ SG_ Z : 52|12@1- (4,0) [-8192|8188] "uT" Host
+"""
+OWN_BUS = """[[buses]]
+name = "thumb"
+interface = "socketcan"
+channel = "can1"
+bitrate = 1_000_000
+
+[[layouts]]
+name = "vendor"
+dbc = "vendor.dbc"
+message = "Taxel"
+dbc_signals = { gel = "Current", frequency = "Frequency", bx = "X", by = "Y", bz = "Z" }
+
+"""
+TEN_LINES = """import skin
+
+with skin.open("my_hand.toml", simulate="tap", pace=False) as hand:
+    hand.move_joints({"bend": 0.4, "oppose": 0.4})
+    for state in hand:
+        finger, thumb = state.patch("finger"), state.patch("thumb")
+        for contact in finger.contacts + thumb.contacts:
+            print(round(state.time_s, 3), contact, finger.wrench[:3].round(2), thumb.whole)
+        if state.contacts and state.units["finger/0"].force[2] > 0.2:
+            break
+"""
 
 
 class Newcomer:
@@ -90,7 +144,7 @@ def newcomer(tmp_path):
     assert made.returncode == 0, made.stderr
     with new.step("install"):
         constraints = ("-c", ROOT / "constraints.txt")
-        done = new.run(new.python, "-m", "pip", "install", "-q", *constraints, f"{wheel}[log,view]")
+        done = new.run(new.python, "-m", "pip", "install", "-q", *constraints, f"{wheel}[dbc,log,view]")
     if done.returncode and any(reason in done.stderr for reason in NOT_THERE):
         pytest.skip(f"packages cannot be installed here: {done.stderr.splitlines()[-1]}")
     assert done.returncode == 0, done.stderr
@@ -98,14 +152,23 @@ def newcomer(tmp_path):
 
 
 def test_the_first_hour(newcomer, capsys):
-    hand = "my_hand.toml"
-    assert newcomer.skin("new", "my_hand", "--patches", *PATCHES)["units"] == UNITS
+    hand, folder = "my_hand.toml", newcomer.folder
+    (folder / "hand.urdf").write_text(URDF)
+    (folder / "vendor.dbc").write_text(DBC)
+    assert newcomer.skin("new", "my_hand", "--robot", "hand.urdf")["units"] == UNITS
+    finger, thumb = (folder / hand).read_text().split('name = "thumb"')
+    for old, new in (
+        ('bus = "main"', 'bus = "thumb"'), ("f3t-fd64", "vendor"), ("0x110", "0x200"),
+    ):  # fmt: skip
+        assert thumb.count(old) == 1
+        thumb = thumb.replace(old, new)
+    finger = finger.replace("[robot]", OWN_BUS + "[robot]")
+    (folder / hand).write_text(f'{finger}name = "thumb"{thumb}')
     assert newcomer.skin("check", hand)["ok"]
     felt = newcomer.skin("run", hand, "--simulate", "--seconds", "2")
     assert (felt["units_heard"], felt["counters"]["lost"]) == (UNITS, 0)
-    tared = newcomer.skin("tare", hand, "--simulate")
+    tared = newcomer.skin("tare", hand, "--simulate", "--output", "trial.toml")
     assert (tared["tared"], tared["lines"]) == (UNITS, {})
-    assert newcomer.skin("check", hand)["never_tared"] == []
     command = [hand, "--record", "run.mcap", "--simulate", "tap"]
     recorded = newcomer.skin("run", *command)  # ends with the scene
     assert recorded["contacts"] >= 1
@@ -115,11 +178,17 @@ def test_the_first_hour(newcomer, capsys):
         pressed = max(float(value) for row in csv.DictReader(file) for name, value in row.items()
                       if name.endswith(".fz") and "/" in name and value != "nan")  # fmt: skip
     assert pressed > 0.2
+    (folder / "ten_lines.py").write_text(TEN_LINES)
+    with newcomer.step("ten lines"):
+        done = newcomer.run(newcomer.python, "ten_lines.py")
+    assert done.returncode == 0, done.stderr
+    printed = done.stdout.splitlines()
+    assert printed
     if PROGRAM is not None:
         picture = newcomer.view(hand, "--simulate")
         assert picture.reshape(-1, picture.shape[-1]).std(axis=0).max() > 10.0  # not one colour
     with capsys.disabled():
-        print()
+        print("", *printed[-3:], sep="\n")
         for name, seconds in newcomer.took_s.items():
             print(f"{name:<12} {seconds:7.1f} s")
         print(f"{'all':<12} {sum(newcomer.took_s.values()):7.1f} s")

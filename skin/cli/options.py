@@ -229,6 +229,12 @@ def without(topology: Topology) -> dict[str, list[str]]:
     }
 
 
+CUT_OFF = (
+    "with too short a signal on the wire: it ends before what a working unit reads (look at scale, "
+    "offset and length in the layout)"
+)
+
+
 def hints(
     file: str,
     topology: Topology,
@@ -236,13 +242,17 @@ def hints(
     will_tare: bool = False,
     more: Iterable[tuple[list[str], str]] = (),
 ) -> list[str]:
-    """A line about units that were never tared, one about those without a calibration, and `more`
-    about units that have something."""
+    """A line about units that were never tared, one about those without a calibration, one about
+    each channel that the wire cuts off, and `more` about units that have something."""
+    from skin.decode.limits import clipped
+
     now = ", or touch nothing for a second" if will_tare else ""
     untared, unknown = without(topology).values()
     found = [
         (untared, f"never been tared: skin tare {file}{now}"),
         (unknown, "no calibration: sigma holds the spread from unit to unit"),
+        *((lacking(topology, ~units), f"{channel!r} {CUT_OFF}")
+          for channel, units in clipped(topology).items()),
         *more,
     ]
     return [

@@ -7,10 +7,11 @@ import numpy as np
 from bus.status import Status
 from skin.decode import records as k
 from skin.physics.force_law import inverse, normal_law
+from skin.physics.rest import axial_at_rest_ut
 from topology import CHANNELS, Topology
 from topology.gel import gel_share
 
-__all__ = ["calibrated_drop_hz", "frequency_sigma_hz", "limits_of"]
+__all__ = ["calibrated_drop_hz", "clipped", "frequency_sigma_hz", "limits_of"]
 
 STRETCH_MAX = 0.2
 """A frequency this share above rest is no working unit: it would be pulled to 6/5 of its height
@@ -57,6 +58,31 @@ def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray]:
     return {"status": status, "note": note} | {
         name: np.stack([low, high - low]).astype(np.int64) for name, (low, high) in ranges.items()
     }
+
+
+def clipped(topology: Topology) -> dict[str, np.ndarray]:
+    """Channels whose signals on the wire end before what a working unit reads: their names, and
+    which units, shape (n,), bool.
+
+    A unit reads gel currents and frequencies of its calibrated range, and along z the field of its
+    film at rest, or more.
+    """
+    p, rails, found = topology.parameters, _rails(topology, vertical=True), {}
+    rest, film = p["frequency_rest_hz"], axial_at_rest_ut(topology)
+    read = {
+        k.GEL: _currents(topology, p["temperature_min_c"], p["temperature_max_c"]),
+        k.FREQUENCY: (rest - calibrated_drop_hz(topology)[1], rest),
+        k.BZ: (film, film),
+    }
+    for channel, ends in read.items():
+        (first, last), (low, high) = (
+            _counts(topology, channel, *ends),
+            rails[k.CHANNEL_NAMES[channel]],
+        )
+        beyond = topology.wired[channel] & ~topology.counts_only & ((first < low) | (last > high))
+        if beyond.any():
+            found[k.CHANNEL_NAMES[channel]] = beyond
+    return found
 
 
 def _currents(topology: Topology, *temperatures: np.ndarray) -> list[np.ndarray]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bus.status import Status
+from skin.decode.limits import clipped
 from tests.fixtures.decode import row_of, sine
 
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(6)
@@ -72,3 +73,19 @@ def test_a_range_that_the_wire_does_not_reach_holds_no_count(offset_hz, count):
     status = sine(dataclasses.replace(skin, offset=offset))(raw).status[0]
     assert status & Status.OUT_OF_RANGE
     assert status & Status.EXTRAPOLATED
+
+
+@pytest.mark.parametrize(
+    ("finer", "channel"), [(1.0, None), (0.1, GEL), (-0.1, FREQUENCY), (0.02, BZ), (0.02, BX)]
+)
+def test_signals_that_end_before_a_working_unit_does_are_named(finer, channel):
+    """Those of lateral fields never are: how far a face is sheared is up to its load."""
+    skin = row_of(3)
+    scale = skin.scale.copy()
+    if channel is not None:
+        scale[channel, 1] *= finer
+    found = clipped(dataclasses.replace(skin, scale=scale))
+    expected = {GEL: "gel", FREQUENCY: "frequency", BZ: "bz"}.get(channel)
+    assert {name: units.tolist() for name, units in found.items()} == (
+        {} if expected is None else {expected: [False, True, False]}
+    )
