@@ -376,7 +376,7 @@ def test_what_is_neither_pixels_nor_a_file_is_refused(states, written, monkeypat
     with pytest.raises(LibraryError) as told:
         written(states, [Frame(states[0].stamp_ns, {"wrist": b""})])
     assert str(told.value) == (
-        "camera: frame 0: 'wrist': must have Pillow to be read; not installed: "
+        "camera: frame 0: 'wrist': must have PIL; not installed: "
         "pip install 'f3t-skin[data]'"
     )
 

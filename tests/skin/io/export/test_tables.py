@@ -20,7 +20,7 @@ pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
 
 def test_row_groups_are_written_as_they_fill(log, tmp_path, monkeypatch):
     monkeypatch.setattr(tables, "MOST_ROWS", 64)
-    decoded = skin.decode_log("palm", log, want={"force"})
+    decoded = skin.decode_log("palm", log)
     whole, blocks = decoded.blocks, lambda: whole(32)
     monkeypatch.setattr(decoded, "blocks", blocks)
     assert write_tables(decoded, tmp_path / "a.parquet") == 400

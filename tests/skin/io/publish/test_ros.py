@@ -200,36 +200,6 @@ def test_late_subscribers_are_given_the_layout_and_the_frames(palm):
     np.testing.assert_allclose(column, at.rotation[:, 2, 0], atol=1e-12)
 
 
-def test_contacts_have_topics_of_their_own_and_end_at_zero(palm, states):
-    topics = {"rt/skin/contact/0": "WrenchStamped"}
-    with ros(palm, rate_hz=None) as node, Listener(topics) as listener:
-        give(node, states[0])  # the topic is there once something touches
-        listener.match()
-        give(node, states[1])
-        give(node, replace(states[2], contacts=[], label=states[2].label * 0 - 1))
-        heard = listener.heard["rt/skin/contact/0"]
-        listener.until(lambda: heard and six(heard[-1]["wrench"]) == [0.0] * 6)
-    assert six(heard[-2]["wrench"]) == states[1].contacts[0].wrench.tolist()
-
-
-def test_diagnostics_name_units_that_are_not_to_be_trusted(palm, states):
-    topics = {"rt/diagnostics": "DiagnosticArray"}
-    with ros(palm, rate_hz=None, prefix="left/skin") as node:
-        with Listener(topics) as listener:
-            listener.match()
-            give(node, states[-1])
-            listener.until(lambda: listener.heard["rt/diagnostics"])
-            told = listener.heard["rt/diagnostics"][0]["status"]
-    assert [one["name"] for one in told] == [
-        "left_skin: units", "left_skin: frames", "left_skin: bus main", "left_skin: contacts",
-        "left_skin: publishing",
-    ]  # fmt: skip
-    units, _, bus, *_ = told
-    assert (units["level"], bus["level"], bus["message"]) == (1, 0, "error-active")
-    assert units["message"] == "1 of 64 units not valid"
-    assert units["values"] == [{"key": palm.topology.unit_names[3], "value": "stale"}]
-
-
 @long_after_first("want", [("force",), ("contacts",)])
 def test_patches_are_told_where_the_joints_have_moved_them(tmp_path, want):
     """Fingers slide along x by the coordinate of their joint, whatever is wanted of the skin."""
@@ -353,11 +323,6 @@ def test_the_command_publishes_a_scene(capsys, monkeypatch):
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert (report["units_heard"], report["publishing"]) == (64, True)
     assert 0 < report["published"] <= report["cycles"]
-
-
-def test_the_command_refuses_a_topic_that_ros_refuses(capsys):
-    assert main(["publish", "palm", "--simulate", "--prefix", "2skin"]) == 2
-    assert "prefix: must be names of letters" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

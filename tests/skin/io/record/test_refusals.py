@@ -63,7 +63,7 @@ def test_a_cut_recording_is_played_up_to_there(file, tmp_path):
 
 
 def chunks_of(file):
-    """End and length of the data of each chunk that has cycles; a slow start writes some without."""
+    """End and length of each chunk that has cycles; a slow start writes some without."""
     from mcap.stream_reader import StreamReader, breakup_chunk
 
     places = []
