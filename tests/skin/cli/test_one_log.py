@@ -17,6 +17,8 @@ from tests.fixtures.live import frames_of
 parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
 
 CYCLES = 350
+
+
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     """Bodies that press a palm, with neighbours that feel each other's films."""

@@ -19,7 +19,7 @@ from bus.state import BusState
 from skin import sinks
 from skin.contact.record import CONTACT
 from skin.io import publish
-from skin.io.messages.definitions import MESSAGES, type_of
+from skin.io.messages.definitions import MESSAGES
 from skin.io.messages.of_skin import SkinMessages
 from skin.io.messages.record import (
     BUS_STATES,
@@ -367,19 +367,3 @@ def test_without_contacts_the_cloud_of_forces_is_empty(palm, state, record, stor
     fill(record, replace(state, contacts=[]))
     message, points = cloud(palm, record, "/skin/forces", store)
     assert (message.width, len(points), message.is_dense) == (0, 0, True)
-
-
-@pytest.mark.parametrize("frame", ["s", "base", "left_skin", "rechte_Hand_3"])
-def test_bytes_are_those_of_rosbags_whatever_the_frame_is_called(palm, state, record, store, frame):
-    fill(record, replace(state, contacts=state.contacts * 2))
-    messages = SkinMessages(described(palm), "publishing", name=frame, frame=frame)
-    record["moved"] = 1
-    record["pose"] = np.concatenate([palm.position, palm.rotation.reshape(9, -1)])
-    found = dict([*messages.layout(1), *messages.moves(record[0], 2),
-                  *messages.of_state(record[0])])  # fmt: skip
-    assert len(found) == 9
-    for topic, data in found.items():
-        message = store.deserialize_cdr(data, type_of(topic))
-        assert bytes(store.serialize_cdr(message, type_of(topic))) == data
-        told = message.transforms[0].header if topic == "/tf" else message.header
-        assert told.frame_id == ("" if topic == "/diagnostics" else frame)
