@@ -94,7 +94,7 @@ class Events:
             new = [f"{name}: {why}" for name, why in faults.items() if name not in self._faults]
             found += new[:SHOWN] + [f"and {len(new) - SHOWN} more units"] * (len(new) > SHOWN)
             if again := len(self._faults.keys() - faults.keys()):
-                found.append(f"{again} units are valid again")
+                found.append(f"{again} units valid again")
         self._slips, self._faults = slips, faults
         self._kept.extend((now_ns, text) for text in found)
         while self._kept and not 0 <= now_ns - self._kept[0][0] <= KEPT_NS:

@@ -133,11 +133,12 @@ def _cells_by_name(topology: Topology, patch: str) -> np.ndarray:
 def _checked_cells(cells: Any, units: np.ndarray) -> np.ndarray:
     """Given cells, if they are units of the patch, each at most once."""
     try:
-        checked = np.array(cells, np.int64)
+        checked = np.array(cells).astype(np.int64, casting="safe")
     except (TypeError, ValueError, OverflowError):
         checked = np.zeros(0, np.int64)
     used = checked[checked >= 0]
-    if checked.ndim != 2 or np.unique(used).size < used.size or not np.isin(used, units).all():
+    is_image = checked.ndim == 2 and checked.size > 0
+    if not is_image or np.unique(used).size < used.size or not np.isin(used, units).all():
         raise OptionError(
             f"cells: must be units of the patch, {units[0]} to {units[-1]}, each once, or -1, "
             f"shape (h, w); got {shown(cells)}"

@@ -32,7 +32,7 @@ def recorded(tmp_path_factory):
     """A recording of a run, and the forces that it had."""
     pytest.importorskip("mcap", reason="mcap is not installed")
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
-    how = skin.Options(sweeps=0)
+    how = skin.Options(false_contacts_per_day=0.5)
     with skin.open("strip", simulate="press", pace=False, record=path, options=how) as strip:
         force = np.stack([state.units.force for state in itertools.islice(strip, 120)])
     return path, force
@@ -43,11 +43,11 @@ def test_a_recording_is_decoded_as_a_log_is(first, recorded, tmp_path, capsys):
     path, force = recorded
     assert main(["decode", *first, str(path), "-o", str(tmp_path / "run.npz"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
-    double = decode_logs("strip", [path], tmp_path / "out", format="npz", dtype="float64")
-    for one, dtype in ((report, "float32"), (double, "float64")):
+    other = decode_logs("strip", [path], tmp_path / "out", format="npz", auto_tare=False)
+    for one, tares in ((report, True), (other, False)):
         assert (one["topology"], one["cycles"], one["faults"]) == ("strip", 120, [])
         options = one["logs"][0]["options"]  # of its run, but for those that are given
-        assert (options["sweeps"], options["dtype"]) == (0, dtype)
+        assert (options["false_contacts_per_day"], options["auto_tare"]) == (0.5, tares)
     with np.load(tmp_path / "run.npz") as found:
         np.testing.assert_array_equal(found["force"], force)
 

@@ -76,7 +76,7 @@ def test_events_are_contacts_slips_and_faults_of_the_last_minute(shown):
     ):  # fmt: skip
         events.add(record)
     page = events.html(10**18 + 4 * 10**9)
-    told = ["1 units are valid again", "contact 7 ends", "u3: stale", "contact 7: incipient slip",
+    told = ["1 units valid again", "contact 7 ends", "u3: stale", "contact 7: incipient slip",
             "contact 7 begins, 0.00 N"]  # fmt: skip
     places = [page.index(text) for text in told]
     assert sorted(places[2:]) == places[2:]

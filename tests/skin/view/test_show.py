@@ -129,6 +129,18 @@ def test_a_tare_asked_for_takes_the_zeros_of_untouched_units_anew():
 
 
 @pytest.mark.long
+def test_joints_that_a_slider_asks_for_move_the_units():
+    with skin.open("gripper", simulate=True, pace=False) as gripper, show(gripper, port=0) as view:
+        states = iter(gripper)
+        before = next(states).poses[0].copy()
+        view._asked[1:] = 0.5 * gripper.joints.robot.upper  # as its process does
+        view._ring.call()
+        next(states)
+        assert gripper.joints.q.tolist() == (0.5 * gripper.joints.robot.upper).tolist()
+        assert np.abs(next(states).poses[0] - before).max() > 1e-3
+
+
+@pytest.mark.long
 def test_the_command_shows_a_simulated_skin_and_ends_by_itself(capsys):
     arguments = ["view", "strip", "--simulate", "--seconds", "1", "--json"]
     assert main(arguments) == 0

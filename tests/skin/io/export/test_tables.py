@@ -54,7 +54,7 @@ def test_a_live_skin_is_written_for_a_while(tmp_path):
 
 @pytest.mark.parametrize("format", ["parquet", "csv", "npz"])
 def test_an_error_leaves_no_file_and_no_states_make_none(palm, format, tmp_path):
-    pipeline = Pipeline(palm, Options(want={"force"}))
+    pipeline = Pipeline(palm, Options())
 
     def broken():
         yield from itertools.islice(pipeline.feed(frames_of("palm", "press", 10)), 3)
