@@ -47,17 +47,16 @@ class Fingers:
         """A bar for each, `full_n` newton long at most, in the colour of the worst slip."""
         rows = []
         for name, force_n, contacts in self.forces(record, pose):
-            worst = contacts[np.argmax(contacts["slip"])] if contacts.size else None
-            text = f"{force_n:.2f} N"
-            if worst is not None:
+            slip, text = SlipState.UNKNOWN, f"{force_n:.2f} N"
+            if contacts.size:
+                slip = SlipState(int(contacts["slip"].max()))
                 least = contacts[np.argmin(np.nan_to_num(contacts["margin_at_least"], nan=np.inf))]
-                text += f" {SlipState(int(worst['slip'])).name.lower()} {margin_text(least)}"
-            colour = SLIP_COLOURS[SlipState.STICK if worst is None else int(worst["slip"])]
+                text += f" {slip.name.lower()} {margin_text(least)}"
             width = 100.0 * min(force_n / full_n, 1.0)
             rows.append(
                 f'<span>{escape(name)}</span><span style="background:#20262d;height:0.8em">'
                 f'<span style="display:block;height:100%;width:{width:.0f}%;'
-                f'background:rgb{colour}"></span></span><span>{text}</span>'
+                f'background:rgb{SLIP_COLOURS[slip]}"></span></span><span>{text}</span>'
             )
         return (
             '<div style="display:grid;grid-template-columns:auto 6em 1fr;gap:0.15em 0.7em;'

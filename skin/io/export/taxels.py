@@ -133,7 +133,7 @@ def _cells_by_name(topology: Topology, patch: str) -> np.ndarray:
 def _checked_cells(cells: Any, units: np.ndarray) -> np.ndarray:
     """Given cells, if they are units of the patch, each at most once."""
     try:
-        checked = np.array(cells).astype(np.int64, casting="safe")
+        checked = np.array(cells).astype(np.int64, casting="same_kind")
     except (TypeError, ValueError, OverflowError):
         checked = np.zeros(0, np.int64)
     used = checked[checked >= 0]
