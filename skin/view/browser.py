@@ -108,7 +108,7 @@ def show(source: Skin | Any, *, host: str = HOST, port: int | None = None) -> Vi
         Or another object with a `topology` and a `pipeline` that its states come from.
     host : str
         Address of this machine to listen on; by default only this machine can connect. Every client
-        sees the skin and can tare it.
+        sees the skin, can tare it and set the joints of its model.
     port : int, optional
         The first free one from 8080 on if not given.
 
