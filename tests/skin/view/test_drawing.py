@@ -69,8 +69,13 @@ def test_arrows_are_those_of_each_unit_that_is_valid_and_loaded(skin):
     np.testing.assert_allclose(got, np.array(expected), atol=1e-5)
 
 
-def test_noise_has_an_arrow_once_in_a_million():
+def test_noise_has_an_arrow_once_in_a_million(skin):
     assert chi2.sf(LEAST_MISFIT, 3) == pytest.approx(1e-6, rel=0.05)
+    record, pose = snapshot_of(skin), pose_of(skin)
+    limit_n = 0.01 * np.sqrt(LEAST_MISFIT)
+    record["force"][2] = limit_n * np.where(np.arange(35) < 20, 1.01, 0.99)
+    frame = frame_of(pose, np.full(35, 0.005))
+    assert len(unit_arrows(record, pose, frame, np.full(35, 0.02), 1e-3)) == 20
 
 
 def test_an_untouched_skin_has_no_arrow_and_no_label(skin):
