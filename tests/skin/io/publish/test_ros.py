@@ -8,6 +8,7 @@ import select
 import signal
 import subprocess
 import sys
+import time
 from collections import defaultdict
 from dataclasses import replace
 
@@ -177,26 +178,31 @@ def test_late_subscribers_are_given_the_layout_and_the_frames(palm):
 def test_patches_are_told_where_the_joints_have_moved_them(tmp_path, want):
     """Fingers slide along x by the coordinate of their joint, whatever is wanted of the skin."""
     near, _ = MemoryTransport.pair()
-    file = write_gripper(tmp_path)
-    with over(file, [near], pace=False, want=want) as gripper:
-        states, heard = iter(gripper), {}
+    with over(write_gripper(tmp_path), [near], pace=False, want=want) as gripper:
+        states = iter(gripper)
         assert (if_wanted(next(states), "contacts") is None) == ("contacts" not in want)
-        with ros(gripper, rate_hz=None):
-            with Listener({"rt/tf": "TFMessage"}) as listener:
-                listener.match()
-                for q in (0.0, 0.03):
-                    gripper.move_joints({"close": q})
-                    count = len(listener.heard["rt/tf"])
-                    while len(listener.heard["rt/tf"]) < count + 2:  # 20 a second
-                        next(states)
-                        listener.take(0.002)
-                    for told in listener.heard["rt/tf"][-1]["transforms"]:
-                        place = list(told["transform"]["translation"].values())
-                        heard.setdefault(told["child_frame_id"], []).append(place)
-    assert heard.keys() == {"skin/left", "skin/right"}
-    for name, way in (("left", 0.03), ("right", -0.03)):
-        before, after = map(np.array, heard[f"skin/{name}"])
-        np.testing.assert_allclose(after - before, [way, 0.0, 0.0], atol=1e-12)
+        with ros(gripper, rate_hz=None), Listener({"rt/tf": "TFMessage"}) as listener:
+            listener.match()
+
+            def heard_until(is_so):
+                """Places of the patches, as they were heard last."""
+                found, until = {}, time.monotonic() + LONG_S
+                while not is_so(found):
+                    assert time.monotonic() < until
+                    next(states)
+                    listener.take(0.002)
+                    for told in listener.heard["rt/tf"][-1:]:
+                        found = {one["child_frame_id"]: [*one["transform"]["translation"].values()]
+                                 for one in told["transforms"]}  # fmt: skip
+                return found
+
+            before = heard_until(bool)
+            gripper.move_joints({"close": 0.03})
+            after = heard_until(lambda found: found and found != before)
+    assert after.keys() == {"skin/left", "skin/right"}
+    for name, way in (("skin/left", 0.03), ("skin/right", -0.03)):
+        away = np.subtract(after[name], before[name])
+        np.testing.assert_allclose(away, [way, 0.0, 0.0], atol=1e-12)
 
 
 def test_the_rate_holds_in_the_mean(palm, states):
