@@ -86,6 +86,8 @@ def test_a_finished_log_is_left_out_and_reported_again(logs, tmp_path):
     first = decode_logs("palm", [torn, logs[1]], out, on_log=seen.append)
     before = contents(out)
     assert seen == first["logs"]
+    began = column(out, "contacts", "slip_began")
+    assert sum(one["slips"] for one in seen) == np.count_nonzero(began) > 0
     again = decode_logs("palm", [torn, logs[1]], out)
     assert (first["decoded"], again["unchanged"]) == (2, 2)
     assert again["faults"] == first["faults"]
