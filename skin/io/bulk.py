@@ -26,7 +26,6 @@ import numpy as np
 import topology as topology_package
 from bus.errors import BusError
 from bus.logs import buses_of, read
-from bus.processors import processors
 from skin.blocks import blocks_of
 from skin.contact.record import Event
 from skin.errors import OptionError, SkinError, check_choice
@@ -103,7 +102,7 @@ def decode_logs(
     calls = {
         log: partial(
             _attempt, loaded, log, places_in(Path(out), loaded.name, key, format),
-            channels=channels, threads=None if executor is None else False, options=options,
+            channels=channels, threads=executor is None, options=options,
         )
         for key, log in keys.items()
     }  # fmt: skip
@@ -161,8 +160,7 @@ def _failed(log: Path, message: str) -> dict[str, Any]:
 
 def decode_one(
     topology: Topology, log: Path, places: Mapping[str, Path] | None, *,
-    channels: Mapping[str, str] | None = None, threads: bool | None = None,
-    options: Mapping[str, Any],
+    channels: Mapping[str, str] | None = None, threads: bool = True, options: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
     """Decode one log or recording into tables.
 
@@ -174,9 +172,8 @@ def decode_one(
         Of the tables, see `skin.io.export.tables`; None: nothing is written.
     channels, options
         As of `decode_logs`.
-    threads : bool, optional
-        Whether threads read, decode and write at the same time; if not given, where there is more
-        than one processor.
+    threads : bool
+        Whether threads read, decode and write at the same time.
 
     Returns
     -------
@@ -191,7 +188,6 @@ def decode_one(
     bus.BusError, SkinError, OSError
         The log cannot be decoded, or a file not be written.
     """
-    threads = processors() > 1 if threads is None else threads
     played: Any
     if is_recording(log):
         from skin.io.record.replay import replay

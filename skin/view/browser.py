@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from skin.errors import check_number
+from skin.io.messages.definitions import require
 from skin.sinks import WorkerSink
 from skin.state import State
-from skin.view.server import check_installed
 from skin.view.snapshot import Snapshots, snapshot_dtype
 from skin.worker import RingBuffer
 from topology.packed import packed
@@ -37,18 +40,31 @@ class View(WorkerSink):
     """
 
     def __init__(self, source: Any, host: str, port: int | None) -> None:
-        check_installed()
+        require("view", "view", "viser")
         pipeline: Pipeline = source.pipeline
         super().__init__("view", pipeline)
         self._source, topology = source, source.topology
         timing = getattr(source, "timing", None)
         self._ring = RingBuffer(snapshot_dtype(topology, pipeline.contact_capacity), SLOTS)
         self.snapshots = Snapshots(self._ring, pipeline, timing, getattr(source, "transports", ()))
-        self._calls, self._zeros = 0, _summary(pipeline)
-        self.address: str = self.start("skin.view.process", self._ring, {
-            "host": host, "port": port, "topology": packed(topology),
-            "is_live": timing is not None,
-        }, "address")["address"]  # fmt: skip
+        self._calls, self._tares, self._zeros = 0, 0, _summary(pipeline)
+        joints = () if topology.robot is None else topology.robot.joint_names
+        with NamedTemporaryFile() as file:  # memory of both processes, even when it has no name
+            # what browsers ask for: how often to tare, and joints
+            self._asked = np.memmap(file, float, "w+", shape=1 + len(joints))
+            self._asked[1:] = self._q = np.full(len(joints), np.nan)
+            self.address: str = self.start("skin.view.process", self._ring, {
+                "host": host, "port": port, "topology": packed(topology),
+                "is_live": timing is not None, "asked": file.name,
+            }, "address")["address"]  # fmt: skip
+
+    def frames(self, frames: np.ndarray) -> None:
+        """Before frames are decoded: move the joints as sliders were moved; see `Sink.frames`."""
+        if self._ring.calls != self._calls:
+            self._calls, q = self._ring.calls, self._asked[1:].copy()
+            if q.size and np.isfinite(q).all() and not np.array_equal(q, self._q):
+                self._q = q
+                self._source.move_joints(q)
 
     def state(self, state: State) -> None:
         """Take a snapshot when due, within the skin's loop; see `Sink.state`."""
@@ -56,9 +72,9 @@ class View(WorkerSink):
             return
         self.lost = self.snapshots.missed
         self.look()
-        pipeline, calls = self.pipeline, self._ring.calls
-        if calls != self._calls:
-            self._calls = calls
+        pipeline, tares = self.pipeline, int(self._asked[0])
+        if tares != self._tares:
+            self._tares = tares
             pipeline.retake_zeros()
             self._zeros = _summary(pipeline)
         elif (zeros := _summary(pipeline)) != self._zeros:
@@ -92,7 +108,7 @@ def show(source: Skin | Any, *, host: str = HOST, port: int | None = None) -> Vi
         Or another object with a `topology` and a `pipeline` that its states come from.
     host : str
         Address of this machine to listen on; by default only this machine can connect. Every client
-        sees the skin and can tare it.
+        sees the skin, can tare it and set the joints of its model.
     port : int, optional
         The first free one from 8080 on if not given.
 

@@ -16,14 +16,14 @@ from skin.cividis import cividis
 from skin.state import INVALID, Status
 
 __all__ = [
-    "INVALID_COLOUR", "OFF_COLOUR", "QUANTITIES", "Quantity", "Scale", "colours", "is_bad",
-    "is_on", "rendered", "valid",
+    "INVALID_COLOUR", "OFF_COLOUR", "OFF_SIZE", "QUANTITIES", "Quantity", "Scale", "colours",
+    "is_bad", "is_on", "rendered", "valid",
 ]  # fmt: skip
 
 INVALID_COLOUR = (120, 220, 240)
 """Colour of units that are not valid."""
-OFF_COLOUR = (96, 102, 110)
-"""Colour of units that the topology switches off."""
+OFF_COLOUR, OFF_SIZE = (20, 23, 27), 0.4
+"""Units that the topology switches off are a dot on their rim: grey is the middle of the scale."""
 
 
 class Quantity(NamedTuple):

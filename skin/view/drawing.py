@@ -16,7 +16,7 @@ from skin.view.colour import valid
 
 __all__ = [
     "SLIP_COLOURS", "Frame", "Pose", "camera", "contact_arrows", "contact_label", "cross", "disc",
-    "frame_of", "quaternions", "radii", "tag_places", "unit_arrows",
+    "frame_of", "margin_text", "quaternions", "radii", "tag_places", "top", "unit_arrows",
 ]  # fmt: skip
 
 LEAST_MISFIT = 30.7
@@ -190,10 +190,17 @@ def contact_label(contact: np.void) -> str:
     text = f"contact {contact['id']}   {contact['load']:.2f} N"
     if slip := SlipState(int(contact["slip"])):
         text += f"   {slip.name.lower()}" + (" slip" if slip > SlipState.STICK else "")
-    if np.isfinite(margin := float(contact["margin_at_least"])):
-        least = "" if np.isfinite(contact["friction"]) else "≥ "
-        text += f"   margin {least}{100 * margin:.0f} %"
+    if margin := margin_text(contact):
+        text += f"   {margin}"
     return text + "   not whole" * bool(contact["flags"] & Flag.UNSEEN)
+
+
+def margin_text(contact: np.void) -> str:
+    """The margin of a CONTACT record, a bound while friction is not known; nothing if it is not."""
+    if not np.isfinite(margin := float(contact["margin_at_least"])):
+        return ""
+    least = "" if np.isfinite(contact["friction"]) else "≥ "
+    return f"margin {least}{100 * margin:.0f} %"
 
 
 def directions(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
@@ -206,6 +213,14 @@ def directions(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     up = np.array([0.0, 1.0, 0.0]) if abs(outward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     up -= (up @ outward) * outward
     return outward, up / np.linalg.norm(up)
+
+
+def top(pose: Pose, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the largest patch, by units: their mean position, metre, where they face, and up in the
+    picture; `patch` is that of each unit, shape (n,)."""
+    own = patch == np.argmax(np.bincount(patch))
+    part = Pose(pose.position[:, own], pose.rotation[:, :, own])
+    return part.position.mean(axis=1), *directions(part)
 
 
 def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

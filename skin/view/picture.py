@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.errors import CountsError, LibraryError
+from skin.errors import CountsError
+from skin.io.messages.definitions import require
 from topology import Topology
 from topology.files import marked, whole_file
 
@@ -43,12 +44,8 @@ def figure(size: tuple[float, float]) -> Iterator[Any]:
     LibraryError
         matplotlib is not installed.
     """
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise LibraryError(
-            "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
-        ) from error
+    require("picture", "plot", "matplotlib")
+    import matplotlib as mpl
     from matplotlib.figure import Figure
 
     style: dict[Any, Any] = {

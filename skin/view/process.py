@@ -38,6 +38,7 @@ class Viewer(Service):
         self._server = open_server(asked["host"], asked["port"], topology.name)
         self.address = address_of(asked["host"], self._server.get_port())
         self._panel = Panel(self._server, topology, asked["is_live"])
+        self._asked = np.memmap(asked["asked"], float, "r+")
         self._scales = Scales()
         self._scene: Scene | None = None
         self._pose, self._moved = Pose(np.zeros((3, 0)), np.zeros((3, 3, 0))), -1
@@ -58,6 +59,7 @@ class Viewer(Service):
                 self._moved = int(record["moved"])
                 pose = record["pose"].astype(np.float32)
                 self._pose = Pose(pose[:3], pose[3:].reshape(3, 3, -1), record["q"].copy())
+                self._panel.follow(self._pose.q)
             self._panel.add(record, time.monotonic())
         self._newest, self._is_new = records[-1].copy(), True
         if self._scene is None:
@@ -95,7 +97,7 @@ class Viewer(Service):
             if has_words:
                 self._words_due_s = now_s + WORDS_S
                 faults = () if scene.links is None else scene.links.problems
-                panel.refresh(self._newest, now_s, scales, faults)
+                panel.refresh(self._newest, self._pose, now_s, scales, faults)
         self._server.flush()  # now, without waiting for the server's own clock
 
     def _handle_requests(self) -> bool:
@@ -110,7 +112,13 @@ class Viewer(Service):
                 panel.choose(of)
             elif request == "fit":
                 self._scales.reset()
+            elif request == "top" and self._scene is not None:
+                self._scene.look_from_top(of.camera)
+            elif request == "joints":
+                self._asked[1:] = of
+                self._end.ring.call()
             elif request == "tare":
+                self._asked[0] += 1
                 self._end.ring.call()
                 panel.report_tare("requested: touch nothing for two seconds")
         return is_changed

@@ -9,7 +9,16 @@ import numpy as np
 
 from skin.io.messages.record import contacts_of
 from skin.view import drawing
-from skin.view.colour import OFF_COLOUR, QUANTITIES, Scale, colours, is_on, rendered, valid
+from skin.view.colour import (
+    OFF_COLOUR,
+    OFF_SIZE,
+    QUANTITIES,
+    Scale,
+    colours,
+    is_on,
+    rendered,
+    valid,
+)
 from skin.view.drawing import Frame, Pose
 from skin.view.links import Links
 from topology import Topology
@@ -124,6 +133,12 @@ class Scene:
         view.position, view.look_at, view.up = middle + size * place, middle + size * look, up
         view.near, view.far = 0.01, 50.0
 
+    def look_from_top(self, camera: Any) -> None:
+        """Turn the camera of a browser onto the face of the largest patch."""
+        middle, outward, up = drawing.top(self._pose, self._topology.patch)
+        at = self.frame.points(middle[:, np.newaxis])[0]
+        camera.position, camera.look_at, camera.up_direction = at + 1.2 * outward, at, up
+
     @property
     def points(self) -> np.ndarray:
         """Corners of what is drawn: units and links, picture units, shape (m, 3)."""
@@ -169,6 +184,7 @@ class Scene:
         seen = colours(QUANTITIES[quantity].values(record), heard, scale.low, scale.high)
         seen[~on] = OFF_COLOUR
         self._discs.batched_colors = rendered(seen)
+        self._discs.batched_scales = _cubes(np.where(on, 1.0, OFF_SIZE) * self._radius)
         self._crosses.batched_scales = _cubes(np.where(heard | ~on, NOWHERE, self._radius))
 
     def _rim_colours(self, unit: int | None) -> np.ndarray:

@@ -8,27 +8,13 @@ import re
 import socket
 from typing import Any
 
-from skin.errors import LibraryError, SkinError, shown
+from skin.errors import SkinError, shown
 
-__all__ = ["address_of", "check_installed", "open_server"]
+__all__ = ["address_of", "open_server"]
 
 LOOPBACK = re.compile(r"https?://(localhost|127(\.\d+){3}|\[::1\])(:\d+)?")
 """Origins of pages that may talk to a view on loopback. Pages of other origins in a browser on this
 machine could otherwise press its buttons."""
-
-
-def check_installed() -> None:
-    """Raise if viser is missing.
-
-    Raises
-    ------
-    LibraryError
-        It is not installed.
-    """
-    from importlib.util import find_spec
-
-    if find_spec("viser") is None:
-        raise LibraryError("view: must have viser; not installed: pip install 'f3t-skin[view]'")
 
 
 def open_server(host: str, port: int | None, label: str) -> Any:

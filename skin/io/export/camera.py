@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.errors import LibraryError, SkinError, shown
+from skin.errors import SkinError, shown
+from skin.io.messages.definitions import require
 from topology.files import read_regular
 
 __all__ = ["LATEST_NS", "Frame", "encoded", "read_frames"]
@@ -131,10 +132,7 @@ def _pixels(where: str, file: bytes) -> np.ndarray:
 
 
 def _library(where: str) -> Any:
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise LibraryError(
-            f"{where}: must have Pillow to be read; not installed: pip install 'f3t-skin[data]'"
-        ) from error
+    require(where, "data", "PIL")
+    from PIL import Image
+
     return Image

@@ -133,15 +133,14 @@ def _cells_by_name(topology: Topology, patch: str) -> np.ndarray:
 def _checked_cells(cells: Any, units: np.ndarray) -> np.ndarray:
     """Given cells, if they are units of the patch, each at most once."""
     try:
-        checked = np.array(cells)
-    except ValueError:
-        checked = np.zeros(0)
-    if checked.ndim != 2 or checked.dtype.kind not in "iu" or not checked.size:
-        raise OptionError(f"cells: must be indices of units, shape (h, w); got {shown(cells)}")
+        checked = np.array(cells).astype(np.int64, casting="same_kind")
+    except (TypeError, ValueError, OverflowError):
+        checked = np.zeros(0, np.int64)
     used = checked[checked >= 0]
-    if foreign := sorted(set(used.tolist()) - set(units.tolist())):
-        raise OptionError(f"cells: must be units of the patch, {units[0]} to {units[-1]}, or -1; "
-                          f"got {foreign[0]}")  # fmt: skip
-    if used.size != np.unique(used).size:
-        raise OptionError("cells: must have each unit once at most; got one in several cells")
-    return np.where(checked < 0, -1, checked).astype(np.int64)
+    is_image = checked.ndim == 2 and checked.size > 0
+    if not is_image or np.unique(used).size < used.size or not np.isin(used, units).all():
+        raise OptionError(
+            f"cells: must be units of the patch, {units[0]} to {units[-1]}, each once, or -1, "
+            f"shape (h, w); got {shown(cells)}"
+        )
+    return np.maximum(checked, -1)

@@ -6,7 +6,6 @@ writes them into the memory of a ring buffer.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from bus.cycle import FrameCounters
 from bus.state import BusState
 from bus.transport import Transport
 from skin.contact.record import CONTACT
-from skin.state import Reading, State, if_wanted
+from skin.state import State, if_wanted
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -31,13 +30,11 @@ BUS_STATES = tuple(BusState)
 BUS_COUNTERS = ("queue_drops", "ring_overflows", "controller_overflows")
 """Counters of frames that reached this host and were lost."""
 OF_UNITS = ("force", "force_sigma", "temperature", "test_ratio")
-NOT_WANTED = {"contact": -1, **dict.fromkeys(("wrench", *OF_UNITS), np.nan)}
-NUMBER = struct.Struct("<q")
 Fields = Sequence[tuple[str, str, tuple[int, ...]]]
 
 
 def record_dtype(topology: Topology, contacts: int, others: Fields = ()) -> np.dtype[Any]:
-    """The record of a skin, with further fields, which are last.
+    """The record of a skin.
 
     Parameters
     ----------
@@ -49,7 +46,7 @@ def record_dtype(topology: Topology, contacts: int, others: Fields = ()) -> np.d
     """
     n, buses = topology.n, len(topology.buses)
     joints = 0 if topology.robot is None else len(topology.robot.joint_names)
-    state: list[Any] = [
+    found: list[Any] = [
         ("stamp_ns", "i8", ()),
         ("cycle", "i8", ()),
         ("whole", "i8", ()),  # 1 as of `State.whole`, else 0
@@ -68,25 +65,18 @@ def record_dtype(topology: Topology, contacts: int, others: Fields = ()) -> np.d
         ("test_ratio", "f4", (n,)),
         ("contact", "i4", (n,)),
         ("status", "u2", (n,)),
-    ]
-    state += [("padding", "u1", (-np.dtype(state).itemsize % 8,))]
-    rest: list[Any] = [
         ("contacts", "i8", (contacts, CONTACT.itemsize // 8)),  # CONTACT records
         ("moved", "i8", ()),  # counts changes of the poses; pose and q hold where it has changed
         ("pose", "f8", (12, n)),  # position, rotation
         ("q", "f8", (joints,)),  # joints that the poses are of, NaN where these are not known
         *others,
     ]
-    rest.sort(key=lambda field: -np.dtype(field[1]).itemsize)  # aligned, without gaps
-    rest += [("padding_at_end", "u1", (-np.dtype(rest).itemsize % 8,))]
-    return np.dtype(state + rest)
+    found.sort(key=lambda field: -np.dtype(field[1]).itemsize)  # aligned, without gaps
+    return np.dtype([*found, ("padding", "u1", (-np.dtype(found).itemsize % 8,))])
 
 
 class RecordWriter:
     """Writes the cycles of a pipeline into records.
-
-    States are written as bytes, from views of the pipeline's own arrays: field by field, numpy
-    takes several times as long.
 
     Parameters
     ----------
@@ -100,10 +90,8 @@ class RecordWriter:
 
     Attributes
     ----------
-    bytes : memoryview
-        Of all records.
-    size : int
-        Bytes of a record.
+    of : dict of str to ndarray
+        Each field of all records.
     """
 
     def __init__(
@@ -114,81 +102,53 @@ class RecordWriter:
         *,
         knows_poses: bool = True,
     ) -> None:
-        self.bytes = records.view(np.uint8).data
-        self.size, self._records = records.dtype.itemsize, records
+        self.of: dict[str, np.ndarray] = {name: records[name] for name in records.dtype.names or ()}
         self._pipeline, self._transports = pipeline, transports
         own = knows_poses and pipeline.poses[0] is pipeline.topology.position
         self._poses = pipeline.poses if own else None
         self._moved = 0
-        buses = len(pipeline.topology.buses)
-        self._health = (0,) * buses + (-1,) * buses
-        self._head = struct.Struct(f"<{8 + 2 * buses}q").pack
-        places: Any = records.dtype.fields
-        self._until = places["padding"][1] + records.dtype["padding"].itemsize
-        self._contacts_at, self._moved_at = places["contacts"][1], places["moved"][1]
-        self._units: Any = None
-        self._wrench = self._label = self._units
-        self._parts: list[Any] = [b""]
-        self._cast: list[tuple[np.ndarray, np.ndarray]] = []
+        self._lost, self._states = np.zeros(1, np.int64), np.full(1, -1)
 
     def look(self) -> None:
         """Look at the states of the buses, which later records have."""
         if self._transports:
-            lost = [sum(getattr(bus.counters, name) for name in BUS_COUNTERS)
-                    for bus in self._transports]  # fmt: skip
-            self._health = (*lost, *(BUS_STATES.index(bus.state) for bus in self._transports))
+            self._lost = np.array([sum(getattr(bus.counters, name) for name in BUS_COUNTERS)
+                                   for bus in self._transports])  # fmt: skip
+            self._states = np.array([BUS_STATES.index(bus.state) for bus in self._transports])
 
     def state(self, at: int, state: State, lost_cycles: int = 0, lost_frames: int = 0) -> None:
         """Write a state into record `at`; quantities that are not wanted are NaN, or -1."""
-        contacts = getattr(state, "contacts", None)
-        units, wrench = state.units, getattr(state, "wrench", None)
-        label = getattr(state, "label", None)
-        if units is not self._units or wrench is not self._wrench or label is not self._label:
-            self._units, self._wrench, self._label = units, wrench, label
-            self._parts = self._views(units, wrench, label)
-        parts, first = self._parts, self.size * at
-        parts[0] = self._head(
-            state.stamp_ns, state.cycle, getattr(state, "whole", None) is True,
-            getattr(state, "untracked", None) or 0, state.overruns, lost_cycles, lost_frames,
-            len(contacts) if contacts else 0, *self._health,
-        )  # fmt: skip
-        for own, given in self._cast:
-            own[...] = given
-        self.bytes[first : first + self._until] = b"".join(parts)
-        if contacts:
-            data = b"".join([contact.record.tobytes() for contact in contacts])
-            first += self._contacts_at
-            self.bytes[first : first + len(data)] = data
-
-    def _views(self, units: Reading, wrench: Any, label: Any) -> list[Any]:
-        """Room for the head, then the memory of the arrays of a state, in their order."""
-        self._cast = []
-        found: list[Any] = [b""]
-        dtype = self._records.dtype
-        for name, given in (
-            ("counters", self._pipeline.assembler.totals), ("wrench", wrench),
-            *((name, if_wanted(units, name)) for name in OF_UNITS), ("contact", label),
-            ("status", units.status), ("padding", None),
-        ):  # fmt: skip
-            own, kind = given, dtype[name].base
-            if own is None or own.dtype != kind or not own.flags.c_contiguous:
-                own = np.full(dtype[name].shape, NOT_WANTED.get(name, 0), kind)
-                if given is not None:
-                    self._cast.append((own, given))
-            found.append(own.reshape(-1).view(np.uint8).data)
-        return found
+        of, units, contacts = self.of, state.units, if_wanted(state, "contacts") or ()
+        of["stamp_ns"][at], of["cycle"][at] = state.stamp_ns, state.cycle
+        of["whole"][at] = if_wanted(state, "whole") is True
+        of["untracked"][at] = if_wanted(state, "untracked") or 0
+        of["overruns"][at] = state.overruns
+        of["lost_cycles"][at], of["lost_frames"][at] = lost_cycles, lost_frames
+        of["bus_lost"][at], of["bus_states"][at] = self._lost, self._states
+        of["counters"][at] = self._pipeline.assembler.totals
+        for name in OF_UNITS:
+            _set(of[name], at, if_wanted(units, name), np.nan)
+        _set(of["wrench"], at, if_wanted(state, "wrench"), np.nan)
+        _set(of["contact"], at, if_wanted(state, "label"), -1)
+        of["status"][at] = units.status
+        of["contact_count"][at] = len(contacts)
+        for k, contact in enumerate(contacts):
+            of["contacts"][at, k] = np.frombuffer(contact.record, np.int64)  # whole, not by field
 
     def poses(self, at: int) -> None:
         """Write the poses of the units into record `at`, and the joints that they are of, where
         they have changed since the last call."""
-        pipeline = self._pipeline
+        of, pipeline = self.of, self._pipeline
         if pipeline.poses is not self._poses:
             self._poses = position, rotation = pipeline.poses
             self._moved += 1
-            record = self._records[at : at + 1]
-            record["pose"][0, :3], record["pose"][0, 3:] = position, rotation.reshape(9, -1)
-            record["q"] = np.nan if pipeline.q is None else pipeline.q
-        NUMBER.pack_into(self.bytes, self.size * at + self._moved_at, self._moved)
+            of["pose"][at, :3], of["pose"][at, 3:] = position, rotation.reshape(9, -1)
+            of["q"][at] = np.nan if pipeline.q is None else pipeline.q
+        of["moved"][at] = self._moved
+
+
+def _set(field: np.ndarray, at: int, value: np.ndarray | None, none: float) -> None:
+    field[at] = none if value is None else value
 
 
 def contacts_of(record: np.ndarray | np.void) -> np.ndarray:

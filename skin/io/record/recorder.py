@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import errno
 import os
-import struct
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,8 +42,6 @@ SPARE_FRAMES = 8
 FED, PART = 0, 4
 """Further events than those of `Ending`, as in ``f3t_msgs/msg/CanFrames``: so many frames, and so
 many of a batch that continues with the next event."""
-PACK = [struct.Struct(f"<{3 + 2 * count}q").pack_into for count in range(EVENTS + 1)]
-"""Write the counts of a slot and so many events."""
 
 
 def slot_dtype(topology: Topology, contacts: int) -> np.dtype[Any]:
@@ -108,11 +105,9 @@ class Recorder(WorkerSink):
         most = min(RING_S * topology.cycle_rate_hz, RING_BYTES / dtype.itemsize)
         self._ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
         self._writer = RecordWriter(self._ring.records, pipeline, transports)
-        places: Any = dtype.fields
-        self._counts_at, self._frames_at = places["has_state"][1], places["frames"][1]
         self._room = dtype["frames"].shape[0]
-        self._events: list[int] = []  # since the last slot, each with its value, and their frames
-        self._frames: list[bytes] = []
+        self._events: list[tuple[int, int]] = []  # since the last slot, each with its value
+        self._frames: list[np.ndarray] = []  # theirs
         self._count = 0
         self.lost_frames = 0
         self._closed = False
@@ -135,7 +130,7 @@ class Recorder(WorkerSink):
         self._take(FED, frames)
 
     def _take(self, event: int, frames: np.ndarray) -> None:
-        self._frames.append(frames.tobytes())
+        self._frames.append(frames.copy())
         self._count += frames.size
         self._add(event, frames.size)
 
@@ -155,8 +150,8 @@ class Recorder(WorkerSink):
         self._hand_over(state)
 
     def _add(self, event: int, value: int) -> None:
-        self._events += (event, value)
-        if len(self._events) == 2 * EVENTS:
+        self._events.append((event, value))
+        if len(self._events) == EVENTS:
             self._hand_over()
 
     def _hand_over(self, state: State | None = None) -> None:
@@ -168,16 +163,18 @@ class Recorder(WorkerSink):
             self.lost += state is not None
             self.lost_frames += count
         else:
-            writer = self._writer
-            memory, first = writer.bytes, writer.size * at
+            writer, of = self._writer, self._writer.of
             if state is not None:
                 writer.state(at, state, self.lost, self.lost_frames)
-            if count:
-                data = b"".join(self._frames)
-                memory[first + self._frames_at : first + self._frames_at + len(data)] = data
             writer.poses(at)
-            PACK[len(events) // 2](memory, first + self._counts_at, state is not None,
-                                   len(events) // 2, count, *events)  # fmt: skip
+            of["has_state"][at], of["event_count"][at] = state is not None, len(events)
+            if events:
+                of["events"][at, : len(events)] = events
+            of["frame_count"][at], done = count, 0
+            for frames in self._frames:
+                rows = frames.view(np.uint8).reshape(frames.size, FRAME_DTYPE.itemsize)
+                of["frames"][at, done : done + frames.size] = rows
+                done += frames.size
             self._ring.publish()
         self._events, self._frames, self._count = [], [], 0
 

@@ -66,7 +66,7 @@ def replay(
     *,
     speed: float | None = None,
     **options: Any,
-) -> Replay | PacedLog:
+) -> Replay | Played:
     """Play a recording (.mcap), or any log that `decode_log` reads.
 
     Parameters
@@ -83,7 +83,7 @@ def replay(
 
     Returns
     -------
-    Replay or PacedLog
+    Played, of a recording Replay
         Iterate over it, once, for one `State` a cycle.
 
     Raises
@@ -112,7 +112,8 @@ def replay(
             )
         if source is None:
             raise OptionError(f"{path}: topology: must be given with a log; got none")
-        return PacedLog(decode_log(source, path, **options), speed)
+        decoded = decode_log(source, path, **options)
+        return Played(decoded.pipeline, speed, decoded)
     if "channels" in options:
         raise OptionError(f"{path}: channels: must not be given with a recording")
     recorded = RecordedFile(path)
@@ -170,26 +171,29 @@ class Pace:
         self._stamp_ns = stamp_ns
 
 
-class Paced(Attachable):
-    """States of a file, in real time or as fast as they come; iterate over it once.
+class Played(Attachable):
+    """States of a log, in real time or as fast as they come; iterate over it once.
 
     Attributes
     ----------
     topology : Topology
     pipeline : Pipeline
+    faults : list of str
+        Those of the file so far.
     work_ns : int
         Processing time of the last state, of a recording with its comparison.
     """
 
-    def __init__(self, pipeline: Pipeline, speed: float | None) -> None:
+    def __init__(self, pipeline: Pipeline, speed: float | None, log: DecodedLog | None) -> None:
         self.topology, self.pipeline = pipeline.topology, pipeline
         self.work_ns = 0
-        self._pace = Pace(speed)
+        self._pace, self._log = Pace(speed), log
 
     @property
     def faults(self) -> list[str]:
         """Faults of the file so far."""
-        raise NotImplementedError
+        assert self._log is not None
+        return self._log.faults
 
     def __iter__(self) -> Iterator[State]:
         started = time.perf_counter_ns()
@@ -200,26 +204,11 @@ class Paced(Attachable):
             started = time.perf_counter_ns()
 
     def _states(self) -> Iterator[State]:
-        raise NotImplementedError
+        assert self._log is not None
+        return iter(self._log)
 
 
-class PacedLog(Paced):
-    """States of a log; see `DecodedLog`."""
-
-    def __init__(self, decoded: DecodedLog, speed: float | None) -> None:
-        super().__init__(decoded.pipeline, speed)
-        self._decoded = decoded
-
-    @property
-    def faults(self) -> list[str]:
-        """Faults of the log so far."""
-        return self._decoded.faults
-
-    def _states(self) -> Iterator[State]:
-        yield from self._decoded
-
-
-class Replay(Paced):
+class Replay(Played):
     """States of a recording, reproduced; made by `replay`.
 
     Attributes
@@ -234,9 +223,8 @@ class Replay(Paced):
     ) -> None:
         from skin.pipeline import Pipeline
 
-        super().__init__(
-            Pipeline(setup.topology, setup.options, deadline_s=setup.deadline_s), speed
-        )
+        pipeline = Pipeline(setup.topology, setup.options, deadline_s=setup.deadline_s)
+        super().__init__(pipeline, speed, None)
         self.count = self.same = 0
         self._recorded, self._compares = recorded, compares
         self._record = np.zeros(1, record_dtype(self.topology, self.pipeline.contact_capacity))

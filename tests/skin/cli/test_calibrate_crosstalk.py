@@ -49,7 +49,7 @@ def recorded(file, log, seconds):
     pad = topology.load(file)
     cycles = round(seconds * pad.cycle_rate_hz)
     finger = Finger(pad.n)
-    with skin.open(pad, want={"temperature"}, simulate=finger, pace=False, record=log) as opened:
+    with skin.open(pad, simulate=finger, pace=False, record=log) as opened:
         for _ in itertools.islice(opened, cycles):
             pass
     return str(log)

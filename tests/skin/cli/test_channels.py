@@ -3,7 +3,6 @@ topology names, and none takes another one for it."""
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
@@ -108,19 +107,6 @@ def test_a_log_without_the_bus_is_refused_and_read_by_a_map(command, log, tmp_pa
         capsys.readouterr().err
     )
     assert main([*words, "--map", "can0=main"]) == 0
-
-
-def test_a_table_has_the_bus_of_the_map_and_the_frames_left_out(log, tmp_path, capsys):
-    file, output = hand(tmp_path, "can_left"), tmp_path / "o.csv"
-    for channel, pressed in (("can0", True), ("can1", False)):
-        words = ["decode", file, str(log), "-o", str(output), "--map", f"{channel}=main"]
-        assert main([*words, "--json"]) == 0
-        report = json.loads(capsys.readouterr().out.splitlines()[-1])
-        assert list(report["logs"][0]["left_out"]) == ["can1" if pressed else "can0"]
-        with output.open(newline="") as table:
-            forces = [float(value) for row in csv.DictReader(table) for name, value in row.items()
-                      if name.endswith(".fz") and "/" in name]  # fmt: skip
-        assert (max(forces) > 3.0) == pressed
 
 
 def test_a_folder_is_decoded_again_where_the_map_is_another(log, tmp_path, capsys):

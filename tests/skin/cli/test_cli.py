@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import shutil
@@ -10,13 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import can
-import numpy as np
 import pytest
 
 import skin
 import topology
-from bus.frame import FrameBatch
 from bus.logs import write
 from bus.memory import MemoryTransport
 from skin.cli import COMMANDS, main
@@ -219,45 +215,6 @@ def test_listeners_say_what_was_never_tared(name, on_a_real_bus, monkeypatch, ca
     assert len(json.loads(printed.out.splitlines()[-1])["never_tared"]) == 64
 
 
-@pytest.fixture
-def recorded(tmp_path, monkeypatch):
-    """A candump log of the simulated strip, written by python-can, and the forces felt live."""
-    monkeypatch.setattr("skin.sim.node.is_exact", lambda scene: False)  # as for who reads the log
-    loaded = topology.load("strip")
-    path = tmp_path / "strip.log"
-    nodes, sync, answers = SimulatedUnits(loaded, seed=5), FrameBatch(1), FrameBatch(64)
-    with can.CanutilsLogWriter(path) as writer:
-        for cycle in range(60):
-            sync.clear()
-            sync.append(loaded.sync_id, bytes([cycle]))
-            answers.clear()
-            nodes.respond(sync.frames, answers)
-            for i, frame in enumerate([*sync.frames, *answers.frames]):
-                message = can.Message(
-                    timestamp=1.7e9 + cycle / loaded.cycle_rate_hz + i * 1e-4,
-                    arbitration_id=int(frame["id"]),
-                    is_extended_id=False,
-                    data=frame["data"][: frame["length"]].tobytes(),
-                )
-                writer.on_message_received(message)
-    with skin.open(loaded, simulate=True, pace=False, seed=5) as strip:
-        live = [state.units.force.copy() for state in itertools.islice(strip, 60)]
-    return path, np.stack(live)
-
-
-@pytest.mark.long
-def test_decoded_log_is_what_was_felt_live(recorded, tmp_path, capsys):
-    log, live = recorded
-    output = tmp_path / "forces.npz"
-    arguments = ["decode", "strip", str(log), "--output", str(output), "--json"]
-    assert main(arguments) == 0
-    report = last_json(capsys)
-    assert report["cycles"] == 60
-    assert report["logs"][0]["counters"]["lost"] == 0
-    with np.load(output, allow_pickle=False) as arrays:
-        assert np.abs(arrays["force"] - live).max() < 1e-4
-
-
 @long_after_first("suffix", ["csv", "npz"])
 def test_a_log_without_contacts_or_cycles_decodes(suffix, tmp_path, capsys):
     frames = frames_of("strip", "press", 5)
@@ -279,46 +236,6 @@ def test_a_log_that_is_missing_is_told_before_anything_is_compiled():
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert done.stdout.split() == ["2", "False"]
     assert done.stderr == "none.log: must be an existing file; got none\n"
-
-
-def test_channels_of_a_log_are_the_buses_of_the_skin(tmp_path, capsys):
-    loaded = topology.load("hand")
-    path, cycles = tmp_path / "hand.log", 12
-    nodes, sync, answers = SimulatedUnits(loaded, seed=6), FrameBatch(1), FrameBatch(64)
-    with path.open("w") as file:
-        for cycle in range(cycles):
-            for index, bus in enumerate(loaded.buses):
-                sync.clear()
-                sync.append(loaded.sync_id, bytes([cycle]), bus=index)
-                answers.clear()
-                nodes.respond(sync.frames, answers, index)
-                for frame in [*sync.frames, *answers.frames]:
-                    data = frame["data"][: frame["length"]].tobytes().hex()
-                    mark = "##1" if frame["flags"] else "#"
-                    file.write(f"({cycle}.0) {bus.channel} {frame['id']:03X}{mark}{data}\n")
-    assert main(["decode", "hand", str(path), "--json"]) == 0
-    report = last_json(capsys)
-    assert report["cycles"] == cycles
-    assert report["logs"][0]["valid_share"] == 1.0
-
-
-def test_a_damaged_log_is_decoded_but_for_the_damage(recorded, capsys):
-    log, _ = recorded
-    lines = log.read_text().splitlines(keepends=True)
-    log.write_text("".join(lines[:330]) + "(170000000 torn\n" + "".join(lines[330:]))
-    assert main(["decode", "strip", str(log), "--json"]) == 1
-    printed = capsys.readouterr()
-    report = json.loads(printed.out.splitlines()[-1])
-    assert report["cycles"] == 60
-    assert "331" in report["faults"][0]
-    assert report["faults"][0] in printed.err
-
-
-def test_log_of_another_skin_is_no_cycle(recorded, capsys):
-    log, _ = recorded
-    assert main(["decode", "fingertip", str(log), "--json"]) == 1
-    (report,) = last_json(capsys)["logs"]
-    assert report["valid_share"] == 0.0
 
 
 def help_of(name, capsys):

@@ -36,7 +36,6 @@ COMMANDS = (
     "decode pair.toml sim.log --output felt.csv --json",
 )
 MADE = {"sim.log", "run.log", "felt.csv", "felt.contacts.csv", "felt.faults.csv"}
-TIMED = {"seconds", "output"}
 
 
 def ran(folder, environment, user=()):
@@ -50,14 +49,6 @@ def ran(folder, environment, user=()):
     assert {path.name for path in folder.iterdir()} == MADE | {"pair.toml"}
     reports = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     return reports, done.stderr
-
-
-@pytest.fixture(scope="module")
-def normal(tmp_path_factory):
-    """A folder with all that a user with a home and a cache gets, and the reports."""
-    folder = tmp_path_factory.mktemp("normal")
-    folder.joinpath("pair.toml").write_text(PAIR)
-    return folder, ran(folder, os.environ | {"PYTHONPATH": str(ROOT)})[0]
 
 
 @pytest.fixture(scope="module")
@@ -100,26 +91,16 @@ def contained(container, user, **environment):
     return ran(container / "work", bare | {"PYTHONPATH": str(ROOT)} | environment, user)
 
 
-def assert_same(container, reports, normal):
-    """The numbers are those of a normal run; what runs in real time is heard whole."""
-    folder, expected = normal
-    for report, usual in zip(reports, expected, strict=True):
-        if "units_heard" in report:
-            assert report["units_heard"] == 2
-            assert report["valid_share"] == 1.0
-        else:
-            timeless = [{k: v for k, v in one.items() if k not in TIMED} for one in (report, usual)]
-            assert timeless[0] == timeless[1]
-    assert reports[-1]["logs"][0]["peak_force_n"] > 0.1
-    for name in MADE - {"run.log"}:
-        assert container.joinpath("work", name).read_bytes() == folder.joinpath(name).read_bytes()
-
-
 @pytest.mark.long
-def test_commands_run_in_a_read_only_image_with_its_code_compiled(container, user, normal):
+def test_commands_run_in_a_read_only_image_with_its_code_compiled(container, user, tmp_path):
+    tmp_path.joinpath("pair.toml").write_text(PAIR)
+    ran(tmp_path, os.environ | {"PYTHONPATH": str(ROOT)})
     kept = container / "kernels"
     passing = shutil.ignore_patterns("*.nb?.*")  # locks and unfinished files of other processes
     shutil.copytree(cache.folder(), kept / "f3t-skin" / cache.sources(), ignore=passing)
     reports, said = contained(container, user, NUMBA_CACHE_DIR=str(kept))
-    assert_same(container, reports, normal)
-    assert "f3t-skin" not in said
+    assert "f3t-skin" not in said  # nothing was compiled
+    assert [one["units_heard"] for one in reports if "units_heard" in one] == [2]
+    assert reports[-1]["logs"][0]["peak_force_n"] > 0.1
+    for name in MADE - {"run.log"}:
+        assert container.joinpath("work", name).read_bytes() == (tmp_path / name).read_bytes()

@@ -140,9 +140,3 @@ def test_nobody_there_is_a_finding(capsys):
 def test_bad_input_is_refused(arguments, message, capsys):
     assert main(["doctor", *arguments]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_a_log_of_two_buses_goes_by_its_channels(tmp_path, capsys):
-    log = recorded(tmp_path / "one.log", traffic(PALM, 3))
-    assert main(["doctor", "hand", log]) == 2
-    assert "'hand-palm', 'hand-fingers'; got 'can7' alone" in capsys.readouterr().err

@@ -69,13 +69,6 @@ def test_periods_that_this_machine_left_out_are_shown_live_at_the_end_and_in_the
     assert f", {shown[1]} periods left out" in LiveTable(played.topology).lines(last)[0]
 
 
-def test_a_replay_tells_that_it_is_the_same(file, capsys):
-    assert main(["replay", "strip", str(file), "--speed", "0", "--json"]) == 0
-    report = last_line(capsys)
-    assert report["same"] == report["cycles"] > 0
-    assert report["faults"] == []
-
-
 def test_a_log_is_replayed_with_its_topology(tmp_path, capsys):
     log = tmp_path / "run.log"
     assert main(["run", "strip", "--simulate", "--seconds", "0.2", "--record", str(log)]) == 0

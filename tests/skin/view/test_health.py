@@ -70,6 +70,7 @@ def test_units_of_a_blind_patch_are_counted_once(health):
         ({"lost": lambda k: 3 * k}, AMBER, "177 frames lost or wrong in 2 s"),
         ({"overruns": lambda k: k // 30}, AMBER, "1 periods left out in 2 s"),
         ({"hz": 200.0}, AMBER, "200 Hz of 250"),
+        ({"hz": 140.0}, AMBER, "140 Hz of 250"),
         ({"hz": 90.0}, RED, "90 Hz of 250"),
         ({"whole": 0}, AMBER, "the wrench is not whole"),
         ({"untracked": 2}, AMBER, "2 contacts have no identity"),

@@ -52,22 +52,6 @@ def test_a_log_of_another_skin_is_refused(log, capsys):
     assert "run.log: must hold" in capsys.readouterr().err
 
 
-@pytest.mark.long
-def test_long_gaps_are_leapt_over(log, tmp_path, capsys):
-    """An hour in which nothing was recorded."""
-    lines = log.read_text().splitlines(keepends=True)
-    later = []
-    for line in lines[len(lines) // 2 :]:
-        stamp, _, rest = line[1:].partition(")")
-        later.append(f"({float(stamp) + 3600.0:.6f}){rest}")
-    file = tmp_path / "gap.log"
-    file.write_text("".join([*lines[: len(lines) // 2], *later]))
-    began = time.monotonic()
-    main(["view", "strip", str(file), "--seconds", "6", "--json"])
-    assert time.monotonic() - began < 1800.0  # and not the hour
-    assert json.loads(capsys.readouterr().out.splitlines()[-1])["cycles"] >= 120
-
-
 def test_a_view_whose_process_dies_ends_with_1(caplog, monkeypatch):
     from skin.view import browser
 

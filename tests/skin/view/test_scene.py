@@ -91,7 +91,7 @@ def test_a_unit_is_described_with_the_sigma_along_its_force(shown):
     assert "unknown" in unit_html(record, 3, "u3")
 
 
-def test_units_switched_off_are_grey_and_those_never_heard_have_a_cross(shown):
+def test_units_switched_off_are_a_dot_and_those_never_heard_have_a_cross(shown):
     status = np.zeros(24, np.uint16)
     status[3], status[5] = int(Status.DISABLED), int(Status.NEVER)
     asked, _ = drawn(shown, status=status)
@@ -100,6 +100,8 @@ def test_units_switched_off_are_grey_and_those_never_heard_have_a_cross(shown):
     np.testing.assert_array_equal(colours[3], rendered(np.array(OFF_COLOUR, np.uint8)))
     np.testing.assert_array_equal(colours[5], rendered(np.array(INVALID_COLOUR, np.uint8)))
     assert np.flatnonzero(crosses > 1e-3).tolist() == [5]
+    assert np.flatnonzero(np.diff(nodes["/units"].batched_scales[:, 0] < crosses.max() / 2)
+                          ).tolist() == [2, 3]  # fmt: skip
 
 
 def test_four_thousand_units_are_drawn_by_as_many_nodes_as_ten():

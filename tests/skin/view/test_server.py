@@ -10,7 +10,7 @@ import pytest
 
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.view import show
-from skin.view.server import LOOPBACK, address_of, check_free, check_installed, is_loopback
+from skin.view.server import LOOPBACK, address_of, check_free, is_loopback
 from tests.fixtures.shown import Shown
 
 
@@ -57,4 +57,4 @@ def test_loopback_is_told_from_what_others_reach():
 def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(LibraryError, match=re.escape("pip install 'f3t-skin[view]'")):
-        check_installed()
+        show(None)

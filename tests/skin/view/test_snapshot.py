@@ -13,13 +13,12 @@ from skin.io.messages.record import contacts_of
 from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.robot.joints import Joints
-from skin.state import Status, if_wanted
+from skin.state import Status
 from skin.view import snapshot
 from skin.view.drawing import contact_label
 from skin.view.health import Health
 from skin.view.snapshot import Snapshots, snapshot_dtype
 from skin.worker import RingBuffer
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.robots import write_gripper
 from tests.fixtures.shown import Shown
 from tests.naive.record import fill, snapshots
@@ -45,31 +44,6 @@ def drained(ring):
     records = ring.unread().copy()
     ring.release(records.size)
     return records
-
-
-@long_after_first("want", [None, {"temperature"}, {"force", "sigma"}])
-def test_a_snapshot_says_what_the_state_says(want, clock):
-    with skin.open("palm", simulate="press", pace=False, want=want) as palm:
-        ring = RingBuffer(snapshot_dtype(palm.topology, 16), 8)
-        taken = Snapshots(ring, palm.pipeline, palm.timing, palm.transports)
-        for count, _ in enumerate(palm):
-            state = palm.pipeline.now
-            if count == 5 if want else state.contacts and state.contacts[0].load > 5.0:
-                break
-        assert taken.look(state)
-        one, expected = drained(ring)[1:], np.zeros(1, ring.dtype)
-        fill(expected, state)
-    names = ("stamp_ns", "cycle", "counters", "force", "force_sigma", "temperature", "test_ratio",
-             "status", "contact", "wrench", "contact_count")  # fmt: skip
-    for name in names:
-        np.testing.assert_array_equal(one[name], expected[name], name)
-    assert [a.tobytes() for a in contacts_of(one[0])] == [
-        a.tobytes() for a in contacts_of(expected[0])
-    ]
-    assert one["whole"].all()
-    assert len(contacts_of(one[0])) == len(if_wanted(state, "contacts") or ())
-    rows = dict(Health(palm.topology).rows(one[0]))
-    assert ("test ratio" in rows) == (if_wanted(state.units, "test_ratio") is not None)
 
 
 def test_contacts_and_a_wrench_that_are_not_whole_say_so():

@@ -228,28 +228,6 @@ def test_files_say_by_what_they_were_decoded(folder):
         assert told[0]["log"] == told[1]["log"] == "run.log"
 
 
-@pytest.mark.long
-def test_a_data_set_has_the_contacts_and_test_ratios_of_the_states(
-    states, log, camera_folder, tmp_path
-):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    frames = camera_folder([state.stamp_ns for state in states])
-    assert main(["export", "lerobot", str(log), "--topology", "palm", "--frames", str(frames),
-                 "-o", str(tmp_path / "set"), "--task", "press", "--fps", "250"]) == 0  # fmt: skip
-    rows = parquet.read_table(tmp_path / "set/data/chunk-000/file-000.parquet")
-    found = np.array(rows["observation.tactile.contacts"].to_pylist(), np.float32)
-    names = json.loads((tmp_path / "set/meta/tactile.json").read_text())["contact_columns"]
-    assert names == [name for _, _, name, _ in parts(QUANTITIES)]
-    for t, state in enumerate(states):
-        expected = np.full(found[t].shape, np.nan, np.float32)
-        for row, contact in zip(expected, state.contacts, strict=False):
-            row[:] = [int(contact.slip) if name == "slip" else of_contact(name, contact)
-                      for name in names]  # fmt: skip
-        same(found[t], expected)
-    ratios = np.array(rows["observation.tactile.test_ratio"].to_pylist(), np.float32)
-    same(ratios, np.array([state.units.test_ratio for state in states]))
-
-
 def test_a_message_has_all_that_leaves_of_a_contact():
     missing = {one.name for one in QUANTITIES} - fields_of("f3t_msgs/msg/Contact").keys()
     assert not missing, f"f3t_msgs/msg/Contact lacks {', '.join(missing)}"

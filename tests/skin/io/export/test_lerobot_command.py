@@ -16,11 +16,10 @@ pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
 STAMP = "must be from 0 to 9223372036854775807 ns on the clock of the skin; got "
 
 
-def recorded(file, **options):
+def recorded(file):
     """States of a run, and its recording."""
     pytest.importorskip("mcap", reason="mcap is not installed")
-    how = skin.Options(**options)
-    with skin.open("strip", simulate=True, pace=False, record=file, options=how) as strip:
+    with skin.open("strip", simulate=True, pace=False, record=file) as strip:
         return [state.copy() for state in itertools.islice(strip, 200)]
 
 
@@ -32,7 +31,7 @@ def command(source, frames, folder, *more, topology="strip"):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     file = tmp_path_factory.mktemp("run") / "run.mcap"
-    return file, recorded(file, dtype="float64")
+    return file, recorded(file)
 
 
 @pytest.mark.long
@@ -50,7 +49,7 @@ def test_a_recording_is_an_episode_with_the_states_of_its_run(
     wrench = np.array(table["observation.tactile.wrench"].to_pylist(), np.float32)
     for at, state in enumerate(states[20:200:9]):
         expected = np.where(state.units.valid, state.units.force, np.nan).T
-        np.testing.assert_array_equal(force[at], np.float32(expected))
+        np.testing.assert_array_equal(force[at], expected)
         np.testing.assert_array_equal(wrench[at], np.float32(state.wrench))
     assert np.nanmax(force[..., 2]) > 0.1, "nothing was pressed"
     files = {one["bytes"] for one in table["observation.images.camera"].to_pylist()}

@@ -20,7 +20,7 @@ pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
 
 def test_row_groups_are_written_as_they_fill(log, tmp_path, monkeypatch):
     monkeypatch.setattr(tables, "MOST_ROWS", 64)
-    decoded = skin.decode_log("palm", log, want={"force"})
+    decoded = skin.decode_log("palm", log)
     whole, blocks = decoded.blocks, lambda: whole(32)
     monkeypatch.setattr(decoded, "blocks", blocks)
     assert write_tables(decoded, tmp_path / "a.parquet") == 400
@@ -54,7 +54,7 @@ def test_a_live_skin_is_written_for_a_while(tmp_path):
 
 @pytest.mark.parametrize("format", ["parquet", "csv", "npz"])
 def test_an_error_leaves_no_file_and_no_states_make_none(palm, format, tmp_path):
-    pipeline = Pipeline(palm, Options(want={"force"}))
+    pipeline = Pipeline(palm, Options())
 
     def broken():
         yield from itertools.islice(pipeline.feed(frames_of("palm", "press", 10)), 3)

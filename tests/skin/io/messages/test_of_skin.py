@@ -19,7 +19,7 @@ from bus.state import BusState
 from skin import sinks
 from skin.contact.record import CONTACT
 from skin.io import publish
-from skin.io.messages.definitions import MESSAGES, type_of
+from skin.io.messages.definitions import MESSAGES
 from skin.io.messages.of_skin import SkinMessages
 from skin.io.messages.record import (
     BUS_STATES,
@@ -279,12 +279,12 @@ def status_of(data, store):
 
 def test_diagnostics_tell_what_was_lost_since_the_last_ones(palm, record, store):
     told = SkinMessages(described(palm), "publishing", name="left").diagnostics
-    record["counters"][0, COUNTERS.index("lost")] = 4
+    record["counters"][0, COUNTERS.index("lost")] = 1
     record["overruns"], record["lost_cycles"], record["bus_lost"] = 2, 3, 7
     record["bus_states"] = BUS_STATES.index(BusState.WARNING)
     units, frames, bus, _, left_out = status_of(told.message(record[0]), store)
     assert (units.level, units.message) == (0, "0 of 64 units not valid")
-    assert (frames.level, frames.message) == (1, "4 lost, 2 overruns since the last message")
+    assert (frames.level, frames.message) == (1, "1 lost, 2 overruns since the last message")
     assert (bus.level, bus.message) == (1, "error-warning, 7 frames lost on this host")
     assert (left_out.name, left_out.level) == ("left: publishing", 1)
     assert left_out.message == "3 cycles and 0 frames left out"
@@ -367,19 +367,3 @@ def test_without_contacts_the_cloud_of_forces_is_empty(palm, state, record, stor
     fill(record, replace(state, contacts=[]))
     message, points = cloud(palm, record, "/skin/forces", store)
     assert (message.width, len(points), message.is_dense) == (0, 0, True)
-
-
-@pytest.mark.parametrize("frame", ["s", "base", "left_skin", "rechte_Hand_3"])
-def test_bytes_are_those_of_rosbags_whatever_the_frame_is_called(palm, state, record, store, frame):
-    fill(record, replace(state, contacts=state.contacts * 2))
-    messages = SkinMessages(described(palm), "publishing", name=frame, frame=frame)
-    record["moved"] = 1
-    record["pose"] = np.concatenate([palm.position, palm.rotation.reshape(9, -1)])
-    found = dict([*messages.layout(1), *messages.moves(record[0], 2),
-                  *messages.of_state(record[0])])  # fmt: skip
-    assert len(found) == 9
-    for topic, data in found.items():
-        message = store.deserialize_cdr(data, type_of(topic))
-        assert bytes(store.serialize_cdr(message, type_of(topic))) == data
-        told = message.transforms[0].header if topic == "/tf" else message.header
-        assert told.frame_id == ("" if topic == "/diagnostics" else frame)

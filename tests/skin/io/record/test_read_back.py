@@ -11,7 +11,6 @@ import pytest
 import skin
 from bus.frame import FRAME_DTYPE
 from skin.contact.record import Event
-from skin.io.messages.definitions import MESSAGES
 from skin.state import INVALID
 
 matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed")
@@ -188,33 +187,6 @@ def test_clouds_show_every_unit_by_load_and_every_contact_by_its_force(run, deco
             np.testing.assert_allclose(row[-1], tip, atol=1e-7)
             pressed += 1
     assert pressed
-
-
-def test_rosbags_reads_the_same_file_to_the_same_values(run):
-    from rosbags.rosbag2.storage_mcap import McapReader
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    topology, live, file = run
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in MESSAGES.items():
-        store.register(get_types_from_msg(text, name))
-    reader, counts, states = McapReader(file), Counter(), []
-    reader.open()
-    try:
-        for connection, _, data in reader.messages(reader.connections):
-            message = store.deserialize_cdr(data, connection.msgtype)
-            assert bytes(store.serialize_cdr(message, connection.msgtype)) == bytes(data)
-            counts[connection.topic] += 1
-            if connection.topic == "/skin/state":
-                states.append(message)
-    finally:
-        reader.close()
-    assert counts["/skin/state"] == counts["/skin/wrench"] == CYCLES
-    for message, state in zip(states, live, strict=True):
-        wrong = state.units.status & int(INVALID) != 0
-        force = np.where(wrong, np.nan, state.units.force)
-        np.testing.assert_array_equal(message.force.reshape(3, topology.n), force)
-        assert [c.id for c in message.contacts] == [c.id for c in state.contacts]
 
 
 def test_the_file_says_what_it_is(run):

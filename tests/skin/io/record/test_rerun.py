@@ -42,20 +42,6 @@ def test_units_are_points_with_places_colours_and_radii(run):
     assert all(colour & 0xFF == 0xFF for points in units["Points3D:colors"] for colour in points)
 
 
-def test_contacts_are_rows_of_points_along_their_force(run):
-    _, live, entities = run
-    rows = [row for row in entities["/skin/forces"]["Points3D:positions"] if row]
-    contacts = [contact for state in live for contact in state.contacts]
-    begins = np.array([one.centroid for one in contacts])
-    tips = begins + 0.005 * np.array([one.wrench[:3] for one in contacts])  # 1 N is 5 mm
-    ends = np.hstack([begins, tips])
-    known = ends[np.isfinite(ends).all(axis=1)]
-    away = [np.abs(known - np.ravel([row[0], row[-1]])).max(axis=1).min() for row in rows]
-    unknown = len(ends) - len(known)  # those without a centroid begin at their units
-    assert rows
-    assert sum(one > 1e-6 for one in away) <= unknown
-
-
 def test_frames_of_patches_are_transforms(run):
     at, _, entities = run
     children = {name for names in entities["/tf"]["Transform3D:child_frame"] for name in names}
