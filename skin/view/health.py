@@ -173,7 +173,7 @@ class Health:
             ("units", f"{np.count_nonzero(on & ~bad)} of {np.count_nonzero(on)} valid"),
             ("rate", of if np.isfinite(cycles) else "not known yet"),
             ("losses", ", ".join(losses) or "none"),
-            ("left out", f"{record['overruns']} of {record['cycle'] + 1} periods"),
+            ("left out", f"{record['overruns']} periods"),
         ]
         if longest_us:
             rows.append(("cycle time", f"{longest_us:.0f} µs at most"))
