@@ -143,8 +143,8 @@ def newcomer(tmp_path):
         made = new.run(sys.executable, "-m", "venv", tmp_path / "venv")
     assert made.returncode == 0, made.stderr
     with new.step("install"):
-        constraints = ("-c", ROOT / "constraints.txt")
-        done = new.run(new.python, "-m", "pip", "install", "-q", *constraints, f"{wheel}[dbc,log,view]")
+        what = ("-c", ROOT / "constraints.txt", f"{wheel}[dbc,log,view]")
+        done = new.run(new.python, "-m", "pip", "install", "-q", *what)
     if done.returncode and any(reason in done.stderr for reason in NOT_THERE):
         pytest.skip(f"packages cannot be installed here: {done.stderr.splitlines()[-1]}")
     assert done.returncode == 0, done.stderr
