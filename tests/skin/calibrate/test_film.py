@@ -25,7 +25,7 @@ def lateral(rng, noise=105.0):
 
 def test_the_sine_law_is_found_within_its_sigma():
     off = []
-    for seed in range(12):
+    for seed in range(6):
         fit = fit_crest(lateral(np.random.default_rng(seed)), PRESS, SLIDE, 2.0, 105.0)
         assert fit.names == tuple(AMPLITUDE)
         off.append((fit.values - list(AMPLITUDE.values())) / fit.sigma)

@@ -7,9 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from skin.calibrate.crosstalk import AXES, EACH, MOST_UNITS, StrayEstimate
+from skin.calibrate.crosstalk import MOST_UNITS, StrayEstimate
 from skin.errors import SkinError
-from skin.physics.multipoles import ORDERS
 from tests.fixtures.decode import square, with_parameters
 from tests.fixtures.film import WEAK
 from tests.fixtures.finger import press
@@ -98,29 +97,6 @@ def test_a_chip_that_reads_something_else_does_not_spoil_the_others(skin, field)
     assert missed_ut(spoilt.stencil(), field, skin.n) < 3.0 * missed_ut(
         honest.stencil(), field, skin.n
     )
-
-
-def test_slopes_of_the_model_are_those_of_its_field(skin):
-    estimate = StrayEstimate(skin)
-    model, mean, n = estimate._model, estimate.mean, skin.n
-    at, by = model.pairs
-    slopes = model.slopes(at, by, np.zeros((3, at.size)), mean)
-    each = np.arange(n)
-    matrix, sums = model.rows(slopes, at, by, at, each, n, mean.size)
-    assert np.allclose(sums.T, model.resting(mean))
-    for k in [*range(ORDERS), *(ORDERS + AXES + EACH * 4 + np.arange(EACH - AXES))]:
-        step = np.zeros(mean.size)
-        step[k] = 1e-3
-        numeric = (model.resting(mean + step) - model.resting(mean - step)) / 2e-3
-        assert np.abs(numeric - matrix[:, :, k].T).max() < 2e-3 * np.abs(numeric).max() + 1e-9
-
-
-def test_nothing_told_changes_nothing(skin):
-    estimate, n = StrayEstimate(skin), skin.n
-    before = estimate.mean.copy(), estimate.covariance.copy()
-    estimate.rest(np.full((3, n), np.nan), np.ones((3, n)))
-    assert np.array_equal(estimate.mean, before[0])
-    assert np.allclose(estimate.covariance, before[1])
 
 
 def test_a_skin_of_too_many_units_is_refused():

@@ -200,31 +200,6 @@ def test_a_reading_beyond_is_shown_and_doubted_and_the_second_in_a_row_is_flagge
     assert not (decoder(right).status & Status.MAGNETIC_ANOMALY).any()
 
 
-def test_where_no_check_is_made_there_is_no_test_ratio():
-    decoder = Decoder(row_of(UNITS), {"test_ratio"}, consistency=False)
-    assert np.isnan(decoder(counts_at(row_of(UNITS), DEPTH, REACH, 0.0)).test_ratio).all()
-    alone = Decoder(row_of(UNITS), {"test_ratio"})
-    assert (alone(counts_at(row_of(UNITS), DEPTH, REACH, 0.0)).test_ratio < 0.5).all()
-
-
-def test_units_that_are_left_out_or_decoded_again_do_not_count_for_the_mean():
-    skin = with_parameters(row_of(UNITS), frequency_noise_hz=0.0, gel_noise_relative=0.0)
-    decoder = Decoder(
-        skin,
-        None,
-        "field-angle",
-        dtype="float64",
-        sweeps=0,
-        ambient=False,
-    )
-    wrong = counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, UNITS), gain=1.06)
-    late = np.zeros(UNITS, np.uint16)
-    late[0] = Status.LATE
-    for _ in range(200):
-        status = decoder(wrong, late).status
-    assert (status & Status.MAGNETIC_ANOMALY != 0).tolist() == [False] + [True] * (UNITS - 1)
-
-
 @long_after_first("dtype", ["float32", "float64"])
 def test_noise_makes_no_more_anomalies_than_it_may(dtype):
     """Of a skin that may have them so often that they can be counted."""

@@ -12,7 +12,6 @@ from tests.fixtures.decode import (
     row_of,
     sensible_counts,
     stiffening,
-    strokes,
     with_parameters,
 )
 from tests.naive.decode import naive_decode
@@ -82,18 +81,3 @@ def test_a_film_without_displacement_reads_none(estimator):
     own = read.displacement_mm[np.arange(4), :2, np.arange(4)]
     assert np.abs(own).max() < 0.004
     assert np.abs(read.force[np.arange(4), :2, np.arange(4)]).max() < 0.002
-
-
-@pytest.mark.long
-def test_the_sigma_holds_its_share_of_errors_of_off_centre_films():
-    plain = row_of(UNITS)
-    depth, reach, around = strokes([0.4, 1.0, 1.6], [0.3, 1.0, 1.7, 2.4], np.linspace(-3, 3, 90))
-    face = reach * np.stack([np.cos(around), np.sin(around)])
-    place = np.array([0.09, -0.07])
-    film = face + place[:, np.newaxis]
-    _, counts = posed(plain, depth, np.hypot(*film), np.arctan2(film[1], film[0]), seed=3)
-    skin = with_parameters(plain, film_x_mm=place[0], film_y_mm=place[1])
-    read = everything(skin, "field-angle")(counts)
-    off = np.abs(read.displacement_mm[:, :2] - face.T[:, :, np.newaxis])
-    held = (off <= read.displacement_sigma_mm[:, :2]).mean()
-    assert 0.66 < held < 0.71

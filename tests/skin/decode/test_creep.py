@@ -9,7 +9,6 @@ from scipy.integrate import quad
 from scipy.signal import detrend
 
 from bus.status import Status
-from skin.decode import creep as room
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError
 from skin.physics.elastic import Elastic
@@ -269,12 +268,3 @@ def test_units_that_are_skipped_are_untouched_and_those_never_heard_begin_later(
     np.testing.assert_array_equal(
         late(raw[1]).force, Decoder(SKIN, sweeps=0, ambient=False)(raw[1]).force
     )
-
-
-def test_the_kernel_is_its_python(monkeypatch):
-    raw = counts_at(SKIN, *history(np.random.default_rng(1), 12), DIRECTION)
-    compiled = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)(raw)
-    monkeypatch.setattr(room, "relax", room.relax_python)
-    plain = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)(raw)
-    for name in ("force", "force_sigma", "tangential_sigma", "theta", "theta_sigma"):
-        np.testing.assert_allclose(getattr(compiled, name), getattr(plain, name), rtol=1e-9)

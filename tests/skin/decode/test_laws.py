@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 
 import numpy as np
@@ -34,19 +33,6 @@ FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "sta
 DTYPES = ("float32", "float64")
 seeds = st.integers(0, 2**32 - 1)
 dtypes = st.sampled_from(DTYPES)
-
-
-def subset(skin, units):
-    """The skin of some of the units, in that order; their wires stay those of the whole skin."""
-    size = len(units)
-    return dataclasses.replace(
-        row_of(size),
-        parameters={name: values[..., units] for name, values in skin.parameters.items()},
-    )
-
-
-def values_of(reading):
-    return [getattr(reading, name) for name in FIELDS]
 
 
 def nominal_counts(gel=1430, frequency=12000, bx=0, by=0, chip=0, n=1, layout="f3t-fd16"):
@@ -153,22 +139,6 @@ def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
 # -- symmetries ----------------------------------------------------------------------------------
 
 
-@pytest.mark.long
-@given(seeds)
-def test_float32_agrees_with_float64(seed):
-    skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
-    raw = sensible_counts(skin, 2, seed, most=0.88)
-    single, double = (
-        Decoder(skin, dtype="float32", sweeps=0, ambient=False)(raw),
-        Decoder(skin, dtype="float64", sweeps=0, ambient=False)(raw),
-    )
-    assert np.abs(single.temperature - double.temperature).max() < 1e-4
-    # Any calibration may come: the stiff part of its shear law makes more newtons of a millimetre.
-    assert np.abs(single.force - double.force).max() < 4e-5
-    assert np.abs(single.displacement_mm - double.displacement_mm).max() < 2e-5
-    np.testing.assert_array_equal(single.status, double.status)
-
-
 @given(seeds, dtypes, st.sampled_from([(-1, -1), (-1, 1), (1, -1)]))
 def test_reflected_fields_give_reflected_forces_to_the_bit(seed, dtype, signs):
     skin = row_of(40)
@@ -185,59 +155,7 @@ def test_reflected_fields_give_reflected_forces_to_the_bit(seed, dtype, signs):
     np.testing.assert_array_equal(after.displacement_mm, signs * place)
 
 
-@pytest.mark.long
-@given(seeds, dtypes, st.integers(1, 150))
-def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
-    whole = calibrated(row_of(150), seed=1, turn_rad=0.2)
-    raw = sensible_counts(whole, 3, seed % 3)
-    order = np.random.default_rng(seed).permutation(150)[:size]
-    # the check of the field shares its false alarms among all units: its limit knows their number
-    alone = {"sweeps": 0, "ambient": False, "consistency": False}
-    every = Decoder(whole, dtype=dtype, **alone)(raw)
-    some = Decoder(subset(whole, order), dtype=dtype, **alone)(
-        np.ascontiguousarray(raw[..., order])
-    )
-    for name, a, b in zip(FIELDS, values_of(every), values_of(some), strict=True):
-        assert np.ascontiguousarray(a[..., order]).tobytes() == b.tobytes(), name
-
-
-@pytest.mark.long
-@given(seeds, dtypes)
-def test_a_batch_is_its_cycles_one_by_one(seed, dtype):
-    skin = calibrated(row_of(19), seed=4, turn_rad=0.2)
-    raw = sensible_counts(skin, 5, seed)
-    status = np.random.default_rng(seed).choice([0, 1, 2, 64], (5, 19)).astype(np.uint16)
-    batch = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw, status)
-    single = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)
-    for t in range(5):
-        reading = single(raw[t], status[t])
-        for name, a, b in zip(FIELDS, values_of(batch), values_of(reading), strict=True):
-            assert a[t].tobytes() == b.tobytes(), name
-
-
-def test_units_that_are_alike_decode_as_units_that_differ():
-    """A shared block of coefficients is only a saving."""
-    raw = sensible_counts(row_of(50), 2, 1)
-    alike = Decoder(row_of(50), sweeps=0, ambient=False)(raw)
-    last = row_of(50).parameters["frequency_rest_hz"] + np.eye(50)[49]
-    differing = Decoder(
-        with_parameters(row_of(50), frequency_rest_hz=last), sweeps=0, ambient=False
-    )(raw)
-    for a, b in zip(values_of(alike), values_of(differing), strict=True):
-        np.testing.assert_array_equal(a[..., :49], b[..., :49])
-
-
 # -- edges ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-@given(seeds, dtypes, st.sampled_from(["f3t-fd16", "f3t-classic"]))
-def test_no_integer_makes_a_nan(seed, dtype, layout):
-    skin = calibrated(row_of(48, layout), seed % 5, turn_rad=0.5)
-    got = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(any_counts(skin, 20, seed))
-    for name in FIELDS[:5]:
-        assert np.isfinite(getattr(got, name)).all(), name
-    assert np.all(np.abs(got.theta) <= np.pi + 1e-6)
 
 
 def test_direction_is_corrected_by_its_table():

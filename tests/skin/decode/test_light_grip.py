@@ -17,7 +17,7 @@ from skin.decode.ambient import Ambient
 from skin.errors import OptionError
 from skin.options import Options
 from skin.pipeline import Pipeline
-from tests.fixtures.ambient import look, without_bz
+from tests.fixtures.ambient import look
 from tests.fixtures.cases import long_after_first
 
 RATE_HZ = 250.0
@@ -249,33 +249,6 @@ def test_one_pad_that_is_pressed_leaves_the_other_its_vote(pair):
     grip.run(1.0)
     assert grip.ambient.voters.tolist() == [16]
     assert np.abs(grip.ambient.field_ut[:, 0] - EARTH)[:2].max() < 20.0
-
-
-def test_what_is_light_beside_a_press_does_not_silence_the_rest_of_the_palm():
-    skin = topology.load("palm").exact()
-    grip = settled(skin, EARTH, seed=5)
-    away = np.linalg.norm(skin.position - skin.position[:, [0]], axis=0)
-    grip.load_n = np.where(away < 0.006, 0.5, np.where(away < 0.025, 0.007, 0.0))
-    grip.run(1.0)
-    voters = grip.ambient.voters[0]
-    assert np.sum(away > 0.03) <= voters <= np.sum(away > 0.025)
-
-
-def test_nobody_is_taken_for_touched_while_nothing_touches():
-    grip = settled(topology.load("palm").exact(), EARTH, seed=6)
-    silent = 0
-    for _ in range(5000):
-        grip.cycle()
-        silent += grip.ambient.voters[0] < 4
-    assert silent == 0
-
-
-def test_residue_is_of_the_lateral_axes_of_each_unit():
-    """A flat skin whose wire has no Bz knows nothing of the field along it, which is no error of
-    what it decodes from the lateral one."""
-    grip = settled(without_bz(topology.load("palm").exact()), EARTH, seed=7)
-    assert grip.ambient.covariance_ut2[0, 2, 2] == pytest.approx(2500.0)
-    assert np.sqrt(grip.ambient.residue_ut2).max() < 6.0
 
 
 @pytest.mark.parametrize("shear_n", [0.3, 0.6])

@@ -67,21 +67,6 @@ def test_a_calibration_is_refused_from_its_bound_on(bound):
         Decoder(with_parameters(row_of(2), **given(1.02)), **options)
 
 
-def test_a_range_of_temperatures_has_two_ends():
-    with pytest.raises(CalibrationError, match="temperature_max_c: must be above temperature_min"):
-        Decoder(with_parameters(row_of(2), temperature_max_c=15.0), sweeps=0, ambient=False)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_no_entry_of_a_table_may_be_infinite(value):
-    with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be finite"):
-        Decoder(
-            with_parameters(row_of(2), theta_correction_rad=knots(4, value)),
-            sweeps=0,
-            ambient=False,
-        )
-
-
 # -- tables of angles ------------------------------------------------------------------------------
 
 
@@ -202,16 +187,3 @@ def test_what_is_not_wanted_is_not_compiled():
     for name in ("force", "tangential", "theta", "displacement"):
         assert wants_of(skin, {name}).angle
         assert wants_of(skin, {name}).shear
-
-
-def test_films_and_directions_are_corrected_only_where_a_unit_needs_it():
-    one, table = np.array([0.0, 0.0, 1e-3]), np.zeros((16, 3))
-    table[5, 1] = 0.1
-    for name, value, field in (
-        ("film_x_mm", one, "centre"), ("film_y_mm", one, "centre"),
-        ("theta_correction_rad", table, "correction"),
-    ):  # fmt: skip
-        skin = with_parameters(row_of(3), **{name: value})
-        assert getattr(wants_of(skin, {"force"}), field)
-        assert getattr(wants_of(skin, {"temperature"}), field) is None
-        assert getattr(wants_of(row_of(3), {"force"}), field) is None

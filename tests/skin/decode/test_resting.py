@@ -21,8 +21,8 @@ from tests.fixtures.bench import dealt
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import strokes, with_parameters
 from tests.fixtures.film import FILMS
-from tests.fixtures.plant import BX, BZ, FREQUENCY, Plant, Touch, Units
-from tests.fixtures.plant_skin import REST_S, Player, Skin, shape_of, square
+from tests.fixtures.plant import BX, BZ, Plant, Touch, Units
+from tests.fixtures.plant_skin import Skin, shape_of, square
 from topology import Topology
 
 ANOMALY = int(Status.MAGNETIC_ANOMALY)
@@ -90,10 +90,6 @@ def untouched(skin: Skin, seed: int, warm_c: float = 25.0) -> np.ndarray:
     return skin.plant.counts(touch, rng, warm_c=warm_c, world_ut=EARTH_UT)
 
 
-def films_of(skin: Skin, name: str) -> bool:
-    return skin.plant.film is FILMS[name]
-
-
 @long_after_first("warm_c", [25.0, 45.0])
 def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     """Cold and warm, in a body that stands in the Earth's field."""
@@ -142,27 +138,6 @@ def test_what_films_add_as_they_move_is_within_its_variance(skin):
     # errors of places and fits are not in it
     sigma = np.hypot(np.sqrt(decoder.crosstalk.axial_ut2), 20.0)
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 1.2
-
-
-@pytest.mark.long
-def test_a_unit_that_reads_as_at_rest_while_all_round_it_are_pressed_is_found(skin):
-    """Its neighbours' films have come nearer, and its chip does not see them; all others do, and
-    are no anomaly, whatever their films are. Of films that are not as drawn more is allowed."""
-    rate = skin.rate_hz
-    first, lies, last = (round(s * rate) for s in (REST_S, REST_S + 1.0, REST_S + 2.6))
-    share = np.clip((np.arange(last) - first) / (0.3 * rate), 0.0, 1.0)[:, np.newaxis]
-    touch = Touch.none(last, skin.n)
-    touch.depth_mm[:] = share * 1.2
-    touch.moved_mm[:, 0] = share * 0.4
-    exact = skin.plant.values(touch, world_ut=EARTH_UT)
-    rest = skin.plant.values(Touch.none(1, skin.n), world_ut=EARTH_UT)[0]
-    exact[lies:, FREQUENCY : BZ + 1, MIDDLE] = rest[FREQUENCY : BZ + 1, MIDDLE]
-    noisy = skin.plant.noisy(exact, np.random.default_rng(8))
-    states = Player(skin.known).play(skin.plant.quantised(noisy))
-    flagged = np.array([(each.units.status & ANOMALY) != 0 for each in states])
-    assert flagged[-100:, MIDDLE].all() or not films_of(skin, "drawn")
-    flagged[lies:, MIDDLE] = False
-    assert not flagged.any()
 
 
 @pytest.mark.long

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skin.sim.mechanics import body as room
 from skin.sim.mechanics.body import Body, carried, penetration
 from tests.fixtures.cases import long_after_first
-from tests.naive.mechanics import inside, moved, rolled, sphere_reach, square, turned
+from tests.naive.mechanics import inside, moved, rolled, square, turned
 from topology import load
 
 ANGLES = st.floats(-np.pi, np.pi)
@@ -57,18 +56,6 @@ def test_the_axis_leaves_the_body_where_the_body_ends(name: str, seed: int) -> N
         assert not np.any(is_in(depth + 1e-7)[met])
     for further in np.linspace(0.001, 0.1, 20):
         assert not np.any(is_in(depth + further)[touched | away])
-
-
-@given(seed=SEEDS)
-def test_a_sphere_reaches_as_deep_as_the_formula_of_the_sphere(seed: int) -> None:
-    rng, hand = np.random.default_rng(seed), load("hand")
-    near, radius = rng.integers(hand.n), rng.uniform(0.005, 0.1)
-    centre = hand.position[:, near] - hand.rotation[:, 2, near] * (radius - rng.uniform(0, 0.004))
-    centre = centre + rng.normal(0.0, 0.002, 3)
-    depth = sphere_reach(centre, radius, hand.position, hand.rotation[:, 2])
-    pose = rotation_of(rng), centre
-    depth_mm = penetration(Body.sphere(radius), pose, hand.position, hand.rotation)
-    np.testing.assert_allclose(np.maximum(depth_mm, 0.0), 1e3 * depth, atol=1e-9)
 
 
 @pytest.mark.long
@@ -130,22 +117,3 @@ def test_a_rolling_body_does_not_slide_where_it_touches(
 
 
 # -- the rest --------------------------------------------------------------------------------------
-
-
-def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    skin = load("fingertip")
-    pose = turned((np.eye(3), skin.position[:, 0] + [0.001, 0.0, 0.009]), np.ones(3), 0.3)
-    after = moved(pose, np.array([1e-3, 2e-3, 0.0]))
-
-    def everything() -> list[np.ndarray]:
-        found = []
-        for body in BODIES.values():
-            depth = penetration(body, pose, skin.position, skin.rotation)
-            found += [depth, carried(pose, after, skin.position, skin.rotation, depth)]
-        return found
-
-    compiled = everything()
-    monkeypatch.setattr(room, "_penetration", room._penetration_python)
-    with np.errstate(divide="ignore"):
-        for a, b in zip(compiled, everything(), strict=True):
-            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)

@@ -14,21 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from bus.faults import FaultScript
-from bus.faults.script import Drop
 from bus.memory import MemoryTransport
 from bus.open import open_transport
-from skin import Decoder
 from skin.cli import main
 from skin.errors import SceneError, SkinError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes import names
-from skin.sim.scenes.fast import play
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.motion import Track, frame_of
-from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene
+from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import (
     BodyTable,
@@ -82,18 +78,6 @@ def in_skin(force: np.ndarray) -> np.ndarray:
 # -- ready-made scenes -----------------------------------------------------------------------------
 
 
-@long_after_first("name", names)
-def test_every_ready_made_scene_plays_and_something_happens(name: str) -> None:
-    truth, _ = played(name)
-    assert truth.contact.any() or name == "fig4a"  # whose first load comes at 50 s
-    changes = [np.ptp(truth.force), np.ptp(truth.temperature)]
-    assert max(changes) > 0.5
-    for part in ("force", "depth_mm", "displacement_mm", "temperature", "wrench"):
-        assert np.isfinite(getattr(truth, part)).all()
-    assert truth.depth_mm.min() >= 0.0
-    assert truth.depth_mm.max() <= DEEPEST_MM
-
-
 @pytest.mark.parametrize("name", names)
 def test_units_together_bear_what_the_bodies_weigh(name: str) -> None:
     """In the skin frame; weights that are glued to units are no bodies."""
@@ -145,18 +129,6 @@ def test_a_unit_under_two_bodies_bears_the_harder_one_alone() -> None:
         )
         assert (truth.force[2] >= np.maximum(first, second)).all()
     assert met > 10
-
-
-def test_a_body_that_goes_too_deep_between_its_keys_is_named_with_the_time() -> None:
-    keys = (
-        Key(t_s=0.0, xyz_m=(0.0, 0.0, 0.003), rpy_deg=(0.0, 0.0, 0.0)),
-        Key(t_s=1.0, xyz_m=(0.0, 0.0, -0.02)),
-    )
-    body = BodyTable(name="ball", shape=Sphere(radius_m=0.1), keys=keys)
-    scene = ScriptedScene(skin(), SceneFile(format=1, seconds=1.0, bodies=(body,)))
-    words = r"^bodies\[0\] 'ball' keys\[1\] \(at 0\.\d+ s\): must press no unit deeper than 3\.5 mm"
-    with pytest.raises(SceneError, match=words):
-        scene.at(1.0)
 
 
 def test_what_goes_wrong_between_keys_is_told_with_file_and_line(
@@ -305,18 +277,6 @@ def test_fig4a_follows_the_time_line_of_the_paper() -> None:
     assert float(seen[200].temperature.mean()) > 70.0
 
 
-def test_fig4a_is_decoded_within_the_noise_where_nothing_else_is_wrong() -> None:
-    scene = scene_of("fig4a", NonIdeal.only("noise"))
-    decoder = Decoder(skin(), sweeps=0, ambient=False)
-    errors = []
-    for time_s in np.arange(0.0, 200.0, 1.0):
-        truth = scene.at(float(time_s))
-        reading = decoder(scene.units.counts(truth))
-        errors.append(reading.force - truth.force)
-    errors = np.abs(np.array(errors)[60:])
-    assert errors[:, 2].mean() < 0.03
-
-
 # -- truth files, frames, the command --------------------------------------------------------------
 
 
@@ -353,17 +313,6 @@ def test_a_truth_file_keeps_what_came_before_an_error(tmp_path: Path) -> None:
 def test_a_truth_file_needs_a_folder_to_be_in(tmp_path: Path) -> None:
     with pytest.raises(SkinError, match="must be a place to write to"):
         Recorder(scene_of("press"), tmp_path / "nowhere" / "truth.npz")
-
-
-def test_faults_of_a_scene_are_done_to_its_frames() -> None:
-    scene = scene_of("press")
-    whole, _ = play(SimulatedUnits(skin(), scene), 1.0)
-    scene = scene_of("press")
-    script = FaultScript(faults=(Drop(probability=0.5),))
-    rest, injected = play(SimulatedUnits(skin(), scene), 1.0, script)
-    lost = injected[0]["drop"]
-    assert rest.frames == whole.frames - lost
-    assert 0.4 < lost / whole.frames < 0.6
 
 
 @long_after_first("interface", ["memory", "virtual"])

@@ -92,20 +92,6 @@ def test_field_lies_along_the_displacement(angle: float, displacement: float, de
     assert found == pytest.approx(displacement, abs=1e-12)
 
 
-def test_without_a_table_of_angles_bz_is_a_cosine() -> None:
-    bare = replace(PALM, parameters=PALM.parameters | {"field_angle_mm": np.zeros((16, 64))})
-    moved = np.zeros((2, 64))
-    moved[1] = np.linspace(0.0, 2.5, 64)
-    bz = SineField(bare)(moved, np.full(64, 2.0), np.full(64, 25.0))[2]
-    np.testing.assert_allclose(bz, 1.65 * 11073.0 * np.cos(np.pi / 5 * moved[1]), atol=1e-7)
-
-
-def test_warm_film_is_weaker() -> None:
-    field, depth = SineField(PALM), np.zeros(64)
-    at_25, at_65 = (field.amplitude(depth, np.full(64, t)) for t in (25.0, 65.0))
-    np.testing.assert_allclose(at_65 / at_25, 1.0 - 0.0011 * 40.0, rtol=1e-12)
-
-
 # -- the whole unit --------------------------------------------------------------------------------
 
 
@@ -157,26 +143,6 @@ def test_noise_is_as_large_as_the_model_says() -> None:
         assert noise[:, channel].std() == pytest.approx(sigma, rel=5.0 / np.sqrt(2 * samples))
         assert abs(noise[:, channel].mean()) < 5.0 * sigma / np.sqrt(samples)
     assert np.all(noise[:, HALL_TEMPERATURE] == 0.0)
-
-
-def test_the_seed_determines_the_noise() -> None:
-    truth = random_truth(64, seed=3)
-    first, again, other = (UnitSimulator(PALM, seed=s).counts(truth) for s in (5, 5, 6))
-    np.testing.assert_array_equal(first, again)
-    assert np.any(first != other)
-
-
-def test_many_samples_at_once_are_the_samples_one_by_one() -> None:
-    unit = UnitSimulator(with_parameters(PALM, theta_correction_rad=0.02), noise=False)
-    truths = [random_truth(64, seed) for seed in range(5)]
-    together = unit.quantities(
-        np.stack([t.depth_mm for t in truths]),
-        np.stack([t.displacement_mm for t in truths]),
-        np.stack([t.temperature for t in truths]),
-        np.stack([t.film_temperature for t in truths]),
-        np.stack([t.hall_temperature for t in truths]),
-    )
-    np.testing.assert_array_equal(unit.quantise(together), [unit.counts(t) for t in truths])
 
 
 # -- assembly and Hall chip ------------------------------------------------------------------------

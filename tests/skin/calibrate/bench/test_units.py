@@ -6,7 +6,6 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 
 from skin.calibrate.files import with_fits
 from skin.decode.decoder import Decoder
@@ -20,7 +19,7 @@ from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import apart, posed, row_of, strokes
 from topology import Topology
 
-UNITS, SHARE = 1, 0.5
+UNITS, SHARE = 1, 0.25
 
 
 class Made(NamedTuple):
@@ -72,24 +71,6 @@ def test_parameters_are_found_again_within_their_sigma(name):
         off = fit[name] - units.true.parameters[name][unit]
         assert abs(off) < 4.0 * fit.sigma[fit.names.index(name)]
         assert known(False).parameters[name][unit] == fit[name]
-
-
-@pytest.mark.long
-def test_a_film_as_drawn_is_followed_to_a_few_micrometres_one_with_errors_says_that_it_is_not():
-    drawn, made = (known(fabricated).parameters for fabricated in (False, True))
-    assert (drawn["field_angle_sigma_mm"] < 0.004).all()
-    assert (made["field_angle_sigma_mm"] > 0.005).all()
-    assert (made["field_angle_sigma_mm"] < 0.03).all()
-    assert (made["field_amplitude_sigma_relative"] > 0.002).all()
-
-
-@pytest.mark.long
-def test_a_film_beside_its_chip_is_found_there():
-    p, place = known(True).parameters, on_the_bench(True)[0].films.centre_mm
-    # a tilt looks a little like a shift
-    assert np.abs(np.stack([p["film_x_mm"], p["film_y_mm"]]) - place).max() < 0.012
-    p = known(False).parameters
-    assert np.hypot(p["film_x_mm"], p["film_y_mm"]).max() < 0.005
 
 
 @long_after_first("fabricated", [False, True])

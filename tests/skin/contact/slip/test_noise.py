@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 from skin.contact.record import Flag, SlipState
 from skin.contact.slip import PARAMETERS
+from tests.fixtures.cases import long_after_first
 from tests.skin.contact.slip.hold import Hold
 
 RATE_HZ = 250.0
@@ -54,7 +55,7 @@ def test_a_unit_that_is_noisier_than_its_sigma_says_is_named():
     assert "noise beyond sigma at 7" in repr(contact)
 
 
-@pytest.mark.parametrize("seed", range(8, 12))
+@long_after_first("seed", range(8, 12))
 def test_no_unit_is_called_noisy_whose_sigma_is_right(seed):
     contact = contact_held(white(seed, 0.03))
     assert not contact.noisy_units.size
@@ -106,19 +107,19 @@ def alarms_held(noise):
     return alarm
 
 
-@pytest.mark.parametrize("seed", range(20, 24))
+@long_after_first("seed", range(20, 24))
 def test_slow_noise_that_is_bounded_is_no_slip(seed):
     assert not alarms_held(wandering(seed, 0.03, 1.0))
 
 
-@pytest.mark.parametrize("seed", range(24, 28))
+@long_after_first("seed", range(24, 28))
 def test_units_that_drift_are_no_slip(seed):
     speed = 0.02 * np.random.default_rng(seed).standard_normal((2, 20))
     t = np.arange(int(SECONDS * RATE_HZ))[:, np.newaxis, np.newaxis] / RATE_HZ
     assert not alarms_held(white(seed, 0.03) + speed * t)
 
 
-@pytest.mark.parametrize("seed", range(28, 32))
+@long_after_first("seed", range(28, 32))
 def test_noise_that_doubles_while_a_contact_lasts_is_no_slip(seed):
     noise = white(seed, 0.03)
     noise[500:] *= 2.0
