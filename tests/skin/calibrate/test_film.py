@@ -34,13 +34,6 @@ def test_the_sine_law_is_found_within_its_sigma():
     assert 0.5 < np.mean(off < 1.0) < 0.9
 
 
-def test_the_sine_law_fits_the_film_of_magnet_theory():
-    field = posed(row_of(1), PRESS, SLIDE, 0.0, noise=False)[0][:, BX, 0]
-    fit = fit_crest(field, PRESS, SLIDE, 2.0, 1.0)
-    assert fit.rms < 0.002 * fit["field_amplitude_ut"]
-    assert 0.61 < fit["field_wavenumber_rad_per_mm"] < 0.64
-
-
 def test_the_preset_of_the_unit_model_is_what_magnet_theory_gives():
     table = np.array(UnitModel().field_angle_mm)
     depth, displacement, direction = strokes(np.linspace(0.0, 2.5, 26), np.linspace(0.0, 3.0, 31))

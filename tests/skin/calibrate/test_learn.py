@@ -89,16 +89,6 @@ def test_the_rest_that_is_learned_lies_within_its_sigma(skin, field):
     assert np.sqrt(np.mean(off**2)) < 1.5
 
 
-@pytest.mark.long
-def test_a_chip_that_reads_something_else_does_not_spoil_the_others(skin, field):
-    honest, spoilt = StrayEstimate(skin), StrayEstimate(skin)
-    touched(skin, field, honest, np.random.default_rng(3))
-    touched(skin, field, spoilt, np.random.default_rng(3), spoilt=(0,))
-    assert missed_ut(spoilt.stencil(), field, skin.n) < 3.0 * missed_ut(
-        honest.stencil(), field, skin.n
-    )
-
-
 def test_a_skin_of_too_many_units_is_refused():
     with pytest.raises(SkinError, match=f"must have {MOST_UNITS} units or fewer"):
         StrayEstimate(square(17, 0.012), object())

@@ -75,13 +75,6 @@ def test_a_unit_that_is_broken_moves_no_film(test_of, skin, units):
     assert np.array_equal(test_of.estimate.mean, mean)
 
 
-def test_one_reading_that_lacks_hinders_nobody(test_of, skin, units):
-    recording = counts(units, *press(0, skin.n))
-    status = np.zeros((len(recording), skin.n), np.uint16)
-    recording[50, :, 3], status[50, 3] = 0, int(Status.LATE)
-    assert test_of(recording, status) > 100
-
-
 def test_a_recording_that_is_too_short_is_refused(test_of, skin, units):
     recording = counts(units, *press(0, skin.n))[:39]
     with pytest.raises(ScanError, match="counts: must be 40 cycles or more; got 39"):

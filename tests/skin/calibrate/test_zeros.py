@@ -19,7 +19,6 @@ from skin.sim.bench import differing
 from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from topology import CHANNELS
 
@@ -170,29 +169,6 @@ def test_who_does_not_want_it_is_not_tared():
     assert Hand(known=PALM.exact()).pipeline.zeros is None
 
 
-@long_after_first("name", ["palm", "fingertip"])
-@long_after_first(
-    "options", [{"sweeps": 0, "ambient": False}, {"dtype": "float64", "sweeps": 2}, {"skip": True}]
-)
-def test_every_untouched_unit_is_tared_whatever_is_decoded(name, options):
-    """On a fingertip resting neighbours add more than a millitesla."""
-    skin = topology.load(name)
-    off = dataclasses.replace(skin, enabled=np.arange(skin.n) != 2)
-    units = UnitSimulator(differing(skin, seed=4), seed=1, field=HalbachField(differing(skin, 4)))
-    pipeline = Pipeline(off, Options(**options))
-    still = np.zeros((1, skin.n)), np.zeros((1, 2, skin.n)), np.full((1, skin.n), 25.0)
-    values = units.quantities(*still)
-    for number in range(WINDOW + skin.n + 9):
-        pipeline.counts[:] = units.quantise(units.disturb(values.copy()))[0]
-        state = pipeline.state(SimpleNamespace(
-            number=number, stamp_ns=number * PERIOD_NS, closed_by="complete", counters=None,
-            sampled_ns=np.zeros(len(PALM.buses), np.int64),
-        ))  # fmt: skip
-    assert pipeline.zeros.report()["refused"] == {}
-    assert len(pipeline.zeros.taken) == skin.n - 1
-    assert not (state.units.status & Status.UNTARED).any()
-
-
 # -- live -----------------------------------------------------------------------------------------
 
 
@@ -205,19 +181,6 @@ class Still:
     def at(self, time_s):
         self._truth.time_s = time_s
         return self._truth
-
-
-def test_a_log_is_tared_where_the_live_run_was(tmp_path):
-    nodes = SimulatedUnits(TRUE, Still(), history=0)
-    log = tmp_path / "run.log"
-    flags = []
-    with over(PALM, nodes.in_process(), pace=False, record=log) as run:
-        for _, state in zip(range(WINDOW + N), run, strict=False):
-            flags.append(state.units.status.copy())
-    replay = skin.decode_log(PALM, log)
-    again = [state.units.status.copy() for state in replay]
-    assert np.array_equal(np.array(flags), np.array(again)[: len(flags)])
-    assert not (again[-1] & Status.UNTARED).any()
 
 
 def test_zeros_are_retaken_of_what_is_untouched_and_once():

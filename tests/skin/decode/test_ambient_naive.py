@@ -15,7 +15,7 @@ from skin.decode.ambient import Ambient
 from skin.decode.ambient_kernels import MEMORY
 from tests.fixtures.ambient import look
 from tests.fixtures.decode import calibrated, row_of, with_parameters
-from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
+from tests.naive.ambient import NaiveAmbient, state_of
 
 UNITS = 14
 BODY = np.array([0, 0, 0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 1, 1])
@@ -130,25 +130,6 @@ def test_a_cycle_from_any_state_is_that_of_the_naive_one(near_votes, rate_hz):
     assert followed > 30
     assert learnt > 30
     assert lies > 10
-
-
-@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
-def test_first_cycles_are_a_mean():
-    """Whatever was remembered of a unit that could not be used is gone."""
-    skin = tumbled()
-    ambient, naive = Ambient(skin, dtype="float64"), NaiveAmbient(skin, BODY)
-    rng, state = np.random.default_rng(3), state_of(ambient)
-    assert (state.covariance_ut2 == PRIOR_UT2 * np.eye(3)).all()
-    assert np.isnan(state.rest_ut).all()
-    for _ in range(30):
-        reading = any_reading(naive, state, rng)
-        look(ambient, reading)
-        state = naive.step(state, reading, 0.004)
-        found = state_of(ambient)
-        for name, value in vars(found).items():
-            np.testing.assert_allclose(
-                value, getattr(state, name), rtol=1e-7, atol=1e-7, err_msg=name
-            )
 
 
 def test_units_of_all_blocks_are_looked_at():

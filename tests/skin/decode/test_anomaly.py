@@ -101,71 +101,6 @@ def test_a_field_that_may_have_reached_the_crest_is_saturated(part):
         assert ((reading.status & Status.SATURATED != 0) == saturated).all()
 
 
-@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-@pytest.mark.parametrize("gain", [1.05, 0.95])
-def test_a_small_miss_that_stays_is_an_anomaly_by_its_mean(estimator, gain):
-    """5 % of the field are less than what one reading may miss, and more than what many may."""
-    skin = with_parameters(row_of(UNITS), frequency_noise_hz=0.0, gel_noise_relative=0.0)
-    decoder = Decoder(
-        skin,
-        None,
-        estimator,
-        dtype="float64",
-        consistency=True,
-        sweeps=0,
-        ambient=False,
-    )
-    right, wrong = (
-        counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, UNITS), gain=each) for each in (1.0, gain)
-    )
-    odd = [
-        (decoder(raw).status & Status.MAGNETIC_ANOMALY != 0)
-        for raw in (*[right] * 20, *[wrong] * 200, *[right] * 200)
-    ]
-    assert not np.any(odd[:40])
-    assert np.all(odd[200:220])
-    assert not np.any(odd[-1])
-    first = int(np.argmax(np.all(odd, axis=1)))
-    assert 25 < first - 20 < 150
-
-
-STRAY_UT = 250.0
-"""What neighbours may add, whose fields at rest are taken off: 0.3 mT."""
-
-
-def pressed(skin, depth_mm, cycles, seed):
-    """Counts of cycles at rest and of a press, shape (t, c, n): upright films, whose vertical field
-    is `STRAY_UT` more or less than theirs, with noise; from the laws alone."""
-    press = np.clip(np.arange(1, 100) / cycles, 0.0, 1.0)
-    depth = depth_mm * np.concatenate([np.zeros(200), press])
-    rng = np.random.default_rng(seed)
-    h = np.repeat(depth[:, np.newaxis], skin.n, axis=1)
-    value = np.zeros((len(h), 6, skin.n))
-    value[:, 0] = 100.0 * 12.0 ** (5.0 / 60.0)  # 25 °C
-    value[:, 1] = 4500.0 - 900.0 * h
-    # psi / (k R) -> slope of the table of angles at R = 0
-    slope = sum(skin.parameters["field_angle_mm"][i] * h**i for i in range(4))
-    value[:, 4] = 11073.0 * np.exp(0.72 * (h - 2.0)) * (np.pi / 5.0) * slope
-    value[:, 4] += STRAY_UT * np.where(np.arange(skin.n) % 2, 1.0, -1.0)
-    value[:, 5] = 25.0
-    value[:, 1] += rng.normal(0.0, 6.0, h.shape)
-    value[:, 2:5] += rng.normal(0.0, 105.0, (len(h), 3, skin.n))
-    value[:, 0] *= skin.parameters["gel_current_20c_ua"] / 100.0
-    return np.rint((value - skin.offset) / skin.scale).astype(np.int16)
-
-
-@pytest.mark.parametrize("cycles", [1, 5, 25])
-@pytest.mark.parametrize("depth_mm", [1.0, 1.5, 2.0])
-def test_a_press_is_not_judged_by_a_share_that_was_learnt_at_rest(depth_mm, cycles):
-    """What is 6 % of the field at rest, and allowed, is 2 % of it when pressed, and allowed."""
-    skin = row_of(64)
-    decoder = Decoder(skin, None, "field-angle", sweeps=0, ambient=False)
-    for raw in pressed(skin, depth_mm, cycles, 5):
-        reading = decoder(raw)
-        assert reading.valid.all()
-    assert np.allclose(reading.displacement_mm[2], depth_mm, atol=0.05)
-
-
 @pytest.mark.parametrize("gain", [1.3, 0.7])
 def test_a_reading_beyond_is_shown_and_doubted_and_the_second_in_a_row_is_flagged(gain):
     """Depth or field is wrong: sigma holds what either makes of it."""
@@ -198,34 +133,3 @@ def test_a_reading_beyond_is_shown_and_doubted_and_the_second_in_a_row_is_flagge
     decoder(odd)
     assert (decoder(odd).status & Status.MAGNETIC_ANOMALY != 0).all()
     assert not (decoder(right).status & Status.MAGNETIC_ANOMALY).any()
-
-
-@long_after_first("dtype", ["float32", "float64"])
-def test_noise_makes_no_more_anomalies_than_it_may(dtype):
-    """Of a skin that may have them so often that they can be counted."""
-    skin = with_parameters(row_of(400), gel_noise_relative=0.0)
-    model = "skin.decode.uncertainty.ANOMALIES_PER_DAY"
-    a_day, cycles = 400 * 86400.0, 400
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(model, 1e-3 * a_day)
-        patch.setattr("skin.decode.uncertainty.ANOMALY_SHARE", 0.0)
-        patch.setattr("skin.decode.uncertainty.STRAY_KNOWN_UT", 0.0)
-        decoder = Decoder(
-            skin,
-            None,
-            "field-angle",
-            dtype=dtype,
-            sweeps=0,
-            ambient=False,
-        )
-    rng = np.random.default_rng(4)
-    exact = counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, 400)).astype(float)
-    found = 0
-    for _ in range(cycles):
-        raw = exact.copy()
-        raw[1] += rng.normal(0.0, 6.0, 400) / skin.scale[1]
-        raw[2:5] += rng.normal(0.0, 105.0, (3, 400)) / skin.scale[2:5]
-        status = decoder(np.rint(raw).astype(np.int16)).status
-        found += int((status & Status.MAGNETIC_ANOMALY != 0).sum())
-    # as many by single readings as by their mean; noise of the direction makes some more
-    assert 0.3 < found / (2.0 * 1e-3 * 400 * cycles) < 3.0

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from skin.decode.ambient import Ambient
-from skin.decode.decoder import Decoder
-from skin.sim.thermal import ThermalChain
-from skin.sim.unit import UnitSimulator
 from tests.fixtures.ambient import World, apart, without_bz
 from tests.fixtures.cases import long_after_first
-from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 UNITS = 24
 SIGMA_HZ = 6.0
@@ -76,16 +72,6 @@ def test_drift_of_unloaded_units_is_followed(rate_hz_per_min):
     assert ambient.followed.mean() > 0.8
 
 
-def test_drift_of_an_offset_is_followed():
-    ambient, world = begun()
-    for _ in range(60):
-        world.stray_ut[0, ::2] += 0.5
-        world.stray_ut[0, 1::2] -= 0.5
-        world.run(ambient, 30.0)  # 1 µT a minute
-    assert np.abs(world.stray_ut[0]).min() > 29.0
-    assert np.abs(world.stray_ut[:2] - ambient.zero[1:]).max() < 15.0
-
-
 @long_after_first("rate_hz_per_min", [0.3, 0.5, 0.9, 1.2, 2.0, 5.0])
 def test_press_that_creeps_is_not_taken_for_drift(rate_hz_per_min):
     """Three units of 24, slower and faster than a zero may follow: Bz tells it from drift."""
@@ -100,16 +86,6 @@ def test_press_that_creeps_is_not_taken_for_drift(rate_hz_per_min):
     assert ambient.followed[~pressed].mean() > 0.8
 
 
-def test_press_that_creeps_without_bz_is_absorbed_only_if_slower_than_said():
-    ambient, world = begun(without_bz(apart(UNITS)))
-    press = np.zeros(UNITS)
-    press[:4] = 0.5, 2.0, 5.0, 20.0
-    creep(world, ambient, 1200.0, press=press)
-    taken = ambient.zero[0, :4]
-    assert taken[0] > 8.0
-    assert taken[1:].max() < SIGMA_HZ
-
-
 def test_zero_goes_no_farther_than_its_span_and_wants_a_tare():
     ambient, world = begun(without_bz(apart(UNITS)))
     drift = np.zeros(UNITS)
@@ -120,47 +96,6 @@ def test_zero_goes_no_farther_than_its_span_and_wants_a_tare():
 
 
 # -- what the decoder itself compensates -----------------------------------------------------------
-
-
-def heated(skin, depth_mm=0.0, displacement_mm=0.0):
-    """Counts, 2 a second, of units whose room goes from 24 to 60 °C after a minute."""
-    seconds, n = 900.0, skin.n
-    chain = ThermalChain(skin, ambient=24.0)
-    untouched = np.zeros(n, bool), np.full(n, 60.0)
-    cycles = round(2.0 * seconds)
-    warm = np.stack(
-        [chain.step(0.5, *untouched, 60.0 if i > 120 else 24.0).copy() for i in range(cycles)]
-    )
-    displacement = np.zeros((cycles, 2, n))
-    displacement[:, 0] = displacement_mm
-    units = UnitSimulator(skin, seed=3)
-    depth = np.full((cycles, n), depth_mm)
-    values = units.quantities(depth, displacement, warm[:, 0], warm[:, 1], warm[:, 3])
-    return units.quantise(units.disturb(values))
-
-
-def moved(skin, counts, estimator):
-    """How far the mean force of a minute goes from that of the cold minute, newton, shape (3,)."""
-    force = Decoder(skin, estimator=estimator, sweeps=0, ambient=False)(counts).force
-    minutes = force.reshape(-1, 120, 3, skin.n).mean(axis=1)
-    return np.abs(minutes - minutes[0]).max(axis=(0, 2))
-
-
-@long_after_first(
-    ("layout", "depth_mm", "displacement_mm"),
-    [("f3t-fd16", 0.0, 0.0), ("f3t-fd16", 1.0, 1.5), ("f3t-classic", 1.0, 1.5)],
-)
-def test_heat_moves_no_force(layout, depth_mm, displacement_mm):
-    """Gel, film and chip 36 K warmer, one after the other; the classic wire has no chip
-    temperature, so that the chip's is told from the gel's by its lag."""
-    skin = calibrated(row_of(8, layout, rate_hz=2.0), seed=3)
-    counts = heated(skin, depth_mm, displacement_mm)
-    left = moved(skin, counts, "sine")
-    assert left[2] < 0.013  # the frequency feels no temperature: 6 Hz of noise, worst of 15 minutes
-    assert left[:2].max() < 0.015  # of which noise is 10 mN
-    still = {name: 0.0 for name in skin.parameters if name.startswith("hall_drift")}
-    bare = with_parameters(skin, film_drift_per_k=0.0, hall_gain_per_k=0.0, **still)
-    assert moved(bare, counts, "sine")[:2].max() > 0.025
 
 
 # -- with the decoder ------------------------------------------------------------------------------

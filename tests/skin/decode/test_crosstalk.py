@@ -249,17 +249,6 @@ def test_sum_of_all_terms_is_that_of_the_stencil(name, own):
     np.testing.assert_allclose(found, base[1:4] + expected, atol=1e-10)
 
 
-def test_films_that_do_not_move_any_more_leave_nothing():
-    """A press that wanders over the skin, and comes back."""
-    skin = plane(40, 17)
-    stencil = made_up(skin, 1)
-    crosstalk, row = exact(skin, stencil), np.arange(skin.n) // 17
-    for first, last in ((0, 3), (38, 40), (9, 12), (0, 0), (20, 22), (0, 40), (30, 31), (10, 11)):
-        pressed = (row >= first) & (row < last)
-        moved = np.where(pressed, anywhere(skin.n, first), 0.0)
-        np.testing.assert_allclose(predict(crosstalk, moved), stencil(moved), atol=1e-10)
-
-
 def test_neighbours_that_are_not_known_widen_the_residue():
     """By the mean square of what they may add, whatever is base."""
     skin = plane(6, 6)
@@ -316,29 +305,6 @@ def test_a_film_counts_from_its_bounds_on_and_stands_still_beyond_its_range(name
     moved[:, 4], stands[:, 4] = given, taken or (0.0, 0.0, 0.0)
     np.testing.assert_allclose(predict(crosstalk, moved), stencil(stands), atol=1e-10)
     assert (crosstalk.residue_ut2 > crosstalk.residue_ut**2 * 1.001).any() == (not known)
-
-
-def test_contraction_is_the_largest_eigenvalue_over_the_depths():
-    """Of how the field changes with a displacement, over how a displacement follows a field."""
-    skin = plane(3, 4)
-    stencil = made_up(skin, 3, seed=3)
-    p, exponents = skin.parameters, powers(3)
-    radius = []
-    for depth in (0.0, 0.5, 1.0, 1.5, 2.0):
-        slope = np.zeros((stencil.kind.max() + 1, 2, 2))
-        for axis in range(2):
-            for term, (i, j, k) in enumerate(exponents):
-                if (i, j) == ((1, 0), (0, 1))[axis]:
-                    slope[:, :, axis] += stencil.coefficients[:, :2, term] * depth**k
-        steep = p["field_wavenumber_rad_per_mm"] * p["field_amplitude_ut"]
-        steep *= np.exp(p["field_growth_per_mm"] * (depth - p["field_reference_mm"]))
-        whole = np.zeros((skin.n, 2, skin.n, 2))
-        for pair, (unit, film) in enumerate(zip(stencil.unit, stencil.neighbour, strict=True)):
-            block = slope[stencil.kind[pair]] * stencil.strength[film] / steep[unit]
-            whole[unit, :, film, :] = block
-        radius.append(np.abs(np.linalg.eigvals(whole.reshape(2 * skin.n, -1))).max())
-    assert exact(skin, stencil).contraction == pytest.approx(max(radius), rel=0.03)
-    assert min(radius) < 0.9 * max(radius)
 
 
 @pytest.mark.parametrize("own", [False, True])

@@ -146,18 +146,6 @@ def test_reset_forgets_and_warmup_does_not():
 # -- views and arrays ----------------------------------------------------------------------------
 
 
-def test_a_cycle_allocates_nothing_new_and_a_batch_does():
-    decoder = Decoder(row_of(5), sweeps=0, ambient=False)
-    raw = counts_of(5)
-    assert decoder.reading is decoder.reading
-    one, two = decoder(raw), decoder(raw)
-    assert not np.shares_memory(one.force, two.force)
-    batch, again = decoder(raw[np.newaxis]), decoder(raw[np.newaxis])
-    assert not np.shares_memory(batch.force, again.force)
-    assert batch.force.shape == (1, 3, 5)
-    assert batch.status.shape == batch.valid.shape == batch.temperature.shape == (1, 5)
-
-
 def test_any_memory_layout_will_do():
     skin = calibrated(row_of(20))
     raw = sensible_counts(skin, 3, 1)

@@ -105,20 +105,6 @@ def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     np.testing.assert_array_equal(known["axial_rest_sigma_ut"], sigma)
 
 
-@pytest.mark.long
-def test_decoders_weigh_a_tare_against_theory_and_go_on_with_it(skin):
-    """At rest Bz is then that of the own film, and a decoder that is tared later reads the same."""
-    found = tare(skin.known, untouched(skin, 4)).applied()
-    counts = untouched(skin, 5)
-    fresh, later = (Decoder(each, {"field"}, ambient=False) for each in (found, skin.known))
-    later.retare(found)
-    own = alone(skin.plant).film_field(Touch.none(1, skin.n))[0, 2]
-    reading = fresh(counts)
-    off = np.mean(reading.field_ut[:, 2], axis=0) - own
-    assert np.sqrt(np.mean(off**2)) < 2.0 * found.parameters["axial_rest_sigma_ut"].mean()
-    np.testing.assert_allclose(later(counts).field_ut, reading.field_ut, rtol=1e-5, atol=0.1)
-
-
 def test_what_films_add_as_they_move_is_within_its_variance(skin):
     rng, scenes = np.random.default_rng(6), 12
     pressed = rng.random((scenes, skin.n)) < 0.6
@@ -138,16 +124,6 @@ def test_what_films_add_as_they_move_is_within_its_variance(skin):
     # errors of places and fits are not in it
     sigma = np.hypot(np.sqrt(decoder.crosstalk.axial_ut2), 20.0)
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 1.2
-
-
-@pytest.mark.long
-def test_a_unit_that_is_far_off_as_it_is_tared_is_not_taken_at_its_word(skin):
-    """What no film adds is no neighbour: it stays an anomaly."""
-    counts = untouched(skin, 9)
-    counts[:, BZ, MIDDLE] += np.int16(4000.0 / skin.known.scale[BZ, MIDDLE])
-    decoder = Decoder(tare(skin.known, counts).applied(), ambient=False)
-    status = decoder(counts).status[-1]
-    assert (status & ANOMALY != 0).tolist() == [unit == MIDDLE for unit in range(skin.n)]
 
 
 def test_a_tare_without_bz_measures_nothing_along_z(skin):

@@ -8,7 +8,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -78,15 +77,6 @@ def heartbeats(frames: np.ndarray) -> np.ndarray:
 
 
 # -- what stands in the frames ---------------------------------------------------------------------
-
-
-def test_answers_come_by_priority_and_bear_the_stamp_of_their_sync() -> None:
-    out = FrameBatch(64)
-    SimulatedUnits(PALM).respond(sync(7, stamp_ns=123_456_789), out)
-    ids = data_frames(out.frames)["id"]
-    np.testing.assert_array_equal(ids, PALM.frames.can_id)
-    assert np.all(np.diff(ids.astype(int)) > 0)
-    assert np.all(out.frames["stamp_ns"] == 123_456_789)
 
 
 def test_every_board_says_once_a_second_how_it_is() -> None:
@@ -229,22 +219,6 @@ def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
         assert (PALM.frames.can_id[2] in ids) == (cycle % divider == 0)
         assert len(ids) == 12 + (cycle % divider == 0)
         assert ids == sorted(ids)
-
-
-def test_own_counts_count_answers_not_syncs_that_were_left_out() -> None:
-    """Nor the cycles between the answers of a board that answers seldom."""
-    layouts = tuple(msgspec.structs.replace(one, sequence="own") for one in STRIP.layouts)
-    nodes, out = SimulatedUnits(replace(STRIP, layouts=layouts)), FrameBatch(64)
-    numbers: list[int] = []
-    for answer, cycle in enumerate(np.cumsum([7] + [1, 5, 13, 1] * 15).tolist()):
-        if answer in (20, 41):
-            nodes.respond(pack(Command.RATE, value=3 if answer == 20 else 1), out)
-        out.clear()
-        nodes.respond(sync(cycle), out)
-        numbers += [field(r["data"], 59, 4) for r in data_frames(out.frames)[:1]]
-    assert numbers[0] == 7
-    assert len(numbers) == 20 + 7 + 20
-    assert np.all(np.diff(numbers) % 16 == 1)
 
 
 def test_what_boards_do_not_know_is_ignored_and_counted() -> None:

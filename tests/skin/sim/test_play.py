@@ -18,12 +18,10 @@ from bus.memory import MemoryTransport
 from bus.open import open_transport
 from skin.cli import main
 from skin.errors import SceneError, SkinError
-from skin.physics.film_table import load_film_table
-from skin.physics.halbach import CHIP_AXES
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes import names
 from skin.sim.scenes.load import load_scene
-from skin.sim.scenes.motion import Track, frame_of
+from skin.sim.scenes.motion import Track
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import (
@@ -195,16 +193,6 @@ def test_each_non_ideality_alone_changes_the_counts(name: str) -> None:
     assert (counts[0] != counts[1]).any()
 
 
-def test_seeds_repeat_and_differ() -> None:
-    script = load_scene("press", skin())
-    seen = []
-    for seed in (1, 1, 2):
-        scene = ScriptedScene(skin(), replace(script, seed=seed))
-        seen.append(scene.units.counts(scene.at(0.5)))
-    assert (seen[0] == seen[1]).all()
-    assert (seen[0] != seen[2]).any()
-
-
 def test_a_tool_is_felt_by_the_units_near_it_and_by_no_other() -> None:
     """Iron draws the lines of the films into itself: |B| changes most where it is nearest."""
     felt = []
@@ -217,28 +205,6 @@ def test_a_tool_is_felt_by_the_units_near_it_and_by_no_other() -> None:
     away_m = np.hypot(skin().position[0] - 0.030, skin().position[1])
     assert by_tool[away_m < 0.012].min() > 20.0
     assert by_tool[away_m > 0.045].max() < 1.0
-
-
-def test_what_a_magnetised_tool_adds_is_a_dipole() -> None:
-    """Without films' answer or the Earth: the closed form at every chip, as the tool passes."""
-    key = ToolKey(t_s=0.0, xyz_m=(0.0, 0.01, 0.02))
-    tool = ToolTable(name="tip", keys=(key,), permeability=1.0, remanent_am2=(0.0, 0.02, 0.05))
-    script = SceneFile(format=1, seconds=1.0, tools=(tool,))
-    read = []
-    script = replace(script, non_ideal=NonIdeal.only("magnet"))
-    for tools in ((), script.tools):
-        scene = ScriptedScene(skin(), replace(script, tools=tools))
-        read.append(scene.units.values(scene.at(0.0))[2:5])
-    rotation, origin = frame_of(skin(), None)
-    film = load_film_table().film
-    chip = skin().position + 1e-3 * (film.middle_mm + film.chip_mm) * skin().rotation[:, 2]
-    offset = chip - (origin + rotation @ np.array([0.0, 0.01, 0.025]))[:, np.newaxis]
-    away = np.linalg.norm(offset, axis=0)
-    moment = rotation @ np.array([0.0, 0.02, 0.05])
-    along = offset / away
-    field = 0.1 * (3.0 * along * (moment @ along) - moment[:, np.newaxis]) / away**3
-    in_chip = CHIP_AXES[:, np.newaxis] * np.einsum("ijn,in->jn", skin().rotation, field)
-    assert read[1] - read[0] == pytest.approx(in_chip, rel=1e-3, abs=1e-9)  # chips at 24 °C
 
 
 def test_a_tool_that_enters_a_unit_between_its_keys_is_refused() -> None:

@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 
 SEEDS = st.integers(0, 2**32 - 1)
-WAYS = arrays(float, (30, 2), elements=st.floats(0.0, 7.0))
 BOTH_WAYS = arrays(float, (30, 2), elements=st.floats(-7.0, 7.0))
 
 

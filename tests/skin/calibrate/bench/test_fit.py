@@ -108,20 +108,6 @@ def test_the_law_of_another_material_is_off_evenly_and_by_its_sigma():
     assert value(result, "normal_cubic_n_per_hz3") > 1e-9
 
 
-@pytest.mark.long
-def test_a_unit_of_two_lines_gets_no_cube_that_matters():
-    result = fitted(*FORCE, *(f"displacement_{axis}" for axis in "xyz"))
-    lab = lab_and_counts()[0]
-    p, true = known_of(result, lab.nominal), known_of(result, lab.nominal)
-    true |= {name: values[0] for name, values in lab.true.parameters.items() if "normal" in name}
-    true["frequency_slope_hz_per_mm"] = lab.true.parameters["frequency_slope_hz_per_mm"][0]
-    assert np.abs(normal_n(p) - normal_n(true)).max() < 0.015
-    if "normal_cubic_n_per_hz3" in result.left:
-        fit = next(fit for fit in result.fits if "normal_cubic_n_per_hz3" in fit.names)
-        sigma = fit.sigma[fit.names.index("normal_cubic_n_per_hz3")]
-        assert fit["normal_cubic_n_per_hz3"] < 4.0 * sigma
-
-
 def test_what_shallow_presses_leave_open_stays_the_models_and_the_rest_is_fitted_with_it():
     lab, path, counts = lab_and_counts()
     blocks = series(lab, path, counts, 0).blocks(lab.nominal, 0).of("tare", "normal", "circles")

@@ -62,33 +62,11 @@ def test_no_unit_is_called_noisy_whose_sigma_is_right(seed):
     assert not contact.flags & Flag.NOISY
 
 
-def test_noise_that_is_correlated_counts_for_as_much_as_a_lowpass_leaves_of_it():
-    keeps = np.exp(-1.0 / RATE_HZ / 0.02)
-    noise = lfilter([np.sqrt(1.0 - keeps**2)], [1.0, -keeps], white(3, 0.03), axis=0)
-    share = 1.0 - np.exp(-1.0 / RATE_HZ / PARAMETERS.slow_s)
-
-    def left(of):
-        return lfilter([share], [1.0, share - 1.0], of, axis=0)[100:].std()
-
-    expected = left(noise) / left(white(4, 0.03))
-    assert expected == pytest.approx(2.5, rel=0.05)
-    # Cycles in which slip is likelier than not are not learned from: some of the largest lags.
-    assert held(noise).mean() == pytest.approx(expected, rel=0.1)
-
-
 @pytest.mark.parametrize("told", [0.03, 0.06])
 def test_noise_that_is_as_told_or_smaller_is_believed(told):
     ratio = held(white(5, 0.03), told)
     assert ratio.min() >= 1.0
     assert ratio.mean() < 1.02
-
-
-def test_a_sigma_of_0_is_forgotten_when_it_is_told_no_more():
-    hold, sigma = Hold(4, 5), 0.03
-    for t, now in enumerate(white(10, 0.06)):
-        hold.sigma[:] = 0.0 if t == 250 else sigma
-        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
-    assert by_unit(hold.contact).mean() == pytest.approx(2.0, rel=0.15)
 
 
 def wandering(seed, sigma_mm, share, tau_s=2.0):
