@@ -99,3 +99,23 @@ def test_zero_goes_no_farther_than_its_span_and_wants_a_tare():
 
 
 # -- with the decoder ------------------------------------------------------------------------------
+
+
+def test_drift_of_an_offset_is_followed():
+    ambient, world = begun()
+    for _ in range(60):
+        world.stray_ut[0, ::2] += 0.5
+        world.stray_ut[0, 1::2] -= 0.5
+        world.run(ambient, 30.0)  # 1 µT a minute
+    assert np.abs(world.stray_ut[0]).min() > 29.0
+    assert np.abs(world.stray_ut[:2] - ambient.zero[1:]).max() < 15.0
+
+
+def test_press_that_creeps_without_bz_is_absorbed_only_if_slower_than_said():
+    ambient, world = begun(without_bz(apart(UNITS)))
+    press = np.zeros(UNITS)
+    press[:4] = 0.5, 2.0, 5.0, 20.0
+    creep(world, ambient, 1200.0, press=press)
+    taken = ambient.zero[0, :4]
+    assert taken[0] > 8.0
+    assert taken[1:].max() < SIGMA_HZ

@@ -57,12 +57,6 @@ def counts_at(skin, depth, reach, direction, temperature=25.0, gain=1.0, noise=N
     )
 
 
-# -- truth -----------------------------------------------------------------------------------------
-
-
-# -- what it does not feel -------------------------------------------------------------------------
-
-
 # -- its end ---------------------------------------------------------------------------------------
 
 
@@ -97,9 +91,6 @@ def test_no_integer_makes_a_nan(seed, dtype):
                  "temperature_sigma", "force_sigma", "tangential_sigma", "theta_sigma",
                  "displacement_sigma_mm"):  # fmt: skip
         assert np.isfinite(getattr(got, name)).all(), name
-
-
-# -- consistency -----------------------------------------------------------------------------------
 
 
 # -- which estimator -------------------------------------------------------------------------------

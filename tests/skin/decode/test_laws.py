@@ -6,7 +6,6 @@ import functools
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
@@ -29,11 +28,6 @@ from topology import THETA_KNOTS
 pytestmark = pytest.mark.usefixtures("few_variants")
 
 FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "status", "valid")
-DTYPES = ("float32", "float64")
-seeds = st.integers(0, 2**32 - 1)
-dtypes = st.sampled_from(DTYPES)
-
-
 def nominal_counts(gel=1430, frequency=12000, bx=0, by=0, chip=0, n=1, layout="f3t-fd16"):
     """One cycle of equal units, chip and gel warm, pressed 1.67 mm."""
     raw = np.zeros((6, n), np.int16)

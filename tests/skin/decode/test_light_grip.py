@@ -206,3 +206,28 @@ def test_residue_holds_what_an_unknown_vertical_field_does_to_the_angle(pair, sh
     as_field = moved * np.hypot(across, up)
     assert np.sqrt(grip.ambient.residue_ut2.mean() - lateral2) == pytest.approx(as_field, rel=0.05)
     assert as_field > 10.0
+
+
+def test_votes_come_back_when_the_grip_opens(pair):
+    grip = settled(pair, EARTH, seed=3)
+    grip.close(0.03, 0.02, 0.1)
+    assert grip.ambient.voters.tolist() == [0]
+    grip.load_n, grip.shear_n = np.zeros(32), np.zeros((3, 32))
+    grip.field_ut = -EARTH
+    grip.run(1.5)
+    assert grip.ambient.voters.tolist() == [32]
+    found = []
+    for _ in range(250):
+        grip.cycle()
+        found.append(grip.ambient.field_ut[:2, 0])
+    assert np.abs(np.mean(found, axis=0) + EARTH[:2]).max() < 8.0
+
+
+def test_what_is_light_beside_a_press_does_not_silence_the_rest_of_the_palm():
+    skin = topology.load("palm").exact()
+    grip = settled(skin, EARTH, seed=5)
+    away = np.linalg.norm(skin.position - skin.position[:, [0]], axis=0)
+    grip.load_n = np.where(away < 0.006, 0.5, np.where(away < 0.025, 0.007, 0.0))
+    grip.run(1.0)
+    voters = grip.ambient.voters[0]
+    assert np.sum(away > 0.03) <= voters <= np.sum(away > 0.025)

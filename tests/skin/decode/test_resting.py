@@ -11,7 +11,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bus.status import Status
 from skin.calibrate.files import with_fits
 from skin.calibrate.film import fit_crest, fit_film, map_field, misfit_sigma
 from skin.calibrate.fit import as_fit, rms
@@ -25,7 +24,6 @@ from tests.fixtures.plant import BX, BZ, Plant, Touch, Units
 from tests.fixtures.plant_skin import Skin, shape_of, square
 from topology import Topology
 
-ANOMALY = int(Status.MAGNETIC_ANOMALY)
 MIDDLE, UNITS = 27, 4
 SIGMA_OF_LAWS = ("temperature_sigma_c", "frequency_sigma_hz", "depth_sigma_mm",
                  "normal_sigma_relative", "normal_sigma_n", "shear_sigma_relative",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
-from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
@@ -14,8 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from bus.memory import MemoryTransport
-from bus.open import open_transport
 from skin.cli import main
 from skin.errors import SceneError, SkinError
 from skin.sim.node import SimulatedUnits
@@ -281,34 +277,14 @@ def test_a_truth_file_needs_a_folder_to_be_in(tmp_path: Path) -> None:
         Recorder(scene_of("press"), tmp_path / "nowhere" / "truth.npz")
 
 
-@long_after_first("interface", ["memory", "virtual"])
-def test_a_played_scene_is_felt_through_a_bus(
-    interface: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_a_played_scene_is_felt_through_a_bus(tmp_path: Path) -> None:
     """Frames on the bus and the truth file tell the same, cycle by cycle."""
-    topology = skin().on(interface=interface, channel=f"scene-{request.node.name}")
-    script = load_scene("fig4b", topology)
+    script = load_scene("fig4b", skin())
     script = replace(script, bodies=(replace(script.bodies[0], keys=PRESS),))
-    path = tmp_path / "truth.npz"
-    felt = []
-    played_scene = ScriptedScene(topology, replace(script, non_ideal=IDEAL))
-    with ExitStack() as opened:
-        recorder = opened.enter_context(Recorder(played_scene, path))
-        nodes = SimulatedUnits(topology, recorder)
-        assert nodes.units is played_scene.units
-        if interface == "memory":
-            near, far = MemoryTransport.pair()
-            nodes.attach([far])
-        else:
-            far, near = (
-                opened.enter_context(open_transport(topology.buses[0], 0)) for _ in range(2)
-            )
-            stop = threading.Event()
-            worker = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
-            worker.start()
-            opened.callback(worker.join)
-            opened.callback(stop.set)
-        with over(topology, [near], pace=False, deadline_s=5.0) as host:
+    path, felt = tmp_path / "truth.npz", []
+    with Recorder(ScriptedScene(skin(), replace(script, non_ideal=IDEAL)), path) as recorder:
+        nodes = SimulatedUnits(skin(), recorder)
+        with over(skin(), nodes.in_process(), pace=False) as host:
             for state, _ in zip(host, range(50), strict=False):
                 felt.append((state.cycle, state.units.force[2].sum()))
     truth, _ = read_truth(path)

@@ -148,42 +148,6 @@ def test_noise_is_as_large_as_the_model_says() -> None:
 # -- assembly and Hall chip ------------------------------------------------------------------------
 
 
-@given(seed=st.integers(0, 1000))
-def test_calibration_undoes_what_assembly_did(seed: int) -> None:
-    """Offsets and gain off, through the map, turned by the table: the field of the film again."""
-    random = np.random.default_rng(seed)
-    knots = -np.pi + np.arange(THETA_KNOTS) * 2 * np.pi / THETA_KNOTS
-    p = {
-        "field_xx": random.uniform(0.9, 1.1, 64),
-        "field_xy": random.uniform(-0.1, 0.1, 64),
-        "field_yx": random.uniform(-0.1, 0.1, 64),
-        "field_yy": random.uniform(0.9, 1.1, 64),
-        "theta_correction_rad": random.uniform(-0.1, 0.1, (THETA_KNOTS, 64)),
-        **{f"hall_offset_{axis}_ut": random.uniform(-200, 200, 64) for axis in "xyz"},
-        **{f"hall_drift_{axis}_ut_per_k": random.uniform(-5, 5, 64) for axis in "xyz"},
-    }
-    topology = with_parameters(PALM, **p)
-    truth = random_truth(64, seed)
-    at = (truth.depth_mm, truth.displacement_mm, truth.temperature)
-    reported = UnitSimulator(topology).quantities(
-        *at, truth.film_temperature, truth.hall_temperature
-    )
-    film = SineField(topology)(truth.displacement_mm, truth.depth_mm, truth.film_temperature)
-    for i in range(64):
-        warmer = truth.hall_temperature[i] - 25.0
-        b = [
-            (reported[row, i] - p[f"hall_offset_{axis}_ut"][i]
-             - p[f"hall_drift_{axis}_ut_per_k"][i] * warmer) / (1.0 + 0.0005 * warmer)
-            for row, axis in zip((BX, BY, BZ), "xyz", strict=True)
-        ]  # fmt: skip
-        x = p["field_xx"][i] * b[0] + p["field_xy"][i] * b[1]
-        y = p["field_yx"][i] * b[0] + p["field_yy"][i] * b[1]
-        theta = np.arctan2(y, x)
-        theta += np.interp(theta, knots, p["theta_correction_rad"][:, i], period=2 * np.pi)
-        found = [np.hypot(x, y) * np.cos(theta), np.hypot(x, y) * np.sin(theta), b[2]]
-        np.testing.assert_allclose(found, film[:, i], rtol=1e-9, atol=1e-6)
-
-
 def test_a_map_without_inverse_is_refused_by_name() -> None:
     xx = np.ones(64)
     xx[9] = 0.0

@@ -55,14 +55,6 @@ def test_probability_of_slip_rises_from_nothing_to_certainty():
         assert np.isfinite(told[1:]).all()
 
 
-def test_where_nothing_can_be_known_probability_is_not_a_number():
-    hold = Hold(1, 2)
-    for t in range(100):
-        hold.step(np.array([2.0, 1.0]), (0.01 * t, 0.0))
-        assert np.isnan(hold.contact.slip_probability)
-        assert hold.contact.slip == SlipState.UNKNOWN
-
-
 def alone_afterwards(hold, load, displacement_mm, cycles=3):
     """The contact that unit 12 alone makes, long after all others have gone."""
     force, moved = np.zeros((2, 3, hold.n))

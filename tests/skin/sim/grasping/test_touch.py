@@ -114,11 +114,6 @@ def test_a_kick_never_gains_energy() -> None:
     assert told[-1] < rest
 
 
-CAPSULE_ABOVE = GraspObject(
-    name="other", shape="capsule", size_m=(0.005, 0.01), mass_kg=0.01, position_m=(0.0, 0.0, 0.08)
-)
-
-
 def test_a_slipping_face_is_dragged_by_what_friction_has_in_motion() -> None:
     thing = GraspObject(name="it", mass_kg=0.06, friction=0.4, kinetic_share=0.5)
     plant = pinched(thing)
