@@ -20,6 +20,8 @@ from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 CYCLES = 500
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(6)
+
+
 def tare(skin, counts, status=None, *, rest_ut=None, **options):
     """Of units that are simulated alone, where nothing is said of neighbours."""
     found = tares.tare(skin, counts, status, rest_ut=rest_ut, **options)

@@ -13,6 +13,8 @@ from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated
 
 EARTH = np.array([[20.0], [30.0], [-44.0]])
+
+
 def settled(skin, *, seed=0, noise=True, seconds=8.0, **options):
     """A world at rest, and an `Ambient` that has got to know it."""
     ambient, world = Ambient(skin, **options), World(skin, seed=seed, noise=noise)

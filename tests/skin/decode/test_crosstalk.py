@@ -24,6 +24,7 @@ from topology.pose import from_rpy
 
 pytestmark = pytest.mark.usefixtures("few_variants")
 
+
 @functools.cache
 def stencil_of(name):
     return Stencil.of(topology.load(name).exact())

@@ -28,6 +28,8 @@ from topology import THETA_KNOTS
 pytestmark = pytest.mark.usefixtures("few_variants")
 
 FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "status", "valid")
+
+
 def nominal_counts(gel=1430, frequency=12000, bx=0, by=0, chip=0, n=1, layout="f3t-fd16"):
     """One cycle of equal units, chip and gel warm, pressed 1.67 mm."""
     raw = np.zeros((6, n), np.int16)
@@ -155,17 +157,17 @@ def test_what_is_wanted_does_not_change_it(wanted, dtype):
 def test_the_tangential_force_follows_the_field_as_by_differences(estimator):
     skin = off_centre(stiffening(calibrated(row_of(21), seed=1)))
     counts, step = sensible_counts(skin, 1, most=0.9)[0], 1e-3
+    options = {"dtype": "float64", "consistency": False, "sweeps": 0, "ambient": False}
     expected = np.empty((2, 3, skin.n))
     for axis in range(3):
         by = np.zeros((4, skin.n))
         by[1 + axis] = step
-        more, less = (Decoder(
-            skin, estimator=estimator, dtype="float64", consistency=False, sweeps=0, ambient=False
-        )(counts, background=way * by) for way in (-1, 1))
-        expected[:, axis] = (more.force[:2] - less.force[:2]) / (2.0 * step)
-    decoder = Decoder(
-            skin, estimator=estimator, dtype="float64", consistency=False, sweeps=0, ambient=False
+        more, less = (
+            Decoder(skin, None, estimator, **options)(counts, background=way * by)
+            for way in (-1, 1)
         )
+        expected[:, axis] = (more.force[:2] - less.force[:2]) / (2.0 * step)
+    decoder = Decoder(skin, None, estimator, **options)
     decoder(counts)
     found = decoder.force_per_ut.reshape(2, 3, skin.n)
     turn = np.array([[skin.parameters[f"field_{row}{column}"] for column in "xy"] for row in "xy"])

@@ -18,6 +18,8 @@ BODIES = {
     "block": Body.block(0.05, 0.04, 0.03),
     "plate": Body.plate(0.06, 0.05, 0.02),
 }
+
+
 def rotation_of(rng: np.random.Generator) -> np.ndarray:
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return q * np.sign(np.linalg.det(q))
