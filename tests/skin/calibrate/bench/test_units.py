@@ -15,11 +15,10 @@ from skin.physics.halbach import HalbachField
 from skin.sim.bench import DEEPEST_MM, SPREAD, Bench, differing, protocol
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.bench import fits
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import apart, posed, row_of, strokes
 from topology import Topology
 
-UNITS, SHARE = 1, 0.25
+UNITS, SHARE = 1, 0.5
 
 
 class Made(NamedTuple):
@@ -63,7 +62,8 @@ def off_mm(units, skin):
     return read.displacement_mm[:, :2] - true.T[:, :, np.newaxis]
 
 
-@long_after_first("name", FOUND)
+@pytest.mark.long
+@pytest.mark.parametrize("name", FOUND)
 def test_parameters_are_found_again_within_their_sigma(name):
     units, results = on_the_bench(False)
     for unit, result in enumerate(results):
@@ -73,7 +73,8 @@ def test_parameters_are_found_again_within_their_sigma(name):
         assert known(False).parameters[name][unit] == fit[name]
 
 
-@long_after_first("fabricated", [False, True])
+@pytest.mark.long
+@pytest.mark.parametrize("fabricated", [False, True])
 def test_the_sigma_of_a_film_is_the_error_of_its_displacement(fabricated):
     """On poses that the fit has not seen, without noise; a component, root mean square."""
     units, skin = on_the_bench(fabricated)[0], known(fabricated)
@@ -90,6 +91,7 @@ def test_a_skin_that_was_on_the_bench_decodes_better():
     assert after < 0.3 * before
 
 
+@pytest.mark.long
 def test_the_range_of_the_force_ends_where_the_bench_has_pressed_to():
     units, _ = on_the_bench(False)
     pressed = Elastic(units.true).normal(DEEPEST_MM)
