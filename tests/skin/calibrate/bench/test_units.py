@@ -6,6 +6,7 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 from skin.calibrate.files import with_fits
 from skin.decode.decoder import Decoder
