@@ -28,7 +28,7 @@ import numpy as np
 
 from bus.status import INVALID, Status
 from skin.calibrate.bench.file import KINDS
-from skin.calibrate.bench.series import Counts, Series
+from skin.calibrate.bench.series import Counts
 from skin.calibrate.laws import AMBIENT_UT
 from skin.calibrate.tare import Tare, tare
 from skin.decode.decoder import Decoder
@@ -41,7 +41,7 @@ from skin.physics.stencil import Stencil
 from skin.physics.stray import HORIZON_M, monomials, near, scan_poses
 from topology import Topology
 
-__all__ = ["MOST_UNITS", "Learned", "StrayEstimate", "TouchTest", "Touched", "learn_stencil"]
+__all__ = ["MOST_UNITS", "Learned", "StrayEstimate", "TouchTest", "learn_stencil"]
 
 AXES = 3
 AMBIENT = slice(ORDERS, ORDERS + AXES)
@@ -76,22 +76,6 @@ WINDOW_S = 0.9
 """Of what is looked at together, about a press [assumed]."""
 ENOUGH = 40
 """Readings under a press that determine a unit: those of the shortest window."""
-
-
-class Slopes(NamedTuple):
-    """Stray fields of p pairs and their slopes, µT, axes of the chip."""
-
-    field: np.ndarray  # (3, p)
-    shape: np.ndarray  # (3, p, ORDERS) by the multipoles
-    film: np.ndarray  # (3, p, OWN) by the parameters of the film's unit
-    chip: np.ndarray  # (3, p, OWN) by those of the chip's unit
-
-    def since(self, resting: Slopes, cycles: int) -> Slopes:
-        """Since all films were at rest, cycle by cycle."""
-        return Slopes(*(
-            whole - np.tile(part, (1, cycles, *[1] * (part.ndim - 2)))
-            for whole, part in zip(self, resting, strict=True)
-        ))  # fmt: skip
 
 
 class StrayModel:
@@ -157,34 +141,35 @@ class StrayModel:
         return np.einsum("k,kam->am", mean[:ORDERS],
                          self._seen(at, by, moved, own[:, at], own[:, by]))  # fmt: skip
 
-    def slopes(self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, mean: np.ndarray) -> Slopes:
-        """Of films that are moved, shape (3, p), at chips."""
+    def slopes(
+        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, mean: np.ndarray
+    ) -> np.ndarray:
+        """Field of films that are moved, shape (3, p), at chips, and its slopes by the multipoles
+        and by the parameters of film and chip, shape (3, p, 1 + ORDERS + 2 OWN)."""
         own = self.units(mean)[:OWN]
         chip, film, poles = own[:, at], own[:, by], mean[:ORDERS]
         shape = self._seen(at, by, moved, chip, film)
         field = np.einsum("k,kam->am", poles, shape)
         bumps = STEP * np.eye(OWN)[:, :, np.newaxis]
-        by_chip, by_film = (
-            np.stack([np.einsum("k,kam->am", poles, self._seen(at, by, moved, *bumped)) - field
-                      for bumped in pairs], axis=-1) / STEP
-            for pairs in ([(chip + bump, film) for bump in bumps],
-                          [(chip, film + bump) for bump in bumps])
-        )  # fmt: skip
-        return Slopes(field, shape.transpose(1, 2, 0), by_film, by_chip)
+        pairs = [(chip, film + bump) for bump in bumps] + [(chip + bump, film) for bump in bumps]
+        moves = [np.einsum("k,kam->am", poles, self._seen(at, by, moved, *pair)) - field
+                 for pair in pairs]  # fmt: skip
+        return np.stack([field, *shape, *(np.array(moves) / STEP)], axis=-1)
 
     def rows(
-        self, slopes: Slopes, at: np.ndarray, by: np.ndarray, row: np.ndarray, place: np.ndarray,
-        rows: int, width: int,
+        self, slopes: np.ndarray, at: np.ndarray, by: np.ndarray, row: np.ndarray,
+        place: np.ndarray, rows: int, width: int,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Derivatives of the sums over films at each chip, shape (rows, 3, width), and the sums."""
         matrix, sums = np.zeros((rows, AXES, width)), np.zeros((rows, AXES))
-        np.add.at(sums, row, slopes.field.T)
-        np.add.at(matrix[:, :, :ORDERS], row, slopes.shape.transpose(1, 0, 2))
-        axes, own = np.arange(AXES)[np.newaxis, :, np.newaxis], np.arange(OWN)
-        for unit, values in ((by, slopes.film), (at, slopes.chip)):
-            columns = (ORDERS + AXES + EACH * place[unit])[:, np.newaxis, np.newaxis] + own
-            np.add.at(matrix, (row[:, np.newaxis, np.newaxis], axes, columns),
-                      values.transpose(1, 0, 2))  # fmt: skip
+        slopes = slopes.transpose(1, 0, 2)
+        np.add.at(sums, row, slopes[:, :, 0])
+        first = np.stack([ORDERS + AXES + EACH * place[unit] for unit in (by, at)], axis=1)
+        own = (first[:, :, np.newaxis] + np.arange(OWN)).reshape(-1, 2 * OWN)
+        columns = np.column_stack([np.tile(np.arange(ORDERS), (len(own), 1)), own])
+        axes = np.arange(AXES)[np.newaxis, :, np.newaxis]
+        np.add.at(matrix, (row[:, np.newaxis, np.newaxis], axes, columns[:, np.newaxis]),
+                  slopes[:, :, 1:])  # fmt: skip
         return matrix, sums
 
     def moving(
@@ -212,15 +197,6 @@ def _tilted(rotation: np.ndarray, tilt: np.ndarray) -> np.ndarray:
     cross = np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]])
     small = np.eye(3)[:, :, np.newaxis] + cross + 0.5 * np.einsum("abm,bcm->acm", cross, cross)
     return np.einsum("abm,bcm->acm", rotation, small)
-
-
-class _Normal(NamedTuple):
-    """Normal equations of p parameters."""
-
-    normal: np.ndarray  # (p, p)
-    told: np.ndarray  # (p,)
-    columns: np.ndarray  # (p,) which parameters of all
-    miss: np.ndarray  # (n,) of each chip, mean square over the variance that is expected
 
 
 class StrayEstimate:
@@ -274,67 +250,46 @@ class StrayEstimate:
 
     # -- readings ----------------------------------------------------------------------------------
 
-    def rest(self, field_ut: np.ndarray, sigma_ut: np.ndarray) -> None:
-        """Take what untouched chips read.
+    def learn(
+        self, field_ut: np.ndarray, sigma_ut: np.ndarray | float, moved_mm: np.ndarray | None = None
+    ) -> None:
+        """Take readings: the update of an iterated extended Kalman filter, in the form of
+        information, since readings are many, and depend on a few units.
 
         Parameters
         ----------
-        field_ut : ndarray, shape (3, n)
-            Axes of the chips: the reading less the chip's own offset and the own film; NaN of units
-            or axes without information.
-        sigma_ut : ndarray, shape (3, n)
-            One sigma, above 0: of offset and own film; the noise of a mean is small against them.
+        field_ut : ndarray, shape (t, 3, n)
+            Axes of the chips; NaN of units or axes without information. Of untouched chips the
+            reading less the chip's own offset and the own film; of touch, less that at rest.
+        sigma_ut : ndarray, shape (t, 3, n) or what becomes of that shape
+            One sigma, above 0: of touch the noise; at rest that of offset and own film.
+        moved_mm : ndarray, shape (t, 3, n), optional
+            dx, dy, H of all films; 0 of those that nothing touches. None: nothing is touched.
         """
-        known = np.isfinite(field_ut)
-        variance = np.where(known, sigma_ut, np.inf) ** 2
-        self._learn(np.where(known, field_ut, 0.0)[np.newaxis], variance[np.newaxis], None)
-
-    def touch(
-        self, displacement_mm: np.ndarray, change_ut: np.ndarray, free: np.ndarray,
-        sigma_ut: np.ndarray | float,
-    ) -> None:  # fmt: skip
-        """Take what chips read while others are pressed.
-
-        Parameters
-        ----------
-        displacement_mm : ndarray, shape (t, 3, n)
-            dx, dy, H of all units; 0 of those that nothing touches.
-        change_ut : ndarray, shape (t, 3, n)
-            Axes of the chips: the reading less that at rest.
-        free : ndarray, shape (n,), bool
-            Units that nothing touches.
-        sigma_ut : ndarray, shape (n,), or float
-            Noise of an axis of a reading.
-        """
-        told = np.isfinite(change_ut) & np.asarray(free, bool)
-        noise = np.broadcast_to(np.asarray(sigma_ut, float) ** 2, np.shape(change_ut))
-        moved = np.nan_to_num(np.where(free, 0.0, displacement_mm))
-        self._learn(np.where(told, change_ut, 0.0), np.where(told, noise, np.inf), moved)
-
-    def _learn(
-        self, values: np.ndarray, variance: np.ndarray, moved: np.ndarray | None
-    ) -> None:  # fmt: skip
-        """The update of an iterated extended Kalman filter, in the form of information: readings
-        are many, and depend on a few units."""
+        told = np.isfinite(field_ut)
+        variance = np.where(told, np.broadcast_to(np.square(sigma_ut), told.shape), np.inf)
+        values = np.where(told, field_ut, 0.0)
         before, covariance = self.mean, self.covariance
-        found = self._normal(values, variance, moved, before)
-        if (odd := found.miss > OUTLIER**2).any():
+        normal, wanted, columns, miss = self._normal(values, variance, moved_mm, before)
+        if (odd := miss > OUTLIER**2).any():
             variance = np.where(odd, np.inf, variance)
-            found = self._normal(values, variance, moved, before)
-        for _ in range(ROUNDS if moved is None else TOUCH_ROUNDS):
-            columns = found.columns
-            seen = found.normal @ covariance[columns]
+            normal, wanted, columns, _ = self._normal(values, variance, moved_mm, before)
+        for _ in range(ROUNDS if moved_mm is None else TOUCH_ROUNDS):
+            seen = normal @ covariance[columns]
             left = np.eye(columns.size) + seen[:, columns]
-            self.mean = before + covariance[:, columns] @ np.linalg.solve(left, found.told)
-            found = self._normal(values, variance, moved, before)
-        after = covariance - covariance[:, columns] @ np.linalg.solve(left, seen)
+            self.mean = before + covariance[:, columns] @ np.linalg.solve(left, wanted)
+            used = columns
+            normal, wanted, columns, _ = self._normal(values, variance, moved_mm, before)
+        after = covariance - covariance[:, used] @ np.linalg.solve(left, seen)
         self.covariance = 0.5 * (after + after.T)
 
     def _normal(
         self, values: np.ndarray, variance: np.ndarray, moved: np.ndarray | None,
         before: np.ndarray,
-    ) -> _Normal:  # fmt: skip
-        """Normal equations of readings, linear about the mean, for steps from `before`."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Normal equations of readings, linear about the mean, for steps from `before`: matrix
+        (p, p), right side (p,), which parameters of all they are of (p,), and of each chip the mean
+        square of its misses over the variance that is expected (n,)."""
         n, cycles = self.topology.n, len(values)
         tells = np.asarray(np.isfinite(variance).any(axis=(0, 1)))
         at, by = self._model.pairs if moved is None else (self.theory.unit, self.theory.neighbour)
@@ -354,7 +309,8 @@ class StrayEstimate:
         there = still if moved is None else moved[:, :, by].transpose(1, 0, 2).reshape(AXES, -1)
         slopes = self._model.slopes(ats, bys, there, self.mean)
         if moved is not None:
-            slopes = slopes.since(self._model.slopes(at, by, still, self.mean), cycles)
+            resting = self._model.slopes(at, by, still, self.mean)
+            slopes = slopes - np.tile(resting, (1, cycles, 1))
         matrix, expected = self._model.rows(
             slopes, ats, bys, rows.ravel(), place, cycles * chips.size, columns.size
         )
@@ -376,7 +332,7 @@ class StrayEstimate:
         miss = np.bincount(chip, share, minlength=n) / np.maximum(count, 1.0)
         off = off + matrix @ (self.mean - before)[columns]
         weighted = matrix.T * weight
-        return _Normal(weighted @ matrix, weighted @ off, columns, miss)
+        return weighted @ matrix, weighted @ off, columns, miss
 
     def tared(self, found: Tare) -> Stencil:
         """Take the readings of a tare.
@@ -398,7 +354,7 @@ class StrayEstimate:
         field = np.vstack([found.offset_ut - known, found.axial_ut - up_ut]) + found.rest_ut
         lateral = np.hypot(p["field_sigma_ut"], found.offset_sigma_ut)
         sigma = np.vstack([lateral, axial_sigma_ut(self.topology, lateral.max(axis=0))])
-        self.rest(np.where(found.taken & (sigma > 0.0), field, np.nan), sigma)
+        self.learn(np.where(found.taken & (sigma > 0.0), field, np.nan)[np.newaxis], sigma)
         first = ORDERS + AXES + EACH * np.arange(self.topology.n) + EACH - AXES
         noise = np.where(found.taken, found.offset_sigma_ut.max(axis=0), 0.0) ** 2
         for axis in range(AXES):
@@ -456,8 +412,7 @@ class StrayEstimate:
             moved = np.stack(
                 [radius * np.cos(around), radius * np.sin(around), depth * rng.random(n)]
             )
-            slopes = self._model.slopes(at, by, moved[:, by], self.mean)
-            slopes = slopes.since(resting, 1)
+            slopes = self._model.slopes(at, by, moved[:, by], self.mean) - resting
             matrix, _ = self._model.rows(slopes, at, by, at, each, n, self.mean.size)
             lateral = matrix[:, :2].reshape(2 * n, -1)
             spread = np.einsum("rp,rp->r", lateral @ self.covariance, lateral)
@@ -546,9 +501,9 @@ class TouchTest:
         near = np.isin(self.estimate.theory.neighbour, np.flatnonzero(told.any(axis=0)))
         if not cycles.any() or not free[self.estimate.theory.unit[near]].any():
             return 0
-        self.estimate.touch(
-            moved[cycles], (field - self._rest)[cycles], free, self._noise / np.sqrt(MEAN_OF)
-        )
+        change = np.where(free, (field - self._rest)[cycles], np.nan)
+        moved = np.nan_to_num(np.where(free, 0.0, moved[cycles]))
+        self.estimate.learn(change, self._noise / np.sqrt(MEAN_OF), moved)
         self.pressed += MEAN_OF * told.sum(axis=0)
         return MEAN_OF * int(cycles.sum())
 
@@ -589,14 +544,6 @@ def _decoder(topology: Topology, stencil: Stencil | None = None) -> Decoder:
     )  # fmt: skip
 
 
-class Touched(NamedTuple):
-    """What of a `Series` is needed: of a log that has no reference."""
-
-    counts: Counts
-    kind: np.ndarray
-    segment: np.ndarray
-
-
 class Learned(NamedTuple):
     """The stencil of a skin.
 
@@ -617,15 +564,19 @@ class Learned(NamedTuple):
     zeros: Tare
 
 
-def learn_stencil(known: Topology, series: Series | Touched) -> Learned:
+def learn_stencil(
+    known: Topology, recorded: Counts, kind: np.ndarray, segment: np.ndarray
+) -> Learned:
     """Learn the stray fields of a skin from its ``tare`` and ``neighbours`` segments.
 
     Parameters
     ----------
     known : Topology
         With the calibration of its units.
-    series : Series or Touched
-        Counts of the whole skin; units that were never heard are not used.
+    recorded : Counts
+        Of the whole skin; units that were never heard are not used.
+    kind, segment : ndarray, shape (t,), int
+        As of `skin.calibrate.bench.series.Series`.
 
     Raises
     ------
@@ -635,9 +586,9 @@ def learn_stencil(known: Topology, series: Series | Touched) -> Learned:
     """
     if not known.neighbour_index.size:
         raise ScanError(f"neighbours: must be units next to each other; got none of {known.name!r}")
-    counts, heard = series.counts.counts, series.counts.heard
+    counts, heard = recorded.counts, recorded.heard
     status = np.where(heard, 0, int(Status.LATE)).astype(np.uint16)
-    rest = series.kind == KINDS.index("tare")
+    rest = kind == KINDS.index("tare")
     if not rest.any():
         raise ScanError("neighbours: must be in a recording with a tare of the skin; got none")
     silent = [known.unit_names[unit] for unit in np.flatnonzero(~heard.any(axis=0))]
@@ -648,7 +599,7 @@ def learn_stencil(known: Topology, series: Series | Touched) -> Learned:
     # who was never heard reads as anything
     still = counts[rest][heard[rest][:, found.taken].all(axis=1)]
     test = TouchTest(zeros.applied(), estimate, tared, still)
-    for window in _windows(series):
+    for window in _windows(recorded.time_s, kind, segment):
         test(counts[window], status[window])
     if not test.pressed.any():
         raise ScanError("neighbours: must be pressed one by one, the units around them untouched; "
@@ -658,13 +609,13 @@ def learn_stencil(known: Topology, series: Series | Touched) -> Learned:
     return Learned(estimate.stencil(), float(estimate.sigma_ut().mean()), names, zeros)
 
 
-def _windows(series: Series | Touched) -> list[np.ndarray]:
+def _windows(time_s: np.ndarray, kind: np.ndarray, segment: np.ndarray) -> list[np.ndarray]:
     """Cycles of each window of the ``neighbours`` segments."""
     found = []
-    touched = series.kind == KINDS.index("neighbours")
-    for number in np.unique(series.segment[touched]):
-        at = np.flatnonzero(series.segment == number)
-        seconds = np.ptp(series.counts.time_s[at])
+    touched = kind == KINDS.index("neighbours")
+    for number in np.unique(segment[touched]):
+        at = np.flatnonzero(segment == number)
+        seconds = np.ptp(time_s[at])
         count = max(min(int(seconds / WINDOW_S), at.size // LEAST), 1)
         found += [part for part in np.array_split(at, count) if part.size >= LEAST]
     return found

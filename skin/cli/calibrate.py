@@ -167,7 +167,7 @@ def crosstalk(
 
     from skin.calibrate.bench.file import KINDS
     from skin.calibrate.bench.series import read_counts
-    from skin.calibrate.crosstalk import Touched, learn_stencil
+    from skin.calibrate.crosstalk import learn_stencil
     from skin.calibrate.files import calibration_files
     from skin.calibrate.tare import chosen
     from skin.cli.tare import refused
@@ -183,7 +183,7 @@ def crosstalk(
         counts = read_counts(loaded, log)
         touched = (counts.time_s >= UNTOUCHED_S).astype(int)
         kinds = np.array([KINDS.index("tare"), KINDS.index("neighbours")])
-        learned = learn_stencil(loaded, Touched(counts, kinds[touched], touched))
+        learned = learn_stencil(loaded, counts, kinds[touched], touched)
     except ScanError as error:
         return refused(str(error), loaded, json)
     files = learned.zeros.write()

@@ -228,7 +228,8 @@ def _learned(
         if len(touched) > 1:
             raise ScanError("neighbours: must be one recording of the whole skin; got "
                             f"{len(touched)}")  # fmt: skip
-        return learn_stencil(dataclasses.replace(known, calibrated=calibrated), touched[0]), ()
+        skin, (series,) = dataclasses.replace(known, calibrated=calibrated), touched
+        return learn_stencil(skin, series.counts, series.kind, series.segment), ()
     except SkinError as error:
         return None, tuple(str(error).splitlines())
 

@@ -3,7 +3,6 @@ cannot tell it."""
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,6 @@ from skin.errors import OptionError, ScanError
 from skin.sim.mechanics.viscoelastic import Prony
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.creep import Stretched
-from tests.fixtures.decode import row_of, with_parameters
-from tests.skin.decode.test_field_angle import counts_at
 
 WEIGHTS, TIMES_S = np.array([0.08, 0.05, 0.06]), np.array([0.2, 2.0, 20.0])
 LOADS = (0.0, 1.0, 2.5, 0.5, 3.0, 0.0)
@@ -97,28 +94,6 @@ def test_a_stretched_exponential_is_followed_within_the_sigma_that_is_told():
     assert fit.scores[-1] < 0.9 * fit.scores[0]
 
 
-@pytest.mark.long
-def test_without_relaxation_there_is_no_term():
-    fit = fit_creep(*recording(Prony((1,), (), ()), 40.0), "shear")
-    assert fit.fit.names[0] == "shear_creep_relative[0]"
-    np.testing.assert_allclose(fit.fit.values[:3], 0.0, atol=1e-3)
-    assert fit.gain == pytest.approx(1.0, abs=4.0 * fit.gain_sigma)
-
-
-@pytest.mark.long
-def test_holds_that_are_shorter_than_a_term_leave_it_in_sigma():
-    """Of terms to 20 s: the shorter the holds, the more is said to be unknown; it is as much."""
-    before = np.inf
-    for hold_s in (2.0, 5.0, 24.0):
-        fit = fit_creep(*recording(Prony((1,), WEIGHTS, TIMES_S), hold_s, 50.0))
-        at = np.geomspace(0.1, 100.0, 31)
-        off = relaxed(fit, at) - (1.0 + WEIGHTS @ np.exp(-at / TIMES_S[:, None]))
-        told = fit.fit["normal_creep_sigma_relative"]
-        assert np.sqrt(np.mean(off**2)) < 2.0 * told
-        assert told < before
-        before = told
-
-
 @long_after_first("hold_s", [2.0, 5.0, 24.0])
 def test_short_holds_of_what_does_not_relax_tell_no_term(hold_s):
     fit = fit_creep(*recording(Prony((1,), (), ()), hold_s, 50.0))
@@ -136,30 +111,6 @@ def test_terms_that_are_faster_than_the_samples_are_the_mean_of_the_others_and_s
     elastic = fit_creep(*recording(Prony((1,), (), ()), 100.0, 0.5))
     np.testing.assert_array_equal(elastic.weights, 0.0)
     assert elastic.fit["normal_creep_sigma_relative"] > 0.02
-
-
-@pytest.mark.long
-def test_any_sampling_and_several_runs_tell_the_same():
-    """Runs one after the other that each begin on a rested face, thinned out at random."""
-    rng = np.random.default_rng(1)
-    parts = [recording(Prony((1,), WEIGHTS, TIMES_S), 40.0, seed=s) for s in (1, 2)]
-    kept = np.sort(rng.choice(parts[0][0].size, 4500, replace=False))
-    joined = [np.concatenate([part[k][kept] for part in parts]) for k in range(3)]
-    fit = fit_creep(*joined, run=np.repeat([4, 7], 4500))
-    at = np.geomspace(0.1, 100.0, 30)
-    expected = 1.0 + WEIGHTS @ np.exp(-at / TIMES_S[:, None])
-    assert np.abs(relaxed(fit, at) - expected).max() < 0.015
-
-
-@pytest.mark.long
-def test_a_few_wild_samples_change_little():
-    time_s, elastic, force = recording(Prony((1,), WEIGHTS, TIMES_S), 20.0)
-    calm = fit_creep(time_s, elastic, force)
-    struck = force.copy()
-    struck[np.random.default_rng(2).integers(0, force.size, 20)] += 2.0
-    wild = fit_creep(time_s, elastic, struck)
-    at = np.geomspace(0.1, 20.0, 20)
-    assert np.abs(relaxed(wild, at) - relaxed(calm, at)).max() < 0.005
 
 
 BROKEN = {
@@ -205,58 +156,3 @@ def test_terms_go_through_a_calibration_file(tmp_path):
     assert not loaded.calibrated[0]  # its elastic laws are not known
     assert Decoder(loaded, sweeps=0, ambient=False).plan.creep
     assert not Decoder(skin, sweeps=0, ambient=False).plan.creep
-
-
-def loop_width(elastic, decoded, load):
-    """Largest distance between the way up and the way down of a cycle, N."""
-    up, down = (slice(None, load.size // 2), slice(load.size // 2, None))
-    grid = np.linspace(0.2 * load.max(), 0.8 * load.max(), 9)
-    return max(
-        abs(np.interp(x, load[up], decoded[up]) - np.interp(-x, -load[down], decoded[down]))
-        for x in grid
-    )
-
-
-@pytest.mark.long
-def test_the_loops_of_cyclic_loads_are_taken_off():
-    """Pressed to 4 N and let go every 4 s, on a material that is none of the decoder's: what an
-    elastic decoder shows as a loop (Fig. 3 of the paper has them) is gone but for a tenth."""
-    material, rate_hz = Stretched(1, seed=5), 50.0
-    bench = recording(material, 60.0)
-    fit = fit_creep(*bench)
-    material = Stretched(1, seed=5)  # at rest
-    time_s = np.arange(0.0, 20.0, 1.0 / rate_hz)
-    load = 4.0 * np.abs((time_s / 2.0 + 1.0) % 2.0 - 1.0)
-    elastic = np.array([material.elastic(np.array([f]), 1.0 / rate_hz)[0] for f in load])
-    skin = with_parameters(
-        row_of(2, rate_hz=rate_hz),
-        normal_creep_relative=fit.fit.values[:3, None], normal_creep_s=fit.fit.values[3:6, None],
-    )  # fmt: skip
-    p = skin.parameters
-    for name in ("normal_soft_n_per_hz", "normal_stiff_n_per_hz"):
-        p = {**p, name: p[name] * fit.gain}
-    soft, stiff = row_of(2).parameters["normal_soft_n_per_hz"][0] * 900.0, 4.5
-    knee = 0.6 * soft
-    depth = np.minimum(elastic, knee) / soft + np.maximum(elastic - knee, 0.0) / stiff
-    raw = counts_at(skin, depth[:, None], 0.0, np.zeros(2))
-    skin = dataclasses.replace(skin, parameters=p)
-    last = slice(-round(4.0 * rate_hz), None)
-    widths = []
-    for creep in (False, True):
-        force = np.array(
-            [
-                r.force[2, 0]
-                for r in map_cycles(Decoder(skin, creep=creep, sweeps=0, ambient=False), raw)
-            ]
-        )
-        widths.append(loop_width(elastic[last], force[last], load[last]))
-    plain, compensated = widths
-    assert plain > 0.05
-    assert compensated < 0.1 * plain + 0.01
-
-
-def map_cycles(decoder, raw):
-    """Copies of the readings of single cycles."""
-    for counts in raw:
-        reading = decoder(counts)
-        yield dataclasses.replace(reading, force=reading.force.copy())

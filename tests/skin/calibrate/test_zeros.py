@@ -19,7 +19,6 @@ from skin.sim.bench import differing
 from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import over
 from topology import CHANNELS
 
@@ -145,26 +144,6 @@ def test_an_even_load_that_passes_for_zero_stays_in_the_sigma_of_the_wrench(even
     assert hand.run(WINDOW + N + 250, even_n=even_n).wrench_sigma[2] < 0.15
 
 
-def test_a_field_that_turns_is_followed_through_the_window():
-    """Of a unit that is tared after others, what was followed meanwhile is taken off, not what is
-    followed at the end."""
-    hand = Hand()
-    hand.run(WINDOW + N, depth_mm=1.0)
-    steps = 2 * WINDOW + N
-    for step in range(steps):
-        hand.run(1, ambient_ut=(45.0 * step / steps, 0.0, 0.0))
-    _, offset = known(hand)
-    alone = Hand()
-    alone.run(WINDOW + N)
-    _, expected = known(alone)
-    refused = {*hand.pipeline.zeros.refused}
-    late = [i for i, unit in enumerate(PALM.unit_names)
-            if unit in hand.pipeline.zeros.taken[43:] and unit not in refused]  # fmt: skip
-    assert len(late) > 5
-    off = (offset - expected)[:, late]
-    assert np.abs(off.mean(axis=1)).max() < 8.0
-
-
 def test_units_that_are_silent_are_not_tared_and_hinder_nobody():
     hand = Hand()
     pipeline = hand.pipeline
@@ -190,63 +169,6 @@ def test_who_does_not_want_it_is_not_tared():
     assert Hand(known=PALM.exact()).pipeline.zeros is None
 
 
-@long_after_first("name", ["palm", "fingertip"])
-@long_after_first(
-    "options", [{"sweeps": 0, "ambient": False}, {"dtype": "float64", "sweeps": 2}, {"skip": True}]
-)
-def test_every_untouched_unit_is_tared_whatever_is_decoded(name, options):
-    """On a fingertip resting neighbours add more than a millitesla."""
-    skin = topology.load(name)
-    off = dataclasses.replace(skin, enabled=np.arange(skin.n) != 2)
-    units = UnitSimulator(differing(skin, seed=4), seed=1, field=HalbachField(differing(skin, 4)))
-    pipeline = Pipeline(off, Options(**options))
-    still = np.zeros((1, skin.n)), np.zeros((1, 2, skin.n)), np.full((1, skin.n), 25.0)
-    values = units.quantities(*still)
-    for number in range(WINDOW + skin.n + 9):
-        pipeline.counts[:] = units.quantise(units.disturb(values.copy()))[0]
-        state = pipeline.state(SimpleNamespace(
-            number=number, stamp_ns=number * PERIOD_NS, closed_by="complete", counters=None,
-            sampled_ns=np.zeros(len(PALM.buses), np.int64),
-        ))  # fmt: skip
-    assert pipeline.zeros.report()["refused"] == {}
-    assert len(pipeline.zeros.taken) == skin.n - 1
-    assert not (state.units.status & Status.UNTARED).any()
-
-
-def test_temperatures_need_no_zeros():
-    assert Hand(want={"temperature"}).pipeline.zeros is None
-
-
-def test_tared_units_do_not_count_what_films_at_rest_may_be_off_by():
-    crosstalk = Pipeline(PALM, Options()).decoder.crosstalk
-    first = crosstalk.residue_ut2.copy()
-    tared = dataclasses.replace(PALM, tared=np.arange(N) < 8)
-    crosstalk.retare(tared)
-    assert (crosstalk.residue_ut2[:8] < first[:8]).all()
-    assert np.allclose(crosstalk.residue_ut2[8:], first[8:])
-    fresh = Pipeline(tared, Options()).decoder.crosstalk
-    assert np.allclose(crosstalk.residue_ut2, fresh.residue_ut2, rtol=1e-4)
-
-
-@pytest.mark.long
-def test_a_decoder_with_new_zeros_is_one_that_was_made_with_them():
-    hand = Hand()
-    hand.run(WINDOW + N)
-    tared = hand.pipeline.decoder.topology
-    counts = hand.pipeline.counts.copy()
-    for options in ({}, {"sweeps": 0, "ambient": False}, {"skip": True}):
-        old, new = (Pipeline(known, Options(**options)).decoder for known in (PALM, tared))
-        old(counts)
-        old.reset()
-        old.retare(tared)
-        one, other = old(counts), new(counts)
-        for name in ("force", "force_sigma", "status", "valid"):
-            a, b = getattr(one, name), getattr(other, name)
-            assert np.allclose(a, b, rtol=2e-6, atol=1e-9, equal_nan=True), (options, name)
-        batch = np.repeat(counts[np.newaxis], 3, axis=0)
-        assert np.allclose(old(batch).force, new(batch).force, rtol=2e-6, equal_nan=True)
-
-
 # -- live -----------------------------------------------------------------------------------------
 
 
@@ -259,19 +181,6 @@ class Still:
     def at(self, time_s):
         self._truth.time_s = time_s
         return self._truth
-
-
-def test_a_log_is_tared_where_the_live_run_was(tmp_path):
-    nodes = SimulatedUnits(TRUE, Still(), history=0)
-    log = tmp_path / "run.log"
-    flags = []
-    with over(PALM, nodes.in_process(), pace=False, record=log) as run:
-        for _, state in zip(range(WINDOW + N), run, strict=False):
-            flags.append(state.units.status.copy())
-    replay = skin.decode_log(PALM, log)
-    again = [state.units.status.copy() for state in replay]
-    assert np.array_equal(np.array(flags), np.array(again)[: len(flags)])
-    assert not (again[-1] & Status.UNTARED).any()
 
 
 def test_zeros_are_retaken_of_what_is_untouched_and_once():

@@ -70,13 +70,6 @@ def test_shear_makes_no_contact_and_a_starting_unit_needs_five_sigma():
     assert label.tolist() == [0, -1, -1]
 
 
-def test_a_load_without_noise_is_a_contact_and_one_whose_noise_is_none_is_not():
-    graph = neighbour_graph(naive.grid(1, 4), 0.001)
-    load = np.array([1e-9, 0.0, 1.0, 1.0])
-    sigma = np.array([0.0, 0.0, np.nan, -0.01])
-    assert contact_clusters(load, sigma, *graph).tolist() == [0, -1, -1, -1]
-
-
 def test_a_unit_that_falls_silent_does_not_cut_its_contact_in_two():
     graph = neighbour_graph(naive.grid(1, 3), 0.012)
     load = SIGMA * np.array([9.0, np.nan, 9.0])

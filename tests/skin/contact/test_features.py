@@ -106,22 +106,6 @@ def test_a_load_below_five_sigma_has_no_centre():
             assert record["load"] == pytest.approx(0.16)
 
 
-def test_torsion_is_the_moment_about_the_outward_normal():
-    position = naive.grid(5, 5)
-    rotation = naive.facing_down(25)
-    about = position - position.mean(1, keepdims=True)
-    spin = np.array([-about[1], about[0], 0.0 * about[0]])
-    force = np.einsum("jin,jn->in", rotation, spin)
-    force[2] = 1.0
-    contacts, _ = contact_features(np.zeros(25, int), force, 0.01, position, rotation, AREA)
-    assert contacts["torsion"][0] == pytest.approx((about**2).sum())
-    assert contacts["shear"][0] == pytest.approx(0.0, abs=1e-12)
-    radius = np.hypot(about[0], about[1])
-    assert contacts["arm"][0] == pytest.approx(radius.mean())
-    lever = 0.01 * np.sqrt((about**2).sum())
-    assert contacts["torsion_sigma"][0] == pytest.approx(lever)
-
-
 def test_a_skin_far_from_the_origin_loses_no_digits():
     label, force, sigma, position, rotation = scene(7)
     far = np.array([1e4, -2e4, 5e3])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 import tests.naive.contact as naive
 from skin.contact.model import neighbour_graph
@@ -52,15 +51,6 @@ def test_noise_starts_no_more_contacts_than_were_asked_for():
     for _ in range(cycles):
         skin.see(rng.standard_normal(N))
     assert wanted / 3 < skin.begun() < wanted + 4.0 * np.sqrt(wanted)
-
-
-@pytest.mark.parametrize("per_day", [0.1, 1.0, 24.0])
-def test_a_third_of_the_false_contacts_falls_to_each_way_to_start(per_day):
-    gate = gate_of(Skin(false_contacts_per_day=per_day).stream)
-    cycles = RATE_HZ * DAY_S
-    pairs = 2 * ROWS * (ROWS - 1) + 2 * (ROWS - 1) ** 2
-    for level, looks in ((gate.start_sigma, N), (gate.repeat_sigma, N), (gate.pair_sigma, pairs)):
-        assert norm.sf(level) * cycles * looks == pytest.approx(per_day / 3.0, rel=1e-6)
 
 
 def test_a_lone_unit_needs_more_than_one_that_lasts_or_has_a_neighbour():

@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import tests.naive.contact as naive
 from skin.contact.model import neighbour_graph
-from skin.contact.record import OPEN, Event, TrackState
+from skin.contact.record import Event, TrackState
 from skin.contact.stream import ContactStream
 from tests.fixtures.contact_stream import identities, with_gate
-from tests.naive.tracking import NaiveTracker
 
 PITCH, SIGMA, CYCLE_NS = 0.012, 0.01, 4_000_000
 
@@ -44,53 +41,6 @@ class Units:
         known = (records["id"] == identity) & (records["track"] != TrackState.FREE)
         (at,) = np.flatnonzero(known)
         return records[at]
-
-
-@pytest.mark.parametrize("capacity", [1, 2, 3, 8])
-@pytest.mark.parametrize("shape", [(1, 16), (3, 5)])
-@given(seed=st.integers(0, 2**32))
-@settings(max_examples=8)
-def test_identities_are_those_of_the_rules(shape, capacity, seed):
-    """Units come, go and fall silent one by one, under loads from light to heavy."""
-    rng = np.random.default_rng(seed)
-    memory, finish_records = rng.integers(1, [12, 5]) * CYCLE_NS
-    units = Units(*shape, capacity=capacity, memory_ns=memory, settle_ns=finish_records)
-    start, index = units.graph
-    n = start.size - 1
-    slow = NaiveTracker(
-        [index[start[i] : start[i + 1]] for i in range(n)], capacity, memory, finish_records
-    )
-    level = np.zeros(n)
-    for _ in range(40):
-        new = np.where(rng.random(n) < 0.7, 0.0, 10 ** rng.uniform(0.4, 4.0, n))
-        level = np.where(rng.random(n) < 0.3, new, level * rng.uniform(0.97, 1.03, n))
-        shown = np.where(rng.random(n) < 0.05, np.nan, level)
-        found = units.see(*shown)
-        slow.see(shown, units.now, 5.0, 3.0)
-        assert found == {one.id: sorted(one.units) for one in slow.present}
-        assert list(found) == sorted(found)
-        assert units.tracker.ended.tolist() == slow.ended
-        assert units.tracker.untracked == slow.untracked
-        label = np.full(n, -1)
-        for k, one in enumerate(slow.present):
-            label[one.units] = k
-        assert units.tracker.label.tolist() == label.tolist()
-        assert units.tracker.touching_units == np.count_nonzero(
-            units.stream.data.units["kind"] == OPEN
-        )
-        known = {one.id: one for one in slow.known if one}
-        records = units.tracker.contacts
-        assert set(records["id"][records["track"] != TrackState.FREE]) == set(known)
-        owner = units.stream.data.units["owner"]
-        owners = {i: int(records["id"][owner[i]]) for i in range(n) if owner[i] >= 0}
-        assert owners == {i: one.id for i, one in slow.owner.items()}
-        for one in slow.present:
-            record = units.record(one.id)
-            assert record["event"] == one.event, one
-            told = [int(record[name]) for name in ("parent", "born_ns", "seen_ns", "cycles")]
-            assert told == [one.parent, one.born, one.seen, one.cycles]
-        for one in known.values():
-            assert units.record(one.id)["track"] == one.track
 
 
 def mirrored(level, flip):

@@ -1,54 +1,13 @@
-"""Geometry of units and the memory of a stream."""
+"""Geometry of units, and neighbour graphs against all distances."""
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from hypothesis import given
+from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.model import POSE, check_poses, contact_data, contact_model, set_poses
-from skin.contact.record import CONTACT, UNTOUCHED
+from skin.contact.model import check_poses, checked_graph, contact_model, neighbour_graph
 from skin.errors import SkinError
-
-ALONE = np.zeros(7, int), np.zeros(0, int)
-
-
-def test_a_new_stream_has_room_as_documented_and_knows_of_nothing():
-    n, capacity, edges = 5, 3, 8
-    data = contact_data(n, capacity, edges)
-    sizes = {"units": n, "label": n, "slip": n, "members": n, "lists": n + 1, "slots": 6,
-             "contacts": 7, "cycle": 1, "pairs": 2 * n + edges, "sums": 2}  # fmt: skip
-    assert {name: getattr(data, name).size for name in sizes} == sizes
-    assert data.contacts.dtype == CONTACT
-    fields = [CONTACT[name].itemsize for name in CONTACT.names]
-    assert CONTACT.itemsize == sum(fields), "no gaps, which a copy would fill with anything"
-    assert not np.frombuffer(data.contacts[:-1].tobytes(), np.uint8).any()
-    for name in CONTACT.names:
-        np.testing.assert_array_equal(data.contacts[name][-1:], UNTOUCHED[name])
-    assert (data.label == -1).all()
-    assert (data.units["owner"] == -1).all()
-    assert np.isnan(data.units["borne"]).all()
-    data.sums["load"][1] = 7.0
-    assert 7.0 in data.columns[1], "the same memory"
-
-
-def test_positions_are_about_the_middle_and_rotations_as_given():
-    rng = np.random.default_rng(1)
-    position, n = rng.normal(size=(3, 6)) + 10.0, 6
-    rotation = np.moveaxis(Rotation.random(n, rng=rng).as_matrix(), 0, 2)
-    area = rng.uniform(1.0, 2.0, n)
-    model = contact_model(position, rotation, area, *ALONE)
-    assert model.poses.dtype == POSE
-    for _ in range(2):
-        middle = position.mean(axis=1)
-        assert model.settings["origin"][0] == pytest.approx(middle)
-        for i in range(n):
-            pose = model.poses[i]
-            assert pose["position"] == pytest.approx(position[:, i] - middle)
-            assert pose["rotation"].tolist() == rotation[:, :, i].tolist()
-            assert pose["area"] == area[i]
-        position, rotation = position[:, ::-1] - 3.0, rotation[:, :, ::-1]
-        set_poses(model, position, rotation)
-    assert (contact_model(position, rotation, 2.5, *ALONE).poses["area"] == 2.5).all()
 
 
 @pytest.mark.parametrize("area", [0.0, -1.0, np.nan, [1.0, 1.0, 0.0], np.ones(2), np.ones((3, 1))])
@@ -66,3 +25,45 @@ def test_poses_of_another_number_of_units_are_refused():
     check_poses(3, *right)
     with pytest.raises(SkinError, match=r"position, rotation: must have shapes \(3, 3\)"):
         contact_model(right[0], wrong[1], 1.0, [0, 0, 0, 0], [])
+
+
+@given(st.integers(0, 2**32), st.integers(1, 12))
+def test_neighbours_are_who_lies_within_reach(seed, n):
+    rng = np.random.default_rng(seed)
+    position = rng.random((3, n))
+    reach = rng.uniform(0.05, 1.0)
+    distance = np.linalg.norm(position[:, :, None] - position[:, None, :], axis=0)
+    beside = (distance <= reach) & ~np.eye(n, dtype=bool)
+    start, index = neighbour_graph(position, reach)
+    assert (start.dtype, index.dtype) == (np.int32, np.int32)
+    told = [index[start[i] : start[i + 1]].tolist() for i in range(n)]
+    assert told == [np.flatnonzero(row).tolist() for row in beside]
+    checked = checked_graph(n, start, index)
+    assert [one.tolist() for one in checked] == [start.tolist(), index.tolist()]
+
+
+def test_reach_is_up_to_rounding_and_no_further():
+    start, index = neighbour_graph(naive.grid(1, 3, 0.1), 0.1)
+    assert (start.tolist(), index.tolist()) == ([0, 1, 3, 4], [1, 0, 2, 1])
+    assert neighbour_graph(naive.grid(1, 3, 0.1), 0.1 * (1 - 1e-6))[1].size == 0
+    for reach in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(SkinError, match="reach_m: must be a positive number of metres"):
+            neighbour_graph(np.zeros((3, 2)), reach)
+
+
+@pytest.mark.parametrize(
+    ("start", "index", "words"),
+    [
+        ([0, 1, 2], [0], "neighbour_index: must be 2 numbers"),
+        ([0, 1, 2, 2], [1, 0], "neighbour_start: must be 3 numbers"),
+        ([1, 1, 2], [1, 0], "neighbour_start: .* that begin with 0 and do not fall"),
+        ([0, 2, 1], [1], "neighbour_start: .* that begin with 0 and do not fall"),
+        ([0, 1, 2], [1, -1], "neighbour_index: must be units 0 to 1; got -1 to 1"),
+        ([0, 1, 2], [2, 0], "neighbour_index: must be units 0 to 1; got 0 to 2"),
+    ],
+)
+def test_what_is_no_graph_is_refused(start, index, words):
+    assert checked_graph(2, [0, 1, 2], [1, 0])[1].tolist() == [1, 0]
+    assert checked_graph(2, [0, 0, 0], [])[1].size == 0
+    with pytest.raises(SkinError, match=words):
+        checked_graph(2, start, index)

@@ -130,25 +130,6 @@ def test_points_span_a_plane_above_a_twentieth_of_their_length(share, spans):
     check_axes(contact, across, load, mean)
 
 
-@pytest.mark.parametrize("depth", [0.5, 1.0, 2.0])
-def test_depths_along_a_row_of_units_span_no_plane(depth):
-    """They would turn the normal of a deep press into the skin."""
-    row = np.array([[-0.012, 0.0, 0.012], [0.0] * 3, [0.0, -1e-3 * depth, 0.0]])
-    contact = touch(row)
-    assert contact["flags"] & Flag.NORMAL_ASSUMED
-    assert contact["normal"].tolist() == [0.0, 0.0, 1.0]
-
-
-def test_two_units_span_no_plane_and_three_do():
-    triangle = 0.01 * np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    assert not touch(triangle)["flags"] & Flag.NORMAL_ASSUMED
-    assert touch(triangle)["normal"] == pytest.approx(np.array([0, -1, 1]) / np.sqrt(2.0))
-    two = touch(triangle[:, :2])
-    assert two["flags"] & Flag.NORMAL_ASSUMED
-    assert two["normal"].tolist() == [0.0, 0.0, 1.0]
-    assert abs(two["axes"][0, 0]) == pytest.approx(1.0)
-
-
 @given(seeds, st.integers(1, 3))
 def test_one_point_has_no_extent_and_the_axes_of_its_units(seed, n):
     """Even far from the middle of the array, where a spread is a difference of large numbers."""

@@ -6,17 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.stats import binom
 
 import tests.naive.contact as naive
-from skin.contact.model import Common, neighbour_graph
+from skin.contact.model import neighbour_graph
 from skin.contact.record import Flag
 from skin.contact.stream import ContactStream
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.contact_stream import with_gate
 
 PITCH, FACE = 0.012, 0.0105
-K_RAD_PER_MM, M0_UT = 0.55, 2500.0
 
 
 def stream_of(position, rotation, **options):
@@ -24,89 +21,6 @@ def stream_of(position, rotation, **options):
     given = {"want": {"contacts"}} | options
     stream = ContactStream(position, rotation, FACE**2, *graph, **given)
     return with_gate(stream, start_sigma=5.5)
-
-
-def share_within(hits, low=0.66, high=0.72):
-    """A rate that may be between two: not outside of both by more than chance, 1 in 1000."""
-    n, count = len(hits), int(np.sum(hits))
-    return binom.ppf(5e-4, n, low) <= count <= binom.ppf(1 - 5e-4, n, high)
-
-
-# -- errors that units share -----------------------------------------------------------------------
-
-
-def field_of(displacement):
-    """Of a film that turns its field as it is displaced, µT, in the unit's axes: (3, n)."""
-    radius = np.maximum(np.linalg.norm(displacement, axis=0), 1e-12)
-    lateral = M0_UT * np.sin(K_RAD_PER_MM * radius) * displacement / radius
-    return np.vstack([lateral, M0_UT * np.cos(K_RAD_PER_MM * radius)[np.newaxis]])
-
-
-def shear_of(field):
-    """Displacement and tangential force by such a field: 0.5 N/mm, 2 N/mm more beyond 0.8 mm."""
-    strength = np.maximum(np.linalg.norm(field[:2], axis=0), 1e-12)
-    radius = np.arctan2(strength, field[2]) / K_RAD_PER_MM
-    force = 0.5 * radius + 2.0 * np.maximum(radius - 0.8, 0.0)
-    return radius * field[:2] / strength, force * field[:2] / strength
-
-
-@long_after_first("curved", [False, True])
-@long_after_first("bodies", [1, 2])
-@long_after_first(("drag", "rest_ut"), [(0.02, 0.0), (1.4, 0.0), (1.4, 40.0)])
-def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, drag, rest_ut):
-    """Chi-square of wrenches whose units share an unknown field of each body, and, along their own
-    axes, the one in which Bz at rest was learnt; in all six rows and in each: mean 6 of 6, within
-    4 sigma of the mean of so many."""
-    rng = np.random.default_rng(7)
-    position, rotation = naive.cylinder(5, 6) if curved else (
-        naive.grid(5, 6), naive.facing_down(30)
-    )  # fmt: skip
-    n, trials, noise = position.shape[1], 300, 0.004
-    half = rng.normal(0.0, 12.0, (bodies, 3, 3))
-    covariance = half @ half.transpose(0, 2, 1)
-    body = np.arange(n) * bodies // n
-    true = drag * np.array([[np.cos(0.7)], [np.sin(0.7)]]) * rng.uniform(0.7, 1.0, n)
-    true_force = np.vstack([shear_of(field_of(true))[1], np.full((1, n), 2.0)])
-    moved, force, sigma = (np.zeros((3, n)) for _ in range(3))
-    residue, per_ut = np.zeros(n), np.zeros((6, n))
-    common = Common(body, np.moveaxis(rotation, 2, 0), rest_ut**2, covariance, per_ut, residue)
-    stream = stream_of(position, rotation)
-    stream.bind(force, sigma, moved, np.full((3, n), 0.01), common=common)
-    told, _ = naive.wrench(range(n), true_force, sigma, position, rotation, np.zeros(3))
-    squares, each = [], []
-    step = 1e-3
-    for trial in range(trials):
-        unknown = np.stack([rng.multivariate_normal(np.zeros(3), one) for one in covariance])
-        at_units = np.einsum("abn,na->bn", rotation, unknown[body])
-        at_units[2] += np.einsum(
-            "an,na->n", rotation[:, 2], rng.normal(0, rest_ut, (bodies, 3))[body]
-        )
-        field = field_of(true) + at_units
-        moved[:2], force[:2] = shear_of(field)
-        force[2] = 2.0
-        # what the decoder has in sigma, by differences: the mean variance of both lateral axes,
-        # and what turns the field as much as the unknown field along the unit does
-        of_axes = np.einsum("abn,nac,cbn->bn", rotation, covariance[body], rotation)
-        square = field**2
-        residue[:] = of_axes[:2].mean(axis=0)
-        residue += rest_ut**2 * (square[0] + square[1]) / square.sum(axis=0)
-        slopes = [(shear_of(field + step * np.eye(3)[:, [a]])[1] - force[:2]) / step
-                  for a in range(3)]  # fmt: skip
-        per_ut[:] = np.swapaxes(slopes, 0, 1).reshape(6, n)
-        own = noise**2 + residue * np.square(slopes[:2]).sum(axis=0)
-        force += noise * rng.standard_normal((3, n))
-        sigma[:2], sigma[2] = np.sqrt(own), noise
-        stream.step(trial + 1)
-        error = stream.total.wrench - told
-        rest, axes = stream.total.wrench_covariance.copy(), stream.contacts[0].axes
-        face = naive.face_variance(range(n), force[2], FACE**2, position, rotation, axes)
-        rest[3:, 3:] -= naive.face_torque(stream.total.wrench[:3], face)
-        squares.append(error @ np.linalg.solve(rest, error))
-        each.append(np.abs(error) <= np.sqrt(np.diag(rest)))
-        assert stream.contacts[0].wrench_sigma == pytest.approx(stream.total.wrench_sigma)
-    assert np.mean(squares) == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / trials) + 0.6)
-    for row in np.transpose(each)[[0, 1, 5]]:
-        assert share_within(row), np.mean(row)
 
 
 # -- what is not seen ------------------------------------------------------------------------------
@@ -220,87 +134,6 @@ def test_what_is_below_the_gate_beside_a_contact_is_in_the_sigma_of_its_wrench()
     assert len(ratios) > 200
     assert 0.64 < np.mean(np.abs(ratios) <= 1.0) < 0.78
     assert np.mean(np.square(ratios)) < 1.5
-
-
-# -- the centre ------------------------------------------------------------------------------------
-
-
-def pressed(rng, position, load):
-    """Loads of faces on an elastic foundation of 1.5 N/mm a face, and the centre of all of it: a
-    ball, a flat punch or an edge somewhere."""
-    sub = 16
-    across = (np.arange(sub) + 0.5) / sub * FACE - 0.5 * FACE
-    x = position[0][:, np.newaxis, np.newaxis] + across[:, np.newaxis]
-    y = position[1][:, np.newaxis, np.newaxis] + across
-    cx, cy = position[:2].mean(axis=1) + rng.uniform(-2.5, 2.5, 2) * PITCH
-    kind, size, turn = rng.integers(3), rng.uniform(), rng.uniform(0.0, np.pi)
-    away = (x - cx) ** 2 + (y - cy) ** 2
-    along = np.abs((x - cx) * np.cos(turn) + (y - cy) * np.sin(turn))
-    shape = (
-        -1e3 * away / (2.0 * 0.006 * 25.0**size),
-        np.where(away < (0.002 + 0.02 * size) ** 2, 0.0, -99.0),
-        np.where((along < 0.0005 + 0.005 * size) & (away < 0.015**2), 0.0, -99.0),
-    )[kind]
-    low, high = 1e-5, 10.0
-    for _ in range(30):
-        depth = np.sqrt(low * high)
-        faces = 1.5 * np.maximum(depth + shape, 0.0) / sub**2
-        low, high = (depth, high) if faces.sum() < load else (low, depth)
-    total = max(faces.sum(), 1e-9)
-    return faces.sum(axis=(1, 2)), np.array([(faces * x).sum(), (faces * y).sum()]) / total
-
-
-@long_after_first(("span", "most"), [((0.15, 0.5), 0.74), ((0.5, 1.0), 0.76), ((1.0, 5.0), 0.81)])
-def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span, most):
-    """Above 1 N ends that are flat and such as fade count alike, so that most errors are less."""
-    rng = np.random.default_rng(11)
-    position = naive.grid(8, 8, PITCH)
-    stream = stream_of(position, naive.facing_down(64))
-    hits, stamp = [], 0
-    for _ in range(350):
-        load, centre = pressed(rng, position, np.exp(rng.uniform(*np.log(span))))
-        if load.sum() < 0.5 * span[0]:
-            continue
-        force = np.zeros((3, 64))
-        for _ in range(2):
-            stamp += 1
-            force[2] = load + 0.01 * rng.standard_normal(64)
-            contacts = stream.update(force, 0.01, stamp_ns=stamp)
-        if len(contacts) == 1 and np.isfinite(contacts[0].centroid).all():
-            error = contacts[0].centroid[:2] - centre
-            sigma = np.sqrt(np.diag(contacts[0].centroid_covariance)[:2])
-            assert (sigma > 0.0).all()
-            hits.append(np.abs(error) <= sigma)
-        stamp += 1_000_000_000
-        stream.update(0.0 * force, 0.01, stamp_ns=stamp)
-    assert len(hits) > 150
-    assert 0.64 < np.mean(hits) < most, np.mean(hits)
-
-
-# -- what the gate leaves out, and what is silent --------------------------------------------------
-
-
-@pytest.mark.parametrize("touched", [False, True])
-@pytest.mark.parametrize("each", [0.0, 0.3, 1.0, 2.0])
-def test_even_loads_below_the_gate_are_in_the_sigma_of_the_total(each, touched):
-    """So many sigmas on each of 64 units, with shear half of it; alone, and beside a touch where
-    the sum is beyond three sigmas. Mean square of the ratio."""
-    if touched and each == 0.3:
-        pytest.skip("within three sigmas of the sum a touch elsewhere is no reason to doubt")
-    rng = np.random.default_rng(21)
-    stream = stream_of(naive.grid(8, 8, PITCH), naive.facing_down(64))
-    with_gate(stream, start_sigma=7.0)
-    ratios, load = [], np.full(64, 0.01 * each)
-    load[0] += 1.0 * touched
-    force = np.stack([0.5 * load, 0.0 * load, load])
-    for stamp in range(1, 200):
-        stream.update(force + 0.01 * rng.standard_normal((3, 64)), 0.01, stamp_ns=stamp)
-        total = stream.total
-        assert (total.wrench_sigma > 0.0).all()
-        assert len(stream.contacts) >= touched
-        away = total.wrench[[0, 2]] - [force[0].sum(), -load.sum()]
-        ratios.append(away / total.wrench_sigma[[0, 2]])
-    assert np.mean(np.square(ratios), axis=0).max() < 2.0
 
 
 @pytest.mark.parametrize(

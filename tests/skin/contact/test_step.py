@@ -1,14 +1,11 @@
 """What one step returns, and what the detector of slip is given."""
 
-import numpy as np
 import pytest
 
 import tests.naive.contact as naive
-from skin.contact import stream as module
 from skin.contact.model import neighbour_graph
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
-from tests.fixtures.kernels import interpret_contacts
 
 
 def row_of(n, **options):
@@ -43,22 +40,6 @@ def test_a_step_shows_the_contacts_that_are_there_and_nothing_of_an_early_one():
     assert take(stream, 41, 0, 1, 2) == [2, 3]
     assert take(stream, 50, 0, 1, 0) == [3]
     assert take(stream, 60, 0, 0, 0) == take(stream, 70, 0, 0, 0) == []
-
-
-def test_slip_is_told_the_seconds_since_the_cycle_before(monkeypatch):
-    told = []
-    interpret_contacts(monkeypatch)
-    monkeypatch.setattr(
-        module, "detect_slip",
-        lambda model, data: told.append([data.cycle[0][name].item()
-                                         for name in ("present", "elapsed_s", "now_ns")]),
-    )  # fmt: skip
-    stream = row_of(2, want={"slip"})
-    for now_ns, load in ((3_000_000, 1), (7_000_000, 1), (13_000_000, 1), (14_000_000, 0)):
-        take(stream, now_ns, load, load)
-    assert told == [[2, pytest.approx(0.004), 3_000_000], [2, pytest.approx(0.004), 7_000_000],
-                    [2, pytest.approx(0.006), 13_000_000]]  # fmt: skip
-    assert np.isfinite(stream.total.load)
 
 
 @pytest.mark.parametrize(

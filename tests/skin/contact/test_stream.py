@@ -8,12 +8,11 @@ from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
 from skin.contact.model import neighbour_graph
-from skin.contact.record import UNTOUCHED, Event, Flag, SlipState, UnitKind, UnitSlip
+from skin.contact.record import Event, Flag, SlipState, UnitSlip
 from skin.contact.stream import CONTACT_WANTS, ContactStream
 from skin.errors import OptionError, SkinError
 from tests.fixtures.contact_features import contact_features
 from tests.fixtures.contact_stream import with_gate
-from tests.fixtures.kernels import interpret_contacts
 
 ROWS, COLUMNS, PITCH, AREA = 8, 10, 0.012, 1.1e-4
 N = ROWS * COLUMNS
@@ -150,27 +149,6 @@ def test_a_loaded_unit_is_silent_while_a_number_that_is_needed_is_none(which, ro
         assert np.isfinite(stream.total.wrench).all()
 
 
-@given(seeds)
-@settings(max_examples=25)
-def test_whatever_is_told_totals_are_of_what_can_be_trusted(seed):
-    rng = np.random.default_rng(seed)
-    stream = plate(want=CONTACT_WANTS, capacity=3)
-    for number in range(1, 8):
-        force = rng.normal(0.0, 2.0, (3, N)) * rng.choice([0.0, 1.0, 1e6], N)
-        moved = rng.normal(0.0, 1.0, (3, N))
-        for values in (force, moved):
-            values[rng.integers(0, 3, 5), rng.integers(0, N, 5)] = rng.choice([np.nan, np.inf])
-        sigma = rng.uniform(0.0, 0.1, (3, N))
-        valid = rng.random(N) < 0.9
-        stream.update(force, sigma, moved, 0.01, None, valid, stamp_ns=number * CYCLE_NS)
-        used = stream.data.units["kind"] == UnitKind.OPEN
-        assert np.isfinite(force[:, used]).all()
-        assert valid[used].all()
-        assert np.isfinite(stream.total.wrench).all()
-        assert stream.total.load == pytest.approx(force[2, used].sum())
-        assert sum(c.units.size for c in stream.contacts) <= used.sum()
-
-
 def test_patches_that_move_against_each_other_carry_their_forces_along():
     finger = np.arange(N) >= N // 2
     position, rotation = naive.grid(ROWS, COLUMNS, PITCH), naive.facing_down(N)
@@ -228,19 +206,6 @@ def test_what_is_not_given_any_more_is_not_known_any_more():
     stream.update(BOTH, 0.01, stamp_ns=2 * CYCLE_NS)
     assert stream.coverage == 1.0
     assert np.isnan(stream.total.temperature)
-
-
-def test_where_nothing_touches_there_is_no_load_and_the_rest_is_not_known():
-    for record in (plate(want=CONTACT_WANTS).total.record, UNTOUCHED[0]):
-        zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area",
-                "shear")  # fmt: skip
-        for name in record.dtype.names:
-            if record.dtype[name].base == np.float64:
-                known = np.zeros_like(record[name]) if name in zero else np.nan
-                np.testing.assert_array_equal(record[name], known, name)
-        assert record["peak_unit"] == record["hot_unit"] == -1
-        assert record["flags"] == Flag.WEAK
-        assert record["id"] == record["cycles"] == 0
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -335,28 +300,6 @@ def test_shocks_of_a_contact():
     (contact, _) = cycle(plate(), BOTH, 1)
     with pytest.raises(SkinError, match="want: must have 'shocks'"):
         _ = contact.impact
-
-
-def test_machine_code_and_python_tell_alike(monkeypatch):
-    def told():
-        stream = plate(want=CONTACT_WANTS, capacity=2)
-        numbers = []
-        # Uneven loads: axes of round contacts could be any.
-        uneven = np.random.default_rng(6).uniform(0.8, 1.2, N)
-        scenes = (BOTH, press(ONE), press(ONE, TWO, (7.0, 1.0, 3.0, 1.5)), np.zeros((3, N)))
-        for number in range(1, 12):
-            valid = np.ones(N, bool)
-            valid[number::9] = False
-            cycle(stream, uneven * scenes[number // 3], number, valid=valid)
-            for contact in [*stream.contacts, stream.total]:
-                record = contact.record
-                numbers += [np.ravel(record[name]).astype(float) for name in record.dtype.names]
-        return np.concatenate(numbers)
-
-    machine = told()
-    interpret_contacts(monkeypatch)
-    with np.errstate(invalid="ignore"):
-        np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)
 
 
 def test_stream_says_what_it_sees():

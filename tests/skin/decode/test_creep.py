@@ -9,12 +9,8 @@ from scipy.integrate import quad
 from scipy.signal import detrend
 
 from bus.status import Status
-from skin.decode import creep as room
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError
-from skin.physics.elastic import Elastic
-from skin.sim.mechanics.viscoelastic import Prony
-from skin.state import if_wanted
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import row_of, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
@@ -67,13 +63,6 @@ def integral(time_s, elastic, weights, times_s):
     return total
 
 
-def elastic_of(skin, depth, reach):
-    """Elastic forces (t, 3, n) by the simulator's own laws."""
-    law = Elastic(skin)
-    size = law.tangential(reach, depth)
-    return np.stack([size * np.cos(DIRECTION), size * np.sin(DIRECTION), law.normal(depth)], axis=1)
-
-
 def run(decoder, raw, gaps=None):
     """What single cycles show; `gaps` in periods before each."""
     found = []
@@ -102,26 +91,6 @@ def test_forces_are_those_of_the_integral(dtype):
     np.testing.assert_array_equal(got[..., ~RELAXING], plain[..., ~RELAXING].astype(dtype))
 
 
-def test_loads_on_the_simulators_elastomer_are_decoded_as_they_are():
-    """The simulator solves for the displacement, the decoder sums up: one law, two ways."""
-    rng = np.random.default_rng(8)
-    depth, reach = history(rng, 200)
-    load = 0.8 * elastic_of(SKIN, depth, reach)
-    prony, law = Prony.of(SKIN, soft=False), Elastic(SKIN)
-    assert prony is not None
-    needed = np.array([prony.elastic(force, 1.0 / RATE_HZ) for force in load])
-    pressed = law.depth(np.maximum(needed[:, 2], 0.0))
-    size = np.hypot(needed[:, 0], needed[:, 1])
-    raw = counts_at(SKIN, pressed, law.displacement(size, pressed),
-                    np.arctan2(needed[:, 1], needed[:, 0]))  # fmt: skip
-    step = 2e-3  # N: counts are rounded
-    borne = needed[:, 2] > 0.0
-    off = run(Decoder(SKIN, sweeps=0, ambient=False), raw) - load
-    assert np.abs(np.where(borne[:, np.newaxis], off, 0.0))[20:].max() < 2.0 * step
-    elastic = run(Decoder(SKIN, creep=False, sweeps=0, ambient=False), raw) - load
-    assert np.abs(elastic[..., RELAXING]).max() > 50.0 * step
-
-
 def test_without_terms_or_when_not_wanted_nothing_is_there():
     bare = row_of(UNITS, rate_hz=RATE_HZ)
     raw = counts_at(bare, 1.0, 1.0, DIRECTION)
@@ -136,22 +105,6 @@ def test_without_terms_or_when_not_wanted_nothing_is_there():
     np.testing.assert_array_equal(off(raw).force, Decoder(bare, sweeps=0, ambient=False)(raw).force)
     with pytest.raises(OptionError, match="creep: must be True or False; got 1"):
         Decoder(SKIN, creep=1, sweeps=0, ambient=False)
-
-
-@long_after_first("want", [{"force"}, {"tangential"}, {"theta", "sigma"}, None])
-@long_after_first("loop", [{"sweeps": 0, "ambient": False}, {"sweeps": 2, "ambient": True}])
-def test_batches_are_single_cycles_whatever_is_wanted(want, loop):
-    rng = np.random.default_rng(5)
-    raw = counts_at(SKIN, *history(rng, 20), DIRECTION)
-    whole = Decoder(SKIN, want, **loop)(raw)
-    one = Decoder(SKIN, want, **loop)
-    for t, counts in enumerate(raw):
-        reading = one(counts)
-        for name in ("force", "tangential", "theta", "force_sigma", "theta_sigma", "valid"):
-            of_batch, single = getattr(whole, name), if_wanted(reading, name)
-            assert (of_batch is None) == (single is None)
-            if single is not None:
-                np.testing.assert_array_equal(of_batch[t], single, err_msg=name)
 
 
 def test_a_run_that_starts_under_load_shows_what_it_cannot_know():
@@ -220,31 +173,6 @@ def test_sigma_holds_noise_and_what_the_terms_leave():
     np.testing.assert_allclose(more, 0.05 * np.abs(elastic[:, RELAXING]), rtol=1e-2, atol=1e-9)
 
 
-def test_tangential_sigmas_are_those_of_the_turned_ellipse():
-    """By the covariance matrix itself, where the force has turned since."""
-    rng = np.random.default_rng(4)
-    skin = creeping(left=0.1)
-    decoder, plain = (
-        Decoder(skin, dtype="float64", creep=on, sweeps=0, ambient=False) for on in (True, False)
-    )
-    for counts in counts_at(skin, 1.0, 1.5, np.array([[0.0], [0.0], [1.2]]) + DIRECTION):
-        reading, bare = decoder(counts), plain(counts)
-    for i in rng.integers(0, UNITS - 3, 6):
-        x, y = bare.force[:2, i] / np.hypot(*bare.force[:2, i])
-        along2 = bare.tangential_sigma[i] ** 2
-        across2 = (bare.force_sigma[:2, i] ** 2).sum() - along2
-        turn = np.array([[x, -y], [y, x]])
-        gain2 = decoder.creep._model.step_gain[0, i] ** 2
-        own = gain2 * turn @ np.diag([along2, across2]) @ turn.T
-        more = reading.force_sigma[:2, i] ** 2 - np.diag(own)
-        whole = own + np.diag(more)
-        d = reading.force[:2, i] / reading.tangential[i]
-        n = np.array([-d[1], d[0]])
-        assert reading.tangential_sigma[i] == pytest.approx(np.sqrt(d @ whole @ d), rel=1e-6)
-        expected = np.sqrt(n @ whole @ n) / reading.tangential[i]
-        assert reading.theta_sigma[i] == pytest.approx(expected, rel=1e-6)
-
-
 def test_units_that_are_skipped_are_untouched_and_those_never_heard_begin_later():
     rows = np.array([[0.0], [1.5], [1.5], [0.0], [1.5]])
     raw = counts_at(SKIN, rows, 0.6 * rows, DIRECTION)
@@ -269,12 +197,3 @@ def test_units_that_are_skipped_are_untouched_and_those_never_heard_begin_later(
     np.testing.assert_array_equal(
         late(raw[1]).force, Decoder(SKIN, sweeps=0, ambient=False)(raw[1]).force
     )
-
-
-def test_the_kernel_is_its_python(monkeypatch):
-    raw = counts_at(SKIN, *history(np.random.default_rng(1), 12), DIRECTION)
-    compiled = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)(raw)
-    monkeypatch.setattr(room, "relax", room.relax_python)
-    plain = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)(raw)
-    for name in ("force", "force_sigma", "tangential_sigma", "theta", "theta_sigma"):
-        np.testing.assert_allclose(getattr(compiled, name), getattr(plain, name), rtol=1e-9)

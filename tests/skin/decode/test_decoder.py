@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -82,19 +80,6 @@ def test_each_flag_has_its_count(changed, flags, dtype):
     assert bool(reading.valid[0]) == (flags & Status.OUT_OF_RANGE == 0)
 
 
-@pytest.mark.usefixtures("interpreted")
-def test_rails_are_those_of_the_wire():
-    """Eleven bits on the classic wire: 1023 counts are its rail."""
-    skin = row_of(1, "f3t-classic")
-    raw = counts_of(gel=180, frequency=frequency_of(2.0) // 2, bx=0, by=0)
-    decoder = sine(skin)
-    for bx, flags in ((40, 0), (-1024, Status.SATURATED), (1023, Status.SATURATED)):
-        raw[2] = bx
-        assert decoder(raw).status[0] == flags
-    raw[2], raw[0] = 0, 4095
-    assert decoder(raw).status[0] & Status.SATURATED
-
-
 def test_flags_of_the_bus_come_first():
     raw = counts_of(4)
     raw[0, 1] = 0
@@ -108,18 +93,7 @@ def test_flags_of_the_bus_come_first():
     assert np.isnan(reading.displacement_mm[:, :2]).all()
 
 
-def test_disabled_units_say_so_without_a_bus():
-    skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
-    reading = sine(skin)(counts_of(3))
-    assert reading.status.tolist() == [0, Status.DISABLED, 0]
-
-
 # -- memory --------------------------------------------------------------------------------------
-
-
-def crest_of(reading, field_ut, wavenumber=np.pi / 5.0):
-    """M0 that the decoder used, from the displacement that it found in a field along x."""
-    return field_ut / np.sin(wavenumber * reading.displacement_mm[..., 0, 0])
 
 
 def warm_step(cycles, before, after):
@@ -127,33 +101,6 @@ def warm_step(cycles, before, after):
     cold = counts_of(gel=gel_of(before), bx=600)
     warm = counts_of(gel=gel_of(after), bx=600)
     return np.stack([cold, *[warm] * cycles])
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("lag_s", [0.0, 7.0])
-def test_film_follows_the_gel_with_its_lag(dtype, lag_s):
-    skin = with_parameters(row_of(1, rate_hz=10.0), film_lag_s=lag_s, film_drift_per_k=-0.002)
-    raw = warm_step(300, 25.0, 75.0)
-    crest = crest_of(sine(skin, dtype=dtype)(raw), 1200.0)
-    film = 25.0 + (crest / crest[0] - 1.0) / -0.002
-    time_s = np.arange(301) / 10.0
-    expected = 75.0 - 50.0 * np.exp(-time_s / lag_s) if lag_s else np.where(time_s > 0, 75.0, 25.0)
-    np.testing.assert_allclose(film, expected, atol=0.1)
-
-
-def test_chip_follows_the_gel_where_the_wire_does_not_carry_it():
-    """Its gain grows, so an unchanged count means a smaller field."""
-    skin = with_parameters(
-        row_of(1, "f3t-classic", 10.0),
-        hall_lag_s=20.0, hall_gain_per_k=0.002, film_drift_per_k=0.0, hall_reference_c=20.0,
-    )  # fmt: skip
-    step_ua = 0.055
-    raw = warm_step(300, 20.0, 70.0)
-    raw[:, 0] = np.round(raw[:, 0] * 0.007 / step_ua)
-    raw[:, 1], raw[:, 2] = 9000, 15
-    crest = crest_of(sine(skin, dtype="float64")(raw), 15 * 64.0)
-    chip = (crest / crest[0] - 1.0) / 0.002
-    np.testing.assert_allclose(chip, 50.0 - 50.0 * np.exp(-np.arange(301) / 200.0), atol=0.5)
 
 
 @pytest.mark.long
@@ -196,32 +143,7 @@ def test_reset_forgets_and_warmup_does_not():
     np.testing.assert_array_equal(decoder(raw).force, first)
 
 
-def test_an_overheated_gel_is_not_the_magnet_that_lost_its_field():
-    """Junk temperatures do not reach the film: the unit is out of range, and others are sane."""
-    decoder = sine(row_of(2, rate_hz=10.0))
-    raw = counts_of(2, bx=600)
-    before = decoder(raw).force.copy()
-    broken = raw.copy()
-    broken[0, 0] = 3
-    for _ in range(50):
-        reading = decoder(broken)
-    assert reading.valid.tolist() == [False, True]
-    np.testing.assert_array_equal(decoder(raw).force, before)
-
-
 # -- views and arrays ----------------------------------------------------------------------------
-
-
-def test_a_cycle_allocates_nothing_new_and_a_batch_does():
-    decoder = Decoder(row_of(5), sweeps=0, ambient=False)
-    raw = counts_of(5)
-    assert decoder.reading is decoder.reading
-    one, two = decoder(raw), decoder(raw)
-    assert not np.shares_memory(one.force, two.force)
-    batch, again = decoder(raw[np.newaxis]), decoder(raw[np.newaxis])
-    assert not np.shares_memory(batch.force, again.force)
-    assert batch.force.shape == (1, 3, 5)
-    assert batch.status.shape == batch.valid.shape == batch.temperature.shape == (1, 5)
 
 
 def test_any_memory_layout_will_do():
@@ -345,26 +267,6 @@ def test_a_calibration_that_cannot_be_is_refused(parameters, message):
     with pytest.raises(CalibrationError) as error:
         Decoder(with_parameters(row_of(2), **parameters), sweeps=0, ambient=False)
     assert str(error.value) == message
-
-
-def test_a_correction_is_not_a_rotation():
-    table = np.zeros((16, 2))
-    table[3, 1] = 1.5
-    with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be within 1 "):
-        Decoder(with_parameters(row_of(2), theta_correction_rad=table), sweeps=0, ambient=False)
-
-
-def test_public_names_load_late():
-    code = (
-        "import sys, skin; assert 'numba' not in sys.modules; "
-        "assert {'Decoder', 'open'} <= set(dir(skin)); skin.Status, skin.errors.SkinError; "
-        "assert 'numba' not in sys.modules; skin.Decoder; "
-        "assert 'numba' not in sys.modules\n"
-        "try: skin.Decodr\n"
-        "except AttributeError as error: print(error)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "module 'skin' has no attribute 'Decodr'"
 
 
 def test_a_message_does_not_list_all_units_of_a_skin():

@@ -11,9 +11,7 @@ import pytest
 import skin
 import topology
 from skin.cli import main
-from skin.decode.density import sparse_enough
 from skin.errors import TooDenseError
-from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from tests.fixtures.cases import long_after_first
 
@@ -80,22 +78,6 @@ def test_sound_skins_pass(tmp_path, capsys):
         assert main(["check", name]) == 0
     _, status, report = checked(tmp_path, patch(**SMALL), capsys)
     assert (status, report["too_dense"], report["ok"]) == (0, [], True)
-
-
-def test_a_small_dome_is_decoded_as_its_films_are_clear_of_its_chips(tmp_path):
-    file = tmp_path / "dome.toml"
-    file.write_text(BUS + patch(kind="'dome'", radius_m=0.012, rings=2, pitch_m=0.008))
-    dome = topology.load(file)
-    stencil, contraction = sparse_enough(dome)
-    assert 0.0 < contraction < 1.0
-    moved, depth = np.zeros((2, dome.n)), np.zeros(dome.n)
-    moved[0, 3], depth[3] = 1.0, 1.0
-    field = HalbachField(dome)
-    warm = dome.parameters["film_reference_c"]
-    change = field(moved, depth, warm) - field(0 * moved, 0 * depth, warm)
-    seen = np.arange(dome.n) != 3
-    told = stencil(np.vstack([moved, depth]))
-    assert np.abs((told - change)[:, seen]).max() < 0.1 * np.abs(change[:, seen]).max()
 
 
 def test_a_stencil_of_blocked_units_names_one():

@@ -57,12 +57,6 @@ def counts_at(skin, depth, reach, direction, temperature=25.0, gain=1.0, noise=N
     )
 
 
-# -- truth -----------------------------------------------------------------------------------------
-
-
-# -- what it does not feel -------------------------------------------------------------------------
-
-
 # -- its end ---------------------------------------------------------------------------------------
 
 
@@ -97,21 +91,6 @@ def test_no_integer_makes_a_nan(seed, dtype):
                  "temperature_sigma", "force_sigma", "tangential_sigma", "theta_sigma",
                  "displacement_sigma_mm"):  # fmt: skip
         assert np.isfinite(getattr(got, name)).all(), name
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_no_lateral_field_is_no_shear(dtype):
-    raw = counts_at(row_of(3), 1.0, np.zeros(3), 0.0)
-    raw[2:4] = 0
-    got = angled(row_of(3), dtype=dtype)(raw)
-    for values in (got.force[:2], got.displacement_mm[:2], got.tangential, got.theta):
-        assert not values.any()
-    sigma = got.displacement_sigma_mm
-    np.testing.assert_allclose(sigma[0], sigma[1])
-    assert np.all((sigma[:2] > 0.02) & (sigma[:2] < 0.05))
-
-
-# -- consistency -----------------------------------------------------------------------------------
 
 
 # -- which estimator -------------------------------------------------------------------------------

@@ -49,11 +49,6 @@ def test_arcsine(real):
 
 
 @real
-def test_arctangent(real):
-    assert missed(functions.atan, mp.atan, np.linspace(0.0, 1.0, 121), real) < 3.0
-
-
-@real
 def test_arctangent_of_all_directions(real):
     for angle in np.linspace(-3.1, 3.1, 125):
         for length in (1e-6, 1.0, 3e4):

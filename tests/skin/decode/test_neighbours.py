@@ -10,7 +10,6 @@ import pytest
 
 import topology
 from bus.status import Status
-from skin.calibrate.tare import tare
 from skin.decode import records
 from skin.decode.decoder import Decoder
 from skin.options import Options
@@ -69,24 +68,6 @@ def test_what_sweeps_do_not_take_off_is_in_sigma():
     assert np.mean(off > 3.0 * sigma) < 0.02
     assert not (reading.status & Status.MAGNETIC_ANOMALY).any()
     assert reading.valid.all()
-
-
-@pytest.mark.long
-def test_a_skin_that_was_tared_is_decoded_without_its_neighbours_twice():
-    """Resting films on a square push the chips of its edges aside by half a millitesla."""
-    skin = square(SIDE)
-    n = skin.n
-    still = np.zeros((200, 2, n)), np.zeros((200, n))
-    tared = tare(skin, counts_of(skin, *still)).applied()
-    assert tared.tared.all()
-    moved, depth = np.zeros((1, 2, n)), np.zeros((1, n))
-    moved[0, 0, ::3], depth[0, ::3] = 0.8, 1.0
-    counts = counts_of(skin, moved, depth, noise=False)[0]
-    decoder = Decoder(tared, WANT, sweeps=2, ambient=False)
-    for _ in range(2):
-        reading = decoder(counts)
-    off_um = 1e3 * np.sqrt(np.mean((reading.displacement_mm[:2] - moved[0]) ** 2))
-    assert off_um < 15.0
 
 
 def test_a_unit_that_was_not_tared_does_not_know_the_field_of_its_resting_neighbours():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +10,7 @@ from hypothesis import strategies as st
 from bus.status import Status
 from skin.decode.decoder import Decoder
 from tests.fixtures.cases import long_after_first
-from tests.fixtures.decode import calibrated, planned, row_of, sensible_counts
+from tests.fixtures.decode import calibrated, row_of, sensible_counts
 from tests.skin.decode.test_field_angle import counts_at
 
 seeds = st.integers(0, 2**32 - 1)
@@ -42,17 +40,7 @@ def scene(n, seed, cycles=24, quiet=0.6):
     return skin, raw, status
 
 
-def plan_of(skin, want=None, **options):
-    return planned(skin, want, **{"sweeps": 0, "ambient": False} | options)
-
-
 # -- the plan --------------------------------------------------------------------------------------
-
-
-def test_units_without_load_are_looked_at_every_twentieth_of_a_second():
-    for rate, every in ((10.0, 1), (100.0, 5), (1000.0, 50)):
-        assert plan_of(row_of(3, rate_hz=rate), skip=True).look_every == every
-        assert plan_of(row_of(3, rate_hz=rate)).look_every == 1
 
 
 # -- skipping --------------------------------------------------------------------------------------
@@ -141,21 +129,3 @@ def test_a_background_is_taken_off_the_counts(dtype, estimator, request):
     for t in range(3):
         one = live(moved[t], None, background[t])
         np.testing.assert_array_equal(one.force, taken.force[t])
-
-
-def test_the_field_is_that_of_the_film_in_the_units_frame():
-    skin = calibrated(row_of(40), seed=6)
-    p = skin.parameters
-    raw = sensible_counts(skin, 1, 7)[0]
-    got = Decoder(skin, dtype="float64", sweeps=0, ambient=False)(raw).field_ut
-    value = skin.scale * raw + skin.offset
-    above = value[5] - p["hall_reference_c"]
-    x, y, z = (
-        (value[2 + i] - p[f"hall_offset_{a}_ut"] - p[f"hall_drift_{a}_ut_per_k"] * above)
-        / (1.0 + p["hall_gain_per_k"] * above)
-        for i, a in enumerate("xyz")
-    )
-    expected = [p["field_xx"] * x + p["field_xy"] * y, p["field_yx"] * x + p["field_yy"] * y, z]
-    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8)
-    blind = dataclasses.replace(skin, wired=skin.wired & (np.arange(6) != 4)[:, np.newaxis])
-    assert np.isnan(Decoder(blind, sweeps=0, ambient=False)(raw).field_ut[2]).all()

@@ -67,21 +67,6 @@ def test_a_calibration_is_refused_from_its_bound_on(bound):
         Decoder(with_parameters(row_of(2), **given(1.02)), **options)
 
 
-def test_a_range_of_temperatures_has_two_ends():
-    with pytest.raises(CalibrationError, match="temperature_max_c: must be above temperature_min"):
-        Decoder(with_parameters(row_of(2), temperature_max_c=15.0), sweeps=0, ambient=False)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_no_entry_of_a_table_may_be_infinite(value):
-    with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be finite"):
-        Decoder(
-            with_parameters(row_of(2), theta_correction_rad=knots(4, value)),
-            sweeps=0,
-            ambient=False,
-        )
-
-
 # -- tables of angles ------------------------------------------------------------------------------
 
 
@@ -117,32 +102,6 @@ def test_a_table_ends_where_it_turns_back_or_at_a_half_turn():
     assert field_angle_ends(untold)[1].tolist() == [0.0, 0.0]
 
 
-def test_units_have_each_their_own_table():
-    table, most = np.hstack([linear(1.0)[:, :1], linear(2.0)[:, :1]]), np.array([1.0, 3.0])
-    skin = with_parameters(row_of(2), field_angle_mm=table, field_angle_max_mm=most)
-    angle, _ = field_angle_ends(skin)
-    np.testing.assert_allclose(angle, [1.1, 1.65], atol=np.pi / 360.0)
-    short = with_parameters(row_of(2), field_angle_mm=table, field_angle_max_mm=[1.0, 7.0])
-    with pytest.raises(
-        CalibrationError,
-        match=r"row/r0c1: field_angle_mm: must be a polynomial that grows with the angle to "
-        r"field_angle_max_mm = 7; got one that ends at 6.28",
-    ):
-        Decoder(short, estimator="field-angle", sweeps=0, ambient=False)
-    Decoder(
-        with_parameters(short, field_angle_max_mm=[1.0, 6.2]),
-        estimator="field-angle",
-        sweeps=0,
-        ambient=False,
-    )
-    Decoder(
-        dataclasses.replace(short, enabled=np.array([True, False])),
-        estimator="field-angle",
-        sweeps=0,
-        ambient=False,
-    )
-
-
 # -- units that are not looked at ------------------------------------------------------------------
 
 
@@ -173,17 +132,6 @@ def test_channels_of_units_that_are_off_or_foreign_are_not_needed(channel):
         Decoder(odd_one("working", channel), **options)
 
 
-def test_tables_of_units_that_are_off_are_not_needed():
-    table = row_of(3).parameters["field_angle_mm"].copy()
-    table[:, 2] = 0.0
-    for how in ("off", "foreign"):
-        untold = with_parameters(odd_one(how, 5), field_angle_mm=table)
-        assert Decoder(untold, consistency=True, sweeps=0, ambient=False).estimator == "field-angle"
-    untold = with_parameters(row_of(3), field_angle_mm=table)
-    with pytest.raises(OptionError, match="row/r0c2: must have 'field_angle_mm' for consistency"):
-        Decoder(untold, consistency=True, sweeps=0, ambient=False)
-
-
 # -- no more than is wanted ------------------------------------------------------------------------
 
 
@@ -202,16 +150,3 @@ def test_what_is_not_wanted_is_not_compiled():
     for name in ("force", "tangential", "theta", "displacement"):
         assert wants_of(skin, {name}).angle
         assert wants_of(skin, {name}).shear
-
-
-def test_films_and_directions_are_corrected_only_where_a_unit_needs_it():
-    one, table = np.array([0.0, 0.0, 1e-3]), np.zeros((16, 3))
-    table[5, 1] = 0.1
-    for name, value, field in (
-        ("film_x_mm", one, "centre"), ("film_y_mm", one, "centre"),
-        ("theta_correction_rad", table, "correction"),
-    ):  # fmt: skip
-        skin = with_parameters(row_of(3), **{name: value})
-        assert getattr(wants_of(skin, {"force"}), field)
-        assert getattr(wants_of(skin, {"temperature"}), field) is None
-        assert getattr(wants_of(row_of(3), {"force"}), field) is None

@@ -11,7 +11,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bus.status import Status
 from skin.calibrate.files import with_fits
 from skin.calibrate.film import fit_crest, fit_film, map_field, misfit_sigma
 from skin.calibrate.fit import as_fit, rms
@@ -21,11 +20,10 @@ from tests.fixtures.bench import dealt
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import strokes, with_parameters
 from tests.fixtures.film import FILMS
-from tests.fixtures.plant import BX, BZ, FREQUENCY, Plant, Touch, Units
-from tests.fixtures.plant_skin import REST_S, Player, Skin, shape_of, square
+from tests.fixtures.plant import BX, BZ, Plant, Touch, Units
+from tests.fixtures.plant_skin import Skin, shape_of, square
 from topology import Topology
 
-ANOMALY = int(Status.MAGNETIC_ANOMALY)
 MIDDLE, UNITS = 27, 4
 SIGMA_OF_LAWS = ("temperature_sigma_c", "frequency_sigma_hz", "depth_sigma_mm",
                  "normal_sigma_relative", "normal_sigma_n", "shear_sigma_relative",
@@ -90,10 +88,6 @@ def untouched(skin: Skin, seed: int, warm_c: float = 25.0) -> np.ndarray:
     return skin.plant.counts(touch, rng, warm_c=warm_c, world_ut=EARTH_UT)
 
 
-def films_of(skin: Skin, name: str) -> bool:
-    return skin.plant.film is FILMS[name]
-
-
 @long_after_first("warm_c", [25.0, 45.0])
 def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     """Cold and warm, in a body that stands in the Earth's field."""
@@ -107,20 +101,6 @@ def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     known = found.applied().parameters
     np.testing.assert_array_equal(known["axial_rest_ut"], found.axial_rest_ut)
     np.testing.assert_array_equal(known["axial_rest_sigma_ut"], sigma)
-
-
-@pytest.mark.long
-def test_decoders_weigh_a_tare_against_theory_and_go_on_with_it(skin):
-    """At rest Bz is then that of the own film, and a decoder that is tared later reads the same."""
-    found = tare(skin.known, untouched(skin, 4)).applied()
-    counts = untouched(skin, 5)
-    fresh, later = (Decoder(each, {"field"}, ambient=False) for each in (found, skin.known))
-    later.retare(found)
-    own = alone(skin.plant).film_field(Touch.none(1, skin.n))[0, 2]
-    reading = fresh(counts)
-    off = np.mean(reading.field_ut[:, 2], axis=0) - own
-    assert np.sqrt(np.mean(off**2)) < 2.0 * found.parameters["axial_rest_sigma_ut"].mean()
-    np.testing.assert_allclose(later(counts).field_ut, reading.field_ut, rtol=1e-5, atol=0.1)
 
 
 def test_what_films_add_as_they_move_is_within_its_variance(skin):
@@ -142,37 +122,6 @@ def test_what_films_add_as_they_move_is_within_its_variance(skin):
     # errors of places and fits are not in it
     sigma = np.hypot(np.sqrt(decoder.crosstalk.axial_ut2), 20.0)
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 1.2
-
-
-@pytest.mark.long
-def test_a_unit_that_reads_as_at_rest_while_all_round_it_are_pressed_is_found(skin):
-    """Its neighbours' films have come nearer, and its chip does not see them; all others do, and
-    are no anomaly, whatever their films are. Of films that are not as drawn more is allowed."""
-    rate = skin.rate_hz
-    first, lies, last = (round(s * rate) for s in (REST_S, REST_S + 1.0, REST_S + 2.6))
-    share = np.clip((np.arange(last) - first) / (0.3 * rate), 0.0, 1.0)[:, np.newaxis]
-    touch = Touch.none(last, skin.n)
-    touch.depth_mm[:] = share * 1.2
-    touch.moved_mm[:, 0] = share * 0.4
-    exact = skin.plant.values(touch, world_ut=EARTH_UT)
-    rest = skin.plant.values(Touch.none(1, skin.n), world_ut=EARTH_UT)[0]
-    exact[lies:, FREQUENCY : BZ + 1, MIDDLE] = rest[FREQUENCY : BZ + 1, MIDDLE]
-    noisy = skin.plant.noisy(exact, np.random.default_rng(8))
-    states = Player(skin.known).play(skin.plant.quantised(noisy))
-    flagged = np.array([(each.units.status & ANOMALY) != 0 for each in states])
-    assert flagged[-100:, MIDDLE].all() or not films_of(skin, "drawn")
-    flagged[lies:, MIDDLE] = False
-    assert not flagged.any()
-
-
-@pytest.mark.long
-def test_a_unit_that_is_far_off_as_it_is_tared_is_not_taken_at_its_word(skin):
-    """What no film adds is no neighbour: it stays an anomaly."""
-    counts = untouched(skin, 9)
-    counts[:, BZ, MIDDLE] += np.int16(4000.0 / skin.known.scale[BZ, MIDDLE])
-    decoder = Decoder(tare(skin.known, counts).applied(), ambient=False)
-    status = decoder(counts).status[-1]
-    assert (status & ANOMALY != 0).tolist() == [unit == MIDDLE for unit in range(skin.n)]
 
 
 def test_a_tare_without_bz_measures_nothing_along_z(skin):

@@ -86,35 +86,6 @@ def test_frequency(source, estimator):
     assert np.abs(found["theta"]).max() < 1e-3 * np.abs(found["tangential"]).min()
 
 
-def test_stiffness_by_depth():
-    """Where the field does not depend on the depth, the tangential force still does."""
-    skin = silent(
-        frequency_noise_hz=9.0, shear_gain_per_mm=0.3, field_growth_per_mm=0.0,
-        field_amplitude_ut=5000.0,
-    )  # fmt: skip
-    skin, raw = pose(skin, reach=0.8)
-    expected, found = spread(skin, raw, FREQUENCY, 9.0, "sine"), sigma_of(skin, raw, "sine")
-    assert expected["tangential"].min() > 1e-4
-    np.testing.assert_allclose(found["tangential"], expected["tangential"], rtol=1e-3)
-    for name in ("fx", "fy"):
-        np.testing.assert_allclose(found[name], expected[name], rtol=1e-3)
-    assert found["x"].max() < 1e-5
-
-
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-@pytest.mark.parametrize("reach", [0.3, 1.5])
-def test_field(estimator, reach):
-    """Along the direction, and across it, of a force that is softer at this depth."""
-    skin, raw = pose(silent(field_noise_ut=40.0, shear_gain_per_mm=0.2), depth=0.5, reach=reach)
-    found = sigma_of(skin, raw, estimator)
-    axes = (BX, BY, BZ) if estimator == "field-angle" else (BX, BY)
-    each = [spread(skin, raw, axis, 40.0, estimator) for axis in axes]
-    for name in ("fx", "fy", "x", "y", "tangential", "theta"):
-        expected = np.sqrt(sum(one[name] ** 2 for one in each))
-        np.testing.assert_allclose(found[name], expected, rtol=0.02, err_msg=name)
-    assert found["h"].max() < 1e-5
-
-
 FIELD = {
     "steps": ({}, {BX: 60.0, BY: 20.0}, {BX: 60.0 * STEP, BY: 20.0 * STEP}),
     "map": (
@@ -180,30 +151,6 @@ def test_temperature(source):
     np.testing.assert_allclose(found, expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize("warm", [24.0, 35.0, 76.0])
-def test_noise_of_a_gel_whose_current_is_not_exponential(warm):
-    """It is that of the temperature where the law is steep, and less where it is flat."""
-    law = {"gel_bend_c": 26.0, "gel_twist_c": 6.0}
-    skin, raw = pose(silent(gel_noise_relative=0.02, **law), warm=warm)
-    current = skin.scale[GEL] * raw[GEL] + skin.offset[GEL]
-    expected = spread(skin, raw, GEL, 0.02 * current, "sine")["temperature"]
-    found = sigma_of(skin, raw, "sine")["temperature"]
-    np.testing.assert_allclose(found, expected, rtol=0.05)
-    even = sigma_of(*pose(silent(gel_noise_relative=0.02), warm=warm), "sine")["temperature"]
-    assert np.all(np.abs(found / even - 1.0) > 0.05)
-
-
-@pytest.mark.parametrize(("warm", "beyond"), [(104.0, 14.0), (3.0, 7.0), (50.0, 0.0)])
-def test_temperature_beyond_its_range(warm, beyond):
-    """A fifth of what lies beyond by more than a sigma, straight."""
-    p = row_of(UNITS).parameters
-    low, high = p["temperature_min_c"][0], p["temperature_max_c"][0]
-    warm = high + beyond if warm > high else low - beyond if warm < low else warm
-    skin, raw = pose(silent(temperature_sigma_c=0.5), warm=warm)
-    found = sigma_of(skin, raw, "sine")["temperature"]
-    np.testing.assert_allclose(found, 0.5 + 0.2 * max(beyond - 0.5, 0.0), rtol=1e-3)
-
-
 def test_depth_beyond_its_range_on_both_sides():
     """Pressed beyond 7.2 N at 2 mm, or pulled by more than six sigma, and a sigma more."""
     skin = silent(frequency_noise_hz=9.0)
@@ -234,13 +181,6 @@ def test_absolute_parts_of_the_forces_add_to_the_rest_but_are_no_more_than_the_f
     normal = np.minimum(np.abs(got.force[2]), 0.1)
     np.testing.assert_allclose(got.force_sigma[2], normal, rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(got.tangential_sigma, np.minimum(got.tangential, 0.2), rtol=2e-3)
-
-
-def test_what_the_depth_is_off_by_is_no_error_of_the_force_of_a_frequency():
-    skin, raw = pose(silent(depth_sigma_mm=0.05))
-    found = sigma_of(skin, raw, "field-angle")
-    np.testing.assert_allclose(found["h"], 0.05, rtol=1e-3)
-    assert found["fz"].max() < 1e-4
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

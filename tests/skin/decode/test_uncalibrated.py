@@ -10,7 +10,7 @@ import pytest
 
 import skin
 import topology
-from bus.status import INVALID, Status
+from bus.status import Status
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
@@ -19,7 +19,7 @@ from skin.sim import scenes
 from skin.sim.bench import differing
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.cases import long_after_first
-from tests.fixtures.decode import apart, with_parameters
+from tests.fixtures.decode import apart
 from topology.model import SIGMAS
 
 PALM = topology.load("palm")
@@ -64,36 +64,6 @@ def test_sigma_of_nominal_units_holds_what_units_differ_by(others):
     # and would not without the spread
     assert within(PALM.exact(), others, TANGENTIAL) < 0.45
     assert within(PALM.exact(), others, NORMAL) < 0.2
-
-
-@pytest.mark.long
-def test_sigma_of_tared_units_is_less_and_holds_too(others):
-    p = others[0].parameters
-    zeros = {
-        name: p[name] for name in ("frequency_rest_hz", "hall_offset_x_ut", "hall_offset_y_ut")
-    }
-    tared = with_parameters(PALM, **zeros, frequency_sigma_hz=0.5, field_sigma_ut=10.0)
-    assert 0.6 < within(tared, others, TANGENTIAL) < 0.85
-    assert 0.6 < within(tared, others, NORMAL) < 0.95
-    sigma = [
-        Decoder(apart(known), sweeps=0, ambient=False)(others[1]).force_sigma[:, 2].mean()
-        for known in (tared, PALM)
-    ]
-    assert sigma[0] < 0.8 * sigma[1]
-
-
-@pytest.mark.long
-def test_a_unit_without_calibration_is_flagged_and_valid(others):
-    reading = Decoder(PALM, sweeps=0, ambient=False)(others[1])
-    assert (reading.status & Status.UNCALIBRATED != 0).all()
-    assert not Status.UNCALIBRATED & INVALID
-    assert reading.valid.mean() > 0.8
-    exact = Decoder(PALM.exact(), sweeps=0, ambient=False)(others[1])
-    assert not (exact.status & Status.UNCALIBRATED).any()
-    for skip in (False, True):
-        decoder = Decoder(PALM, skip=skip, sweeps=1, ambient=False)
-        for raw in others[1][:5]:
-            assert (decoder(raw).status & Status.UNCALIBRATED != 0).all()
 
 
 def test_what_a_file_gives_of_a_unit_makes_it_tared_or_calibrated(tmp_path):

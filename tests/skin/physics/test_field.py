@@ -205,24 +205,6 @@ def test_errors_of_fabrication_are_those_of_the_magnets():
     assert np.median(wrong / np.linalg.norm(exact, axis=0)) > 0.01
 
 
-def test_dipoles_and_tables_agree_to_a_hundredth():
-    random = np.random.default_rng(8)
-    displacement, depth, _ = random_films(30, seed=8)
-    depth = np.clip(depth, 0.0, 2.0)
-    points = np.stack([*-displacement, FILM.chip_mm - depth])
-    sums = CHIP_AXES[:, np.newaxis] * dipole_sum_ut(FILM, points)
-    read = field_of(HalbachField(apart(30)), displacement, depth)
-    error = np.linalg.norm(read - sums, axis=0)
-    assert np.all(error < 0.01 * np.linalg.norm(sums, axis=0))
-
-    for _ in range(10):
-        offset = np.array([*random.uniform(0.009, 0.02, 2), 0.0])
-        stray = stray_at_first(two_units(offset, DOWN), np.zeros((2, 2)), np.zeros(2))
-        point = 1e3 * DOWN.T @ -offset + [0.0, 0.0, FILM.chip_mm]
-        exact = CHIP_AXES * dipole_sum_ut(FILM, point[:, np.newaxis])[:, 0]
-        assert np.linalg.norm(stray - exact) < 0.01 * np.linalg.norm(exact)
-
-
 @pytest.mark.parametrize("far_mm", [60.0, 300.0, 1500.0])
 def test_far_away_a_film_is_its_grains_and_in_the_end_one_dipole(far_mm):
     topology = two_units([1e-3 * far_mm, 0.0, 0.0], DOWN)
@@ -280,23 +262,6 @@ def test_the_lateral_field_is_a_sine_that_crests_at_the_end_of_the_range():
     assert 0.18 < FILM.remanence_t < 0.22
 
 
-def test_the_amplitude_grows_exponentially_with_depth():
-    depth = np.linspace(0.0, 2.0, 21)
-    logarithm = np.log(crest_ut(depth))
-    slope, start = np.polyfit(depth, logarithm, 1)
-    assert 0.71 < slope < 0.75
-    assert np.abs(logarithm - (start + slope * depth)).max() < 0.005
-    assert 4.1 < np.exp(logarithm[-1] - logarithm[0]) < 4.5
-
-
-def test_the_angle_of_the_field_grows_steadily_with_displacement():
-    lateral = np.linspace(0.0, 3.0, 61)
-    for depth in (0.0, 1.0, 2.0, 3.0):
-        read = radial_scan(lateral, depth)
-        slope = np.diff(np.arctan2(read[0], read[2])) / np.diff(lateral)
-        assert slope.min() > 0.36
-
-
 @pytest.mark.parametrize(
     ("pitch_m", "static", "moving"), [(0.012, 0.14, 0.28), (0.015, 0.06, 0.064)]
 )
@@ -314,60 +279,7 @@ def test_crosstalk_is_as_large_as_the_pitch_says(pitch_m, static, moving):
     assert np.hypot(*change[:, :2].T).max() / amplitude == pytest.approx(moving, rel=0.12)
 
 
-def test_fabrication_turns_directions_by_about_a_degree():
-    n = 200
-    field = HalbachField(apart(n), fabrication=Fabrication.draw(n, seed=2))
-    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, :, np.newaxis]
-    displacement = np.repeat(1.5 * direction, n, axis=2)
-    read = field_of(field, displacement, np.full((24, n), 2.0))
-    tared = read - field_of(field, np.zeros((2, n)), np.full(n, 2.0))
-    error = (np.arctan2(tared[:, 1], tared[:, 0]) - angle[:, np.newaxis] + np.pi) % (2.0 * np.pi)
-    worst = np.degrees(np.abs(error - np.pi).max(axis=0))
-    assert 0.5 < worst.mean() < 2.5
-
-
 # -- symmetry and scale ---------------------------------------------------------------------------
-
-
-def test_the_lateral_field_points_where_the_film_has_gone():
-    displacement, depth, _ = random_films(200, seed=4)
-    depth = np.minimum(depth, 2.0)
-    read = field_of(HalbachField(apart(200)), displacement, depth)
-    unit = displacement / np.hypot(*displacement)
-    along = np.sum(unit * read[:2], axis=0)
-    across = unit[0] * read[1] - unit[1] * read[0]
-    assert np.all(along > 0.0)
-    assert np.all(np.abs(across) < 3e-4 * along)
-    assert np.all(read[2, np.hypot(*displacement) < 1.0] > 0.0)
-
-
-def test_without_displacement_a_perfect_film_has_no_lateral_field():
-    read = field_of(HalbachField(apart(4)), np.zeros((2, 4)), [0.0, 1.0, 2.0, 3.0])
-    assert np.abs(read[:2]).max() < 1e-6
-
-
-@given(seed=st.integers(0, 10_000), sectors=st.integers(1, 15))
-def test_a_turn_by_whole_sectors_turns_the_field(seed, sectors):
-    displacement, depth, tilt = random_films(8, seed)
-    angle = 2.0 * np.pi / FILM.sectors * sectors
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    field = HalbachField(apart(8))
-    read = field_of(field, displacement, depth, tilt_rad=tilt)
-    turned = field_of(field, turn @ displacement, depth, tilt_rad=turn @ tilt)
-    size = np.linalg.norm(read, axis=0)
-    assert np.all(np.abs(turned - np.concatenate([turn @ read[:2], read[2:]])) < 1e-5 * size)
-
-
-@given(seed=st.integers(0, 10_000))
-def test_a_mirrored_film_has_the_mirrored_field(seed):
-    displacement, depth, tilt = random_films(8, seed)
-    field = HalbachField(apart(8))
-    read = field_of(field, displacement, depth, tilt_rad=tilt)
-    mirror, axial = np.array([[1.0], [-1.0]]), np.array([[-1.0], [1.0]])
-    mirrored = field_of(field, mirror * displacement, depth, tilt_rad=axial * tilt)
-    size = np.linalg.norm(read, axis=0)
-    assert np.all(np.abs(mirrored - read * [[1.0], [-1.0], [1.0]]) < 1e-5 * size)
 
 
 def test_the_field_is_proportional_to_the_films_strength():
@@ -387,19 +299,6 @@ def test_the_field_is_proportional_to_the_films_strength():
     np.testing.assert_allclose(warm, (1.0 + 40.0 * drift) * read, rtol=1e-12)
 
 
-def test_stray_fields_add_up():
-    position = 0.012 * np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-    all_three = skin_of(position)
-    displacement, depth, _ = random_films(3, seed=10)
-    displacement *= 0.7
-    both = stray_at_first(all_three, displacement, depth)
-    single = [
-        stray_at_first(skin_of(position[:, [0, i]]), displacement[:, [0, i]], depth[[0, i]])
-        for i in (1, 2)
-    ]
-    np.testing.assert_allclose(both, single[0] + single[1], rtol=1e-9, atol=1e-9)
-
-
 def test_stray_fields_decay_with_distance_and_end_at_the_reach():
     strays = [
         stray_at_first(two_units([d, 0.0, 0.0], DOWN), np.zeros((2, 2)), np.zeros(2))
@@ -410,37 +309,7 @@ def test_stray_fields_decay_with_distance_and_end_at_the_reach():
     assert sizes[-1] == 0.0 < sizes[-2]
 
 
-def test_the_place_and_attitude_of_a_skin_change_nothing():
-    palm = load("fingertip")
-    turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
-    moved = replace(
-        palm,
-        position=turn @ palm.position + np.array([[0.1], [-0.2], [0.3]]),
-        rotation=np.einsum("ab,bcn->acn", turn, palm.rotation),
-    )
-    displacement, depth, _ = random_films(palm.n, seed=11)
-    displacement *= 0.5
-    depth = np.minimum(depth, 1.5)
-    here = field_of(HalbachField(palm), displacement, depth)
-    there = field_of(HalbachField(moved), displacement, depth)
-    np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-3)
-
-
 # -- the code -------------------------------------------------------------------------------------
-
-
-def test_compiled_and_plain_python_agree(monkeypatch):
-    topology = skin_of(0.012 * np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]))
-    made = Fabrication.draw(3, seed=12)
-    displacement, depth, _ = random_films(6, seed=12)
-    displacement = 0.7 * displacement.reshape(2, 2, 3)
-    depth = np.clip(depth.reshape(2, 3), 0.0, 2.0)
-    displacement[0, :, 1], depth[0, 1] = 0.0, 0.0
-    compiled = field_of(HalbachField(topology, fabrication=made), displacement, depth)
-    for name in ("chip_fields", "film_fields"):
-        monkeypatch.setattr(f"skin.physics.halbach.{name}", getattr(magnet, f"{name}_python"))
-    plain = field_of(HalbachField(topology, fabrication=made), displacement, depth)
-    np.testing.assert_allclose(compiled, plain, rtol=1e-5, atol=1e-5 * np.abs(plain).max())
 
 
 def test_a_film_without_errors_is_the_same_without_the_kernel():
@@ -452,26 +321,6 @@ def test_a_film_without_errors_is_the_same_without_the_kernel():
     magnet.film_fields(halbach._tables(), units, *ours, compiled)
     assert 100 < np.isnan(compiled[:, 0]).sum() < 1000
     np.testing.assert_allclose(table.perfect_ut(points), compiled.T, rtol=1e-5, atol=1e-2)
-
-
-def test_a_film_at_rest_is_one_that_has_hardly_moved():
-    made = Fabrication.draw(PALM.n, seed=13)
-    field = HalbachField(PALM, fabrication=made)
-    rest = field_of(field, np.zeros((2, PALM.n)), np.zeros(PALM.n))
-    hardly = field_of(field, np.full((2, PALM.n), 1e-12), np.zeros(PALM.n))
-    np.testing.assert_allclose(rest, hardly, rtol=1e-6, atol=1e-3)
-
-
-def test_a_batch_of_cycles_is_the_cycles_one_by_one():
-    displacement, depth, tilt = random_films(5 * PALM.n, seed=14)
-    displacement = 0.7 * displacement.reshape(2, 5, PALM.n).swapaxes(0, 1)
-    tilt = tilt.reshape(2, 5, PALM.n).swapaxes(0, 1)
-    depth = np.minimum(depth, 2.0).reshape(5, PALM.n)
-    field = HalbachField(PALM)
-    batch = field_of(field, displacement, depth, tilt_rad=tilt)
-    for t in range(5):
-        one = field_of(field, displacement[t], depth[t], tilt_rad=tilt[t])
-        assert np.array_equal(batch[t], one)
 
 
 @pytest.mark.parametrize(
@@ -510,12 +359,6 @@ def test_errors_of_fabrication_stay_within_their_tolerances(seed, n):
     again = Fabrication.draw(n + 1, seed)
     assert np.array_equal(again.tilt_rad[:, :n], made.tilt_rad)
     assert not np.array_equal(Fabrication.draw(n, seed + 1).tilt_rad, made.tilt_rad)
-
-
-def test_a_perfect_film_has_only_the_orders_of_its_sectors():
-    coefficients = Fabrication.perfect(1).coefficients(np.arange(33))[0]
-    expected = np.where(np.arange(33) % FILM.sectors == 0, 1.0, 0.0)
-    np.testing.assert_allclose(coefficients, expected, atol=1e-14)
 
 
 def test_a_table_survives_its_file_and_a_failed_write(tmp_path, monkeypatch):

@@ -8,10 +8,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bus.compiled.jit import compiled
 from skin.physics import force_law
 from skin.physics.elastic import Elastic
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 FAR = 50.0
@@ -67,32 +65,6 @@ def test_a_compliance_in_series_adds_what_it_yields_and_a_factor_scales_the_forc
     np.testing.assert_allclose(both, x + compliance * pushed(x, *law), rtol=1e-11, atol=1e-11)
     found = force_law.force(x, force_law.scaled(law, factor))
     np.testing.assert_allclose(found, factor * pushed(x, *law), rtol=1e-11, atol=1e-11)
-
-
-def all_python(x, laws, out):
-    for i in range(x.size):
-        law = force_law.at(laws, i)
-        out[0, i] = force_law.force(x[i], law)
-        out[1, i] = force_law.slope(x[i], law)
-        out[2, i] = force_law.energy(x[i], law)
-        out[3, i] = force_law.inverse(x[i], law)
-        out[4, i] = force_law.stiffening(x[i], law[0], law[1])
-
-
-@long_after_first("cubic", [0.0, 1.5])
-@long_after_first("dtype", ["float32", "float64"])
-def test_kernels_and_arrays_have_the_same_numbers(dtype, cubic):
-    rng = np.random.default_rng(3)
-    x, law = rng.uniform(-2.0, 10.0, 999).astype(dtype), rng.uniform(0.1, 5.0, (4, 999))
-    law[3] *= cubic
-    law = law.astype(dtype)
-    out = np.empty((5, 999), dtype)
-    compiled(all_python)(x, law, out)
-    expected = (
-        force_law.force(x, law), force_law.slope(x, law), force_law.energy(x, law),
-        force_law.inverse(x, law), force_law.stiffening(x, *law[:2]),
-    )  # fmt: skip
-    np.testing.assert_allclose(out, np.array(expected), rtol=8 * np.finfo(dtype).eps)
 
 
 def test_laws_by_frequency_and_displacement_are_those_of_the_elastic_unit():

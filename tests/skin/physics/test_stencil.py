@@ -8,17 +8,13 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import topology
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
-from skin.physics.stray import monomials, powers
 from tests.fixtures.cases import long_after_first
 from topology.files import read_arrays
-from topology.pose import from_rpy
 
 
 @functools.cache
@@ -117,21 +113,6 @@ def test_what_is_left_out_is_as_large_as_it_says():
     assert not Stencil.of(skin, degree=1, reach_m=0.1).left_out_rms_ut.any()
 
 
-@pytest.mark.long
-@settings(max_examples=6)
-@given(st.tuples(*3 * [st.floats(-3.0, 3.0)]), st.integers(1, 4))
-def test_turning_the_skin_as_a_whole_changes_nothing(rpy, degree):
-    skin = topology.load("fingertip")
-    turn = from_rpy(*rpy)
-    turned = dataclasses.replace(
-        skin, position=turn @ skin.position + 0.5,
-        rotation=np.einsum("ab,bcn->acn", turn, skin.rotation),
-    )  # fmt: skip
-    moved = displaced(skin.n, cycles=3)
-    one, other = (Stencil.of(s, degree=degree)(moved) for s in (skin, turned))
-    np.testing.assert_allclose(other, one, atol=2e-3 * np.abs(one).max())
-
-
 def test_an_irregular_skin_pairs_each_unit_with_its_own_neighbours():
     skin = palm(12.0)
     keep = np.array([0, 1, 9, 27, 28, 63])
@@ -203,24 +184,6 @@ def test_a_file_that_is_no_stencil_of_the_skin_is_refused(tmp_path):
     np.savez(path, format=4)
     with pytest.raises(SkinError, match=r"tip\.npz: format: must be 1; got 4"):
         Stencil.load(path, skin)
-
-
-def test_means_over_the_scan_are_those_of_all_displacements_in_the_range():
-    stencil = Stencil.of(topology.load("fingertip"), degree=3)
-    terms = monomials(displaced(200_000, cycles=1)[0], 3)
-    sigma = terms.std(axis=1)
-    np.testing.assert_allclose(
-        stencil.gram, terms @ terms.T / terms.shape[1], atol=0.15 * np.outer(sigma, sigma).max()
-    )
-    np.testing.assert_allclose(np.diag(stencil.gram)[:3], [25 / 16, 25 / 16, 4 / 3], rtol=0.03)
-
-
-@given(st.integers(1, 4))
-def test_terms_come_by_degree(degree):
-    terms = powers(degree)
-    assert len(terms) == {1: 3, 2: 9, 3: 19, 4: 34}[degree]
-    assert (np.diff(terms.sum(axis=1)) >= 0).all()
-    assert terms[:3].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
 @long_after_first(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skin.errors import SkinError
-from skin.physics import magnet
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.surroundings import Surroundings, Tool, dipole_field_ut
 from tests.naive.film import dipole_sum_ut
@@ -64,12 +61,6 @@ def test_a_dipole_has_twice_the_field_ahead_that_it_has_beside():
     np.testing.assert_allclose(dipole_field_ut(moment, points), expected, atol=1e-9)
 
 
-def test_one_ampere_square_metre_makes_two_hundred_nanotesla_a_metre_ahead():
-    moment = Tool((0.0, 0.0, 0.0), remanent_am2=(0.0, 0.0, 1.0)).moment(np.zeros(3))
-    ahead = dipole_field_ut(moment, np.array([[0.0], [0.0], [1000.0]]))
-    np.testing.assert_allclose(ahead[:, 0], [0.0, 0.0, 0.2], atol=1e-12)
-
-
 @given(mu=st.floats(1.0, 1e5), radius=st.floats(0.001, 0.02), seed=st.integers(0, 10_000))
 def test_at_a_spheres_surface_the_field_refracts(mu, radius, seed):
     """Normal B and tangential H go through: inside, B is 3 mu/(mu + 2) times the field applied."""
@@ -82,12 +73,6 @@ def test_at_a_spheres_surface_the_field_refracts(mu, radius, seed):
     inside = 3.0 * mu / (mu + 2.0) * applied
     np.testing.assert_allclose(outside @ normal, inside @ normal, atol=1e-6)
     np.testing.assert_allclose(np.cross(normal, outside), np.cross(normal, inside / mu), atol=1e-6)
-
-
-@pytest.mark.long
-def test_a_tool_that_is_no_magnet_and_no_iron_is_not_felt():
-    nothing = Surroundings(tools=(Tool(AWAY, permeability=1.0),))
-    np.testing.assert_array_equal(readings(nothing), readings(Surroundings()))
 
 
 def test_a_magnetised_tool_is_felt_as_its_dipole():
@@ -129,18 +114,3 @@ def test_a_tool_in_the_skin_is_an_error():
         match=r"tool: must be outside of all units, its middle 7\.6 mm .*; got a sphere of 0\.005",
     ):
         readings(Surroundings(tools=(Tool(inside),)))
-
-
-def test_the_field_at_a_tool_is_the_same_compiled_and_plain(monkeypatch):
-    two = replace(
-        TIP, unit_names=TIP.unit_names[:2], position=TIP.position[:, :2],
-        rotation=TIP.rotation[:, :, :2],
-        parameters={name: values[..., :2] for name, values in TIP.parameters.items()},
-    )  # fmt: skip
-    surroundings = Surroundings(tools=(Tool(AWAY, radius_m=0.01),))
-    state = np.full((2, 2), 0.5), np.full(2, 1.0), np.full(2, 25.0)
-    compiled = HalbachField(two, surroundings=surroundings)(*state)
-    for name in ("chip_fields", "film_fields"):
-        monkeypatch.setattr(f"skin.physics.halbach.{name}", getattr(magnet, f"{name}_python"))
-    plain = HalbachField(two, surroundings=surroundings)(*state)
-    np.testing.assert_allclose(compiled, plain, rtol=1e-6)

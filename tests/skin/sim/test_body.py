@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skin.sim.mechanics import body as room
 from skin.sim.mechanics.body import Body, carried, penetration
 from tests.fixtures.cases import long_after_first
-from tests.naive.mechanics import inside, moved, rolled, sphere_reach, square, turned
-from topology import load
+from tests.naive.mechanics import inside, square, turned
 
-ANGLES = st.floats(-np.pi, np.pi)
 SEEDS = st.integers(0, 2**32 - 1)
 
 BODIES = {
@@ -22,8 +18,6 @@ BODIES = {
     "block": Body.block(0.05, 0.04, 0.03),
     "plate": Body.plate(0.06, 0.05, 0.02),
 }
-ONE = np.zeros((3, 1)), np.diag([1.0, -1.0, -1.0])[..., np.newaxis]
-"""A unit in the origin whose skin faces +z."""
 
 
 def rotation_of(rng: np.random.Generator) -> np.ndarray:
@@ -59,41 +53,6 @@ def test_the_axis_leaves_the_body_where_the_body_ends(name: str, seed: int) -> N
         assert not np.any(is_in(depth + further)[touched | away])
 
 
-@given(seed=SEEDS)
-def test_a_sphere_reaches_as_deep_as_the_formula_of_the_sphere(seed: int) -> None:
-    rng, hand = np.random.default_rng(seed), load("hand")
-    near, radius = rng.integers(hand.n), rng.uniform(0.005, 0.1)
-    centre = hand.position[:, near] - hand.rotation[:, 2, near] * (radius - rng.uniform(0, 0.004))
-    centre = centre + rng.normal(0.0, 0.002, 3)
-    depth = sphere_reach(centre, radius, hand.position, hand.rotation[:, 2])
-    pose = rotation_of(rng), centre
-    depth_mm = penetration(Body.sphere(radius), pose, hand.position, hand.rotation)
-    np.testing.assert_allclose(np.maximum(depth_mm, 0.0), 1e3 * depth, atol=1e-9)
-
-
-@pytest.mark.long
-@settings(max_examples=20)
-@given(seed=SEEDS, name=st.sampled_from(sorted(BODIES)))
-def test_where_the_skin_lies_in_space_does_not_matter(seed: int, name: str) -> None:
-    """Turn body and skin together: depths and shifts stay."""
-    rng, skin = np.random.default_rng(seed), load("fingertip")
-    turn, shift = rotation_of(rng), rng.normal(size=3)
-    near = rng.integers(skin.n)
-    pose = rotation_of(rng), skin.position[:, near] - 0.012 * skin.rotation[:, 2, near]
-    after = turned(moved(pose, rng.normal(0, 1e-3, 3)), rng.normal(size=3), 0.1)
-
-    def both(move: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, ...]:
-        first, last = ((move @ r, move @ p + by) for r, p in (pose, after))
-        position = move @ skin.position + by[:, np.newaxis]
-        rotation = np.ascontiguousarray(np.einsum("ij,jkn->ikn", move, skin.rotation))
-        depth = penetration(BODIES[name], last, position, rotation)
-        return depth, carried(first, last, position, rotation, depth)
-
-    here, there = both(np.eye(3), np.zeros(3)), both(turn, shift)
-    np.testing.assert_allclose(there[0], here[0], atol=1e-8)
-    np.testing.assert_allclose(there[1], here[1], atol=1e-8)
-
-
 # -- motion ----------------------------------------------------------------------------------------
 
 
@@ -114,38 +73,4 @@ def test_a_body_that_turns_on_the_spot_carries_faces_around_it(
     )
 
 
-@given(heading=ANGLES, way=st.floats(1e-6, 1e-4), radius=st.floats(0.01, 0.1))
-def test_a_rolling_body_does_not_slide_where_it_touches(
-    heading: float, way: float, radius: float
-) -> None:
-    """At its lowest point it moves by the square of its way over its radius at most."""
-    shift = way * np.array([np.cos(heading), np.sin(heading), 0.0])
-    pose = np.eye(3), np.array([0.0, 0.0, radius]) - shift
-    after = rolled(pose, shift, radius, np.array([0.0, 0.0, 1.0]))
-    np.testing.assert_allclose(after[1], pose[1] + shift, atol=1e-15)
-    slid = carried(pose, after, *ONE, np.array([1e-9]))
-    assert np.hypot(*slid[:, 0]) <= 1e3 * way**2 / radius
-    sliding = carried(pose, moved(pose, shift), *ONE, np.array([1e-9]))
-    assert np.hypot(*sliding[:, 0]) == pytest.approx(1e3 * way, rel=1e-6)
-
-
 # -- the rest --------------------------------------------------------------------------------------
-
-
-def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    skin = load("fingertip")
-    pose = turned((np.eye(3), skin.position[:, 0] + [0.001, 0.0, 0.009]), np.ones(3), 0.3)
-    after = moved(pose, np.array([1e-3, 2e-3, 0.0]))
-
-    def everything() -> list[np.ndarray]:
-        found = []
-        for body in BODIES.values():
-            depth = penetration(body, pose, skin.position, skin.rotation)
-            found += [depth, carried(pose, after, skin.position, skin.rotation, depth)]
-        return found
-
-    compiled = everything()
-    monkeypatch.setattr(room, "_penetration", room._penetration_python)
-    with np.errstate(divide="ignore"):
-        for a, b in zip(compiled, everything(), strict=True):
-            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)

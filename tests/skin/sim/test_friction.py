@@ -12,7 +12,7 @@ from skin.errors import SkinError
 from skin.sim.mechanics.body import Body, Pose
 from skin.sim.mechanics.contact import Mechanics, MechanicsTruth
 from skin.sim.truth import wrench_map
-from tests.naive.mechanics import moved, rolled, turned
+from tests.naive.mechanics import moved, turned
 from topology import load
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -73,32 +73,6 @@ def test_coulomb_is_never_exceeded_and_no_work_is_gained(
     assert loads > 0.0
 
 
-def drag_plate(way: np.ndarray, static: float) -> tuple[np.ndarray, np.ndarray]:
-    """Tangential work of a plate that is dragged along, and what friction takes, joule by step.
-
-    Its depth stays the same, so that no other work is done. Forces are those at the end of a step,
-    as in `dissipated_j`.
-    """
-    plate = Mechanics(load("palm"), Body.plate(0.3, 0.3), static=static)
-    done, lost, before = [], [], way[0]
-    for at in way:
-        truth = plate.step((np.eye(3), np.array([*at, -0.0008])))
-        done.append(wrench(truth)[:2] @ (at - before))
-        lost.append(dissipated_j(truth))
-        before = at
-    return np.array(done), np.array(lost)
-
-
-@pytest.mark.long
-def test_a_way_around_and_around_leaves_all_its_work_in_friction() -> None:
-    angle = np.linspace(0.0, 6.0 * np.pi, 601)
-    way = 2e-3 * np.stack([np.cos(angle) - 1.0, np.sin(angle)], axis=1)
-    done, lost = drag_plate(way, 0.3)
-    last = slice(401, None)
-    assert lost[last].sum() > 1e-3
-    assert done[last].sum() == pytest.approx(lost[last].sum(), rel=0.02)
-
-
 @settings(max_examples=8)
 @given(force=st.floats(0.1, 60.0), x=st.floats(-0.03, 0.03), name=st.sampled_from(("palm",)))
 def test_unit_loads_add_up_to_the_load_of_the_body(force: float, x: float, name: str) -> None:
@@ -123,13 +97,6 @@ def test_a_load_is_found_on_curved_skins(name: str) -> None:
         truth = ball(name).push(pose, 3.0, into)
         along = into @ np.einsum("in,n->i", skin.rotation[:, 2], truth.load)
         assert along == pytest.approx(3.0, rel=1e-6)
-
-
-def test_a_load_of_nothing_lifts_the_body() -> None:
-    mechanics = ball()
-    assert mechanics.push(over(0.0, 0.0, 0.001), 5.0, DOWN).contact.any()
-    truth = mechanics.push(over(0.0, 0.0, 0.001), 0.0, DOWN)
-    assert truth.load.sum() <= 1e-9
 
 
 def test_a_load_that_is_not_to_be_had_is_refused() -> None:
@@ -196,20 +163,6 @@ def test_friction_that_fades_lets_a_held_body_slip() -> None:
     assert truth.slipping[truth.contact].all()
 
 
-def test_asking_rarely_or_often_is_nearly_the_same() -> None:
-    """Faces that come into touch within a step are dragged for the rest of it only."""
-
-    def end(steps: int) -> np.ndarray:
-        mechanics = ball(static=5.0)
-        for s in np.linspace(0.0, 1.0, steps + 1):
-            truth = mechanics.step(over(0.002 * s, 0.001 * s, -0.001 + 0.0025 * s))
-        return truth.force.copy()
-
-    often, rarely = end(400), end(20)
-    assert np.hypot(*often[:2]).max() > 0.1
-    np.testing.assert_allclose(rarely, often, atol=0.02)
-
-
 # -- torsion, rolling, soft bodies -----------------------------------------------------------------
 
 
@@ -229,21 +182,6 @@ def test_torsion_turns_faces_around_the_contact() -> None:
     assert np.all(np.diff(moments) >= -1e-9)
     assert 0.0 < moments[0] < 0.5 * gross
     assert moments[-1] == pytest.approx(gross, rel=1e-4)
-
-
-@pytest.mark.long
-def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does() -> None:
-    def drags(rolls: bool) -> float:
-        mechanics = ball(static=0.5)
-        pose, shift, most = over(-0.01, 0.003, 0.001), np.array([1e-4, 0.0, 0.0]), 0.0
-        for _ in range(200):
-            truth = mechanics.step(pose)
-            most = max(most, float(np.hypot(*wrench(truth)[:2]) / truth.load.sum()))
-            pose = rolled(pose, shift, RADIUS_M, -DOWN) if rolls else moved(pose, shift)
-        return most
-
-    assert drags(rolls=False) > 0.4
-    assert drags(rolls=True) < 0.05
 
 
 def test_a_soft_body_spreads_its_load() -> None:

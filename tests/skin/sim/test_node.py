@@ -8,7 +8,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,10 +16,9 @@ from hypothesis import strategies as st
 from bus.assemble import Assembler
 from bus.configure import Command, pack
 from bus.errors import BusClosedError
-from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
+from bus.frame import CAN_ERR, ECHO, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
 from skin.errors import SkinError
-from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.node import Served, SimulatedUnits
 from skin.sim.sampled import RECENT
 from skin.sim.scenes.load import open_scene
@@ -29,7 +27,7 @@ from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.datagram import datagram_pair
 from tests.fixtures.patience import LONG_S
-from topology import CHANNELS, Topology, load
+from topology import Topology, load
 
 SYNC = 0x080
 PALM, STRIP, HAND = load("palm"), load("strip"), load("hand")
@@ -66,16 +64,6 @@ def field(data: np.ndarray, start: int, length: int, signed: bool = False) -> in
     return value - (1 << length) if signed and value >> (length - 1) else value
 
 
-def crc(data: bytes) -> int:
-    """CRC-16/CCITT-FALSE, bit by bit."""
-    value = 0xFFFF
-    for byte in data:
-        for bit in range(7, -1, -1):
-            value = (value << 1) ^ (0x1021 if (value >> 15 ^ byte >> bit) & 1 else 0)
-            value &= 0xFFFF
-    return value
-
-
 def data_frames(frames: np.ndarray) -> np.ndarray:
     return frames[frames["id"] < 0x700]
 
@@ -89,59 +77,6 @@ def heartbeats(frames: np.ndarray) -> np.ndarray:
 
 
 # -- what stands in the frames ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("topology", [PALM, STRIP], ids=["fd64", "classic"])
-def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
-    films = HalbachField(topology, reach_m=FELT_M)
-    nodes, again = SimulatedUnits(topology, seed=3), UnitSimulator(topology, seed=3, field=films)
-    scene, out = open_scene("demo", topology), FrameBatch(64)
-    for cycle in range(0, 200, 20):
-        out.clear()
-        nodes.respond(sync(cycle), out)
-        expected = again.counts(scene.at(cycle / topology.cycle_rate_hz))
-        frames = data_frames(out.frames)
-        seen = np.zeros(topology.n, bool)
-        for f, record in enumerate(frames):
-            layout = topology.layouts[topology.frames.layout[f]]
-            payload = record["data"][: record["length"]]
-            for signal in layout.signals:
-                got = field(payload, signal.start, signal.length, signal.signed)
-                unit = topology.frames.units[f, signal.slot]
-                if signal.name in CHANNELS and unit >= 0:
-                    assert got == expected[CHANNELS.index(signal.name), unit]
-                    seen[unit] = True
-                elif signal.name == "sequence":
-                    assert got == cycle % (1 << signal.length)
-                elif signal.name != "crc":
-                    assert got == 0
-        assert seen.all()
-
-
-def test_frames_carry_their_crc_and_the_shape_of_their_bus() -> None:
-    out = FrameBatch(64)
-    SimulatedUnits(PALM).respond(sync(0), out)
-    frames = data_frames(out.frames)
-    assert frames.size == 13
-    for record in frames:
-        payload = record["data"].tobytes()
-        covered = struct.pack("<H", record["id"]) + payload[:2] + payload[4:64]
-        assert field(record["data"], 16, 16) == crc(covered)
-        assert record["length"] == 64
-        assert record["flags"] == FD_FDF | FD_BRS
-    out.clear()
-    SimulatedUnits(STRIP).respond(sync(0), out)
-    assert np.all(data_frames(out.frames)["length"] == 8)
-    assert np.all(data_frames(out.frames)["flags"] == 0)
-
-
-def test_answers_come_by_priority_and_bear_the_stamp_of_their_sync() -> None:
-    out = FrameBatch(64)
-    SimulatedUnits(PALM).respond(sync(7, stamp_ns=123_456_789), out)
-    ids = data_frames(out.frames)["id"]
-    np.testing.assert_array_equal(ids, PALM.frames.can_id)
-    assert np.all(np.diff(ids.astype(int)) > 0)
-    assert np.all(out.frames["stamp_ns"] == 123_456_789)
 
 
 def test_every_board_says_once_a_second_how_it_is() -> None:
@@ -184,46 +119,6 @@ def test_the_counter_is_counted_on_without_wrapping(start: int, steps: list[int]
         assert nodes.truth.time_s == nodes.truth_at(number).time_s
 
 
-def test_all_buses_of_a_skin_sample_the_same_instant() -> None:
-    """A bus that is a few cycles behind gets what was sampled then, bit for bit."""
-    nodes, straight = SimulatedUnits(HAND, seed=1), SimulatedUnits(HAND, seed=1)
-    out = {bus: FrameBatch(4096) for bus in range(2)}
-    expected = {bus: FrameBatch(4096) for bus in range(2)}
-    for cycle in range(300, 340):
-        for bus in range(2):
-            straight.respond(sync(cycle), expected[bus], bus)
-    for first in range(300, 340, 10):
-        for bus in (1, 0):
-            for cycle in range(first, first + 10):
-                nodes.respond(sync(cycle), out[bus], bus)
-    for bus in range(2):
-        assert out[bus].count > 40
-        np.testing.assert_array_equal(out[bus].frames, expected[bus].frames)
-
-
-def test_a_sync_that_one_bus_lost_does_not_move_the_scene() -> None:
-    nodes, out = SimulatedUnits(HAND), FrameBatch(4096)
-    for cycle in (0, 1, 3):
-        nodes.respond(sync(cycle), out, 0)
-    out.clear()
-    assert nodes.respond(sync(2), out, 1) > 0
-    assert nodes.truth.time_s == 3 / 250.0
-    assert field(data_frames(out.frames)[0]["data"], 0, 8) == 2
-    nodes.respond(sync(4), out, 1)
-    assert nodes.truth.time_s == 4 / 250.0
-
-
-def test_a_host_that_starts_anew_is_answered_at_once() -> None:
-    nodes, out = SimulatedUnits(PALM), FrameBatch(4096)
-    for cycle in range(RECENT + 60):
-        out.clear()
-        nodes.respond(sync(cycle), out)
-    before = nodes.truth.time_s
-    out.clear()
-    assert nodes.respond(sync(0), out) >= 13
-    assert nodes.truth.time_s > before
-
-
 def test_only_a_sync_is_answered() -> None:
     nodes, out = SimulatedUnits(PALM), FrameBatch(64)
     for other in (
@@ -259,17 +154,6 @@ def test_there_is_no_truth_before_the_first_cycle() -> None:
         _ = SimulatedUnits(PALM).truth
     with pytest.raises(SkinError, match=r"\(none\); got 0"):
         SimulatedUnits(PALM).truth_at(0)
-
-
-def test_the_seed_determines_every_byte() -> None:
-    batches = []
-    for seed in (4, 4, 5):
-        nodes, out = SimulatedUnits(PALM, seed=seed), FrameBatch(4096)
-        for cycle in range(20):
-            nodes.respond(sync(cycle), out)
-        batches.append(out.frames.copy())
-    assert batches[0].tobytes() == batches[1].tobytes()
-    assert batches[0].tobytes() != batches[2].tobytes()
 
 
 # -- configuration ---------------------------------------------------------------------------------
@@ -337,35 +221,6 @@ def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
         assert ids == sorted(ids)
 
 
-def test_own_counts_count_answers_not_syncs_that_were_left_out() -> None:
-    """Nor the cycles between the answers of a board that answers seldom."""
-    layouts = tuple(msgspec.structs.replace(one, sequence="own") for one in STRIP.layouts)
-    nodes, out = SimulatedUnits(replace(STRIP, layouts=layouts)), FrameBatch(64)
-    numbers: list[int] = []
-    for answer, cycle in enumerate(np.cumsum([7] + [1, 5, 13, 1] * 15).tolist()):
-        if answer in (20, 41):
-            nodes.respond(pack(Command.RATE, value=3 if answer == 20 else 1), out)
-        out.clear()
-        nodes.respond(sync(cycle), out)
-        numbers += [field(r["data"], 59, 4) for r in data_frames(out.frames)[:1]]
-    assert numbers[0] == 7
-    assert len(numbers) == 20 + 7 + 20
-    assert np.all(np.diff(numbers) % 16 == 1)
-
-
-def test_free_boards_count_on_over_a_change_of_rate() -> None:
-    nodes, out = SimulatedUnits(free_running(STRIP)), FrameBatch(64)
-    numbers: list[int] = []
-    for cycle in range(60):
-        if cycle in (10, 33):
-            nodes.respond(pack(Command.RATE, value=3 if cycle == 10 else 1), out)
-        out.clear()
-        nodes.tick(cycle, out)
-        numbers += [field(r["data"], 59, 4) for r in data_frames(out.frames)[:1]]
-    assert len(numbers) == 10 + 7 + 27
-    assert np.all(np.diff(numbers) % 16 == 1)
-
-
 def test_what_boards_do_not_know_is_ignored_and_counted() -> None:
     nodes, plain, out, expected = (
         SimulatedUnits(PALM),
@@ -386,19 +241,6 @@ def test_what_boards_do_not_know_is_ignored_and_counted() -> None:
 # -- transports ------------------------------------------------------------------------------------
 
 
-def test_attached_units_answer_before_the_sync_returns() -> None:
-    near, far = MemoryTransport.pair()
-    nodes, batch = SimulatedUnits(PALM), FrameBatch(4096)
-    nodes.attach([far])
-    for cycle in range(20):
-        batch.clear()
-        near.send(sync(cycle))
-        assert near.receive(batch) >= 13
-        assert nodes.truth.time_s == cycle / 250.0
-    assert nodes.served.frames == near.counters.received
-    near.close()
-
-
 def test_attached_units_without_sync_send_at_their_own_pace() -> None:
     near, far = MemoryTransport.pair()
     nodes, batch = SimulatedUnits(free_running(STRIP)), FrameBatch(8192)
@@ -414,30 +256,6 @@ def test_attached_units_without_sync_send_at_their_own_pace() -> None:
     assert sequence[0] == 0
     assert len(sequence) >= 5
     assert nodes.served.skipped > 0 or np.all(np.diff(sequence) % 16 == 1)
-
-
-def test_serving_answers_every_sync_of_every_bus() -> None:
-    pairs = [MemoryTransport.pair(index=i) for i in range(2)]
-    nodes, stop, served = SimulatedUnits(HAND), threading.Event(), []
-    worker = threading.Thread(
-        target=lambda: served.append(nodes.serve([far for _, far in pairs], stop=stop))
-    )
-    worker.start()
-    try:
-        for cycle in range(30):
-            for bus, (near, _) in enumerate(pairs):
-                near.send(sync(cycle))
-                expected = int(np.sum(HAND.frames.bus == bus))
-                batch = FrameBatch(256)
-                while len(data_frames(batch.frames)) < expected:
-                    assert near.receive(batch, timeout_s=LONG_S) > 0
-                assert {field(r["data"], 0, 8) for r in data_frames(batch.frames)} == {cycle}
-    finally:
-        stop.set()
-        worker.join()
-    assert served[0].cycles == 30
-    assert served[0].frames == sum(near.counters.received for near, _ in pairs)
-    assert served[0].send_failures == 0
 
 
 def four_buses(folder: Path) -> Topology:
@@ -488,16 +306,6 @@ def test_four_buses_that_can_be_polled_are_served_by_one_thread(tmp_path: Path) 
     assert served[0].cycles == 300
     assert served[0].frames >= 4 * 2 * 300
     assert (served[0].send_failures, served[0].skipped) == (0, 0)
-
-
-def test_a_bus_of_several_that_goes_away_ends_the_serving(tmp_path: Path) -> None:
-    pairs = [datagram_pair() for _ in range(4)]
-    pairs[2][1].close()
-    with pytest.raises(BusClosedError):
-        SimulatedUnits(four_buses(tmp_path)).serve([far for _, far in pairs])
-    assert not still_serving()
-    for end in sum(pairs, ()):
-        end.close()
 
 
 @pytest.mark.parametrize("behind", [1, RECENT + 1, 100, 200])

@@ -9,9 +9,7 @@ import pytest
 from msgspec.structs import replace
 from scipy.spatial import ConvexHull
 
-from skin.errors import SkinError
 from skin.sim.scenes.load import load_scene
-from skin.sim.scenes.motion import frame_of
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.truth import Truth
 from topology import Topology, load
@@ -88,35 +86,3 @@ def test_the_default_stays_within_what_a_unit_can_measure(name: str) -> None:
 
 
 # -- time ------------------------------------------------------------------------------------------
-
-
-def test_the_ball_moves_without_jumps_while_it_touches() -> None:
-    for name in SKINS:
-        motion = demo(name).bodies[0].motion
-        for number in range(len(skin(name).patch_names)):
-            times = 7.0 * number + np.arange(0.0, 7.0, 0.002)
-            at = np.stack([motion.pose(time_s)[1] for time_s in times])
-            speed = np.linalg.norm(np.diff(at, axis=0), axis=1) / 0.002
-            assert speed.max() < 0.2
-            assert np.abs(np.diff(speed)).max() < 0.01
-
-
-def test_each_repetition_is_on_the_next_patch_and_as_the_one_before() -> None:
-    hand, scene = skin("hand"), demo("hand")
-    (body,) = scene.bodies
-    for number in range(9):
-        rotation, origin = body.motion.frame(7.0 * number + 3.0)
-        expected = frame_of(hand, hand.patch_names[number % 6])
-        np.testing.assert_array_equal(rotation, expected[0])
-        np.testing.assert_array_equal(origin, expected[1])
-    once = demo("hand", on=hand.patch_names[0])
-    for time_s in (0.0, 1.2, 3.3, 6.9):
-        later = once.bodies[0].motion.pose(time_s + 7.0)
-        np.testing.assert_allclose(later[1], body.motion.pose(time_s)[1], atol=1e-12)
-
-
-def test_time_does_not_run_backwards() -> None:
-    scene = demo("palm")
-    scene.at(1.0)
-    with pytest.raises(SkinError, match=r"^time_s: must not be before 1, the last one; got 0\.5$"):
-        scene.at(0.5)

@@ -92,20 +92,6 @@ def test_field_lies_along_the_displacement(angle: float, displacement: float, de
     assert found == pytest.approx(displacement, abs=1e-12)
 
 
-def test_without_a_table_of_angles_bz_is_a_cosine() -> None:
-    bare = replace(PALM, parameters=PALM.parameters | {"field_angle_mm": np.zeros((16, 64))})
-    moved = np.zeros((2, 64))
-    moved[1] = np.linspace(0.0, 2.5, 64)
-    bz = SineField(bare)(moved, np.full(64, 2.0), np.full(64, 25.0))[2]
-    np.testing.assert_allclose(bz, 1.65 * 11073.0 * np.cos(np.pi / 5 * moved[1]), atol=1e-7)
-
-
-def test_warm_film_is_weaker() -> None:
-    field, depth = SineField(PALM), np.zeros(64)
-    at_25, at_65 = (field.amplitude(depth, np.full(64, t)) for t in (25.0, 65.0))
-    np.testing.assert_allclose(at_65 / at_25, 1.0 - 0.0011 * 40.0, rtol=1e-12)
-
-
 # -- the whole unit --------------------------------------------------------------------------------
 
 
@@ -159,63 +145,7 @@ def test_noise_is_as_large_as_the_model_says() -> None:
     assert np.all(noise[:, HALL_TEMPERATURE] == 0.0)
 
 
-def test_the_seed_determines_the_noise() -> None:
-    truth = random_truth(64, seed=3)
-    first, again, other = (UnitSimulator(PALM, seed=s).counts(truth) for s in (5, 5, 6))
-    np.testing.assert_array_equal(first, again)
-    assert np.any(first != other)
-
-
-def test_many_samples_at_once_are_the_samples_one_by_one() -> None:
-    unit = UnitSimulator(with_parameters(PALM, theta_correction_rad=0.02), noise=False)
-    truths = [random_truth(64, seed) for seed in range(5)]
-    together = unit.quantities(
-        np.stack([t.depth_mm for t in truths]),
-        np.stack([t.displacement_mm for t in truths]),
-        np.stack([t.temperature for t in truths]),
-        np.stack([t.film_temperature for t in truths]),
-        np.stack([t.hall_temperature for t in truths]),
-    )
-    np.testing.assert_array_equal(unit.quantise(together), [unit.counts(t) for t in truths])
-
-
 # -- assembly and Hall chip ------------------------------------------------------------------------
-
-
-@given(seed=st.integers(0, 1000))
-def test_calibration_undoes_what_assembly_did(seed: int) -> None:
-    """Offsets and gain off, through the map, turned by the table: the field of the film again."""
-    random = np.random.default_rng(seed)
-    knots = -np.pi + np.arange(THETA_KNOTS) * 2 * np.pi / THETA_KNOTS
-    p = {
-        "field_xx": random.uniform(0.9, 1.1, 64),
-        "field_xy": random.uniform(-0.1, 0.1, 64),
-        "field_yx": random.uniform(-0.1, 0.1, 64),
-        "field_yy": random.uniform(0.9, 1.1, 64),
-        "theta_correction_rad": random.uniform(-0.1, 0.1, (THETA_KNOTS, 64)),
-        **{f"hall_offset_{axis}_ut": random.uniform(-200, 200, 64) for axis in "xyz"},
-        **{f"hall_drift_{axis}_ut_per_k": random.uniform(-5, 5, 64) for axis in "xyz"},
-    }
-    topology = with_parameters(PALM, **p)
-    truth = random_truth(64, seed)
-    at = (truth.depth_mm, truth.displacement_mm, truth.temperature)
-    reported = UnitSimulator(topology).quantities(
-        *at, truth.film_temperature, truth.hall_temperature
-    )
-    film = SineField(topology)(truth.displacement_mm, truth.depth_mm, truth.film_temperature)
-    for i in range(64):
-        warmer = truth.hall_temperature[i] - 25.0
-        b = [
-            (reported[row, i] - p[f"hall_offset_{axis}_ut"][i]
-             - p[f"hall_drift_{axis}_ut_per_k"][i] * warmer) / (1.0 + 0.0005 * warmer)
-            for row, axis in zip((BX, BY, BZ), "xyz", strict=True)
-        ]  # fmt: skip
-        x = p["field_xx"][i] * b[0] + p["field_xy"][i] * b[1]
-        y = p["field_yx"][i] * b[0] + p["field_yy"][i] * b[1]
-        theta = np.arctan2(y, x)
-        theta += np.interp(theta, knots, p["theta_correction_rad"][:, i], period=2 * np.pi)
-        found = [np.hypot(x, y) * np.cos(theta), np.hypot(x, y) * np.sin(theta), b[2]]
-        np.testing.assert_allclose(found, film[:, i], rtol=1e-9, atol=1e-6)
 
 
 def test_a_map_without_inverse_is_refused_by_name() -> None:

@@ -53,8 +53,3 @@ def test_a_reference_of_something_else_is_refused():
     noise = np.random.default_rng(4).standard_normal(clock.size)
     with pytest.raises(ScanError, match="reference: must go with the counts"):
         align(time, counts, clock, noise)
-
-
-def test_a_recording_of_a_second_is_refused():
-    with pytest.raises(ScanError, match=r"recording: must be 1\.6 s or longer to be aligned; got"):
-        align(*recorded(0.0, 0.0, seed=3, seconds=1.0))

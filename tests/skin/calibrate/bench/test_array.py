@@ -91,6 +91,7 @@ def test_a_plate_that_tells_the_normal_force_alone_leaves_shear_as_the_model_has
         assert result.kept["shear_soft_n_per_mm"].startswith("the recordings leave")
 
 
+@pytest.mark.long
 def test_on_calibrated_units_what_no_gain_takes_up_stays_in_sigma():
     skin, told = series()
     known = {"calibrated": np.ones(UNITS, bool)}

@@ -70,17 +70,6 @@ def test_a_warmed_chip_tells_its_drift_and_to_the_ambient_field_its_offset():
         assert 0.8 * AMBIENT_UT < sigma < AMBIENT_UT
 
 
-@pytest.mark.long
-def test_what_a_bare_chip_cannot_tell_keeps_its_prior():
-    kept = fitted(60.0).kept
-    assert kept["hall_gain_per_k"].startswith("the recordings leave")
-    assert kept["film_drift_per_k"].startswith("the recordings leave")
-    # as warm as the reference: an offset, and a drift of which little is known
-    cool = fitted(25.0)
-    assert OFFSET[2] in told(cool)
-    assert fitted(None).kept["drift"].startswith("heated segments: must change the temperature")
-
-
 def test_a_recording_without_the_chip_is_said_to():
     silent = bare(60.0)
     silent = dataclasses.replace(silent, segment=np.full_like(silent.segment, -1))

@@ -14,7 +14,7 @@ from skin.calibrate.bench.faults import find_faults
 from skin.calibrate.bench.file import Segment
 from skin.calibrate.bench.series import series_of
 from skin.errors import ScanError
-from skin.sim.bench import ROOM_C, Lab, protocol
+from skin.sim.bench import Lab, protocol
 from tests.fixtures.bench import counts_of
 from tests.fixtures.bench import recording as recording_of
 from topology import CHANNELS
@@ -94,66 +94,60 @@ def test_what_is_wrong_with_the_counts_is_named(change, message):
     assert re.fullmatch(f"{UNIT}: {message}", faults(with_counts(change))[0])
 
 
-def test_a_gap_of_the_reference_is_named_with_its_time():
+def without(from_s, to_s):
+    """The reference with a gap."""
     columns = recorded()[3]
-    kept = (columns["time"] < columns["time"][0] + 16) | (columns["time"] > columns["time"][0] + 17)
-    (fault,) = faults(reference={name: values[kept] for name, values in columns.items()})
-    assert fault.startswith(f"{UNIT}: r.csv: time: must go on without a gap above 0.25 s; got none")
+    since = columns["time"] - columns["time"][0]
+    kept = (since < from_s) | (since > to_s)
+    return {name: values[kept] for name, values in columns.items()}
 
 
-def test_a_clipped_force_is_named():
-    clipped = np.minimum(recorded()[3]["force_z"], 5.0)
-    found = faults(reference=with_columns(force_z=clipped))
-    assert found[0].startswith(
-        f"{UNIT}: r.csv: force_z: must not stand at the end of its range; got 5 N in"
-    )
+def scaled(name, factor, shift=0.0):
+    """The reference in another unit of measure."""
+    return with_columns(**{column: factor * values + shift for column, values
+                           in recorded()[3].items() if column.startswith(name)})  # fmt: skip
 
 
-def test_swapped_axes_are_named():
-    columns = recorded()[3]
-    swapped = with_columns(force_x=columns["force_y"], force_y=columns["force_x"])
-    assert faults(reference=swapped) == [
-        f"{UNIT}: force_x: must be along x of the unit; got what goes along y",
-        f"{UNIT}: force_y: must be along y of the unit; got what goes along x",
-    ]
+ALONG = "must be along {0} of the unit; got what goes along {1}"
+STATED = r"must be in the unit of measure that columns states; got .* as of "
+REFERENCE = {
+    "gap": (lambda: without(16, 17),
+            [r"r.csv: time: must go on without a gap above 0.25 s; got none from .*"]),
+    "clipped": (lambda: with_columns(force_z=np.minimum(recorded()[3]["force_z"], 5.0)),
+                [r"r.csv: force_z: must not stand at the end of its range; got 5 N in .*"]),
+    "swapped": (lambda: with_columns(force_x=recorded()[3]["force_y"],
+                                     force_y=recorded()[3]["force_x"]),
+                ["force_x: " + ALONG.format("x", "y"), "force_y: " + ALONG.format("y", "x")]),
+    "reversed": (lambda: scaled("force_z", -1.0), ["force_z: " + ALONG.format("z", "-z")]),
+    "reversed way": (lambda: scaled("displacement_x", -1.0),
+                     ["displacement_x: " + ALONG.format("x", "-x")]),
+    "gram": (lambda: scaled("force", 101.97), [f"force: {STATED}gf"]),
+    "millinewton": (lambda: scaled("force", 1000.0), [f"force: {STATED}mN"]),
+    "pound": (lambda: scaled("force", 0.2248), [f"force: {STATED}lbf"]),
+    "micrometre": (lambda: scaled("displacement", 1e3), [f"displacement: {STATED}um"]),
+    "kelvin": (lambda: scaled("temperature", 1.0, 273.15), [f"temperature: {STATED}K"]),
+    "warmer room": (lambda: scaled("temperature", 1.0, 5.0), []),
+}  # fmt: skip
+"""References that are wrong, and what is said of them."""
 
 
-@pytest.mark.parametrize("name", ["force_z", "displacement_x"])
-def test_a_reversed_axis_is_named(name):
-    (fault,) = faults(reference=with_columns(**{name: -recorded()[3][name]}))
-    axis = name[-1]
-    assert fault == (
-        f"{UNIT}: {name}: must be along {axis} of the unit; got what goes along -{axis}"
-    )
+@pytest.mark.parametrize("case", REFERENCE)
+def test_what_is_wrong_with_the_reference_is_named(case):
+    reference, messages = REFERENCE[case]
+    found = faults(reference=reference())
+    assert len(found) >= len(messages)
+    assert bool(found) == bool(messages)
+    for fault, message in zip(found, messages, strict=False):
+        assert re.fullmatch(f"{UNIT}: {message}", fault)
 
 
-@pytest.mark.parametrize(
-    ("name", "unit", "factor", "shift"),
-    [
-        ("force", "gf", 101.97, 0.0), ("force", "mN", 1000.0, 0.0), ("force", "lbf", 0.2248, 0.0),
-        ("displacement", "um", 1e3, 0.0), ("temperature", "K", 1.0, 273.15),
-    ],
-)  # fmt: skip
-def test_another_unit_of_measure_is_named(name, unit, factor, shift):
-    other = {column: factor * values + shift for column, values in recorded()[3].items()
-             if column.startswith(name)}  # fmt: skip
-    (fault,) = faults(reference=with_columns(**other))
-    assert fault.startswith(f"{UNIT}: {name}: must be in the unit of measure that columns states")
-    assert fault.endswith(f"as of {unit}")
-
-
-def test_a_segment_that_is_too_short_is_named():
-    segments = recorded()[1].segments
-    short = Segment(kind="tare", start_s=segments[0].start_s, end_s=segments[0].start_s + 0.5)
-    assert faults(segments=(short, *segments[1:])) == [
-        f"{UNIT}: segments[0] 'tare': must be 2 s or longer; got 0.5 s"
-    ]
-
-
-def test_a_segment_outside_the_counts_is_named():
+def test_segments_that_are_too_short_or_outside_the_counts_are_named():
+    first, *others = recorded()[1].segments
+    short = Segment(kind="tare", start_s=first.start_s, end_s=first.start_s + 0.5)
     late = Segment(kind="hold", start_s=5000.0, end_s=5020.0)
-    (fault,) = faults(segments=(*recorded()[1].segments, late))
-    assert f"{UNIT}: segments[4] 'hold': must lie within the counts," in fault
+    found = faults(segments=(short, *others, late))
+    assert found[0] == f"{UNIT}: segments[0] 'tare': must be 2 s or longer; got 0.5 s"
+    assert f"{UNIT}: segments[4] 'hold': must lie within the counts," in found[1]
 
 
 def test_strokes_in_one_direction_only_are_named():
@@ -180,8 +174,3 @@ def test_two_units_that_are_exchanged_are_named():
         "units: must be those that the bench presses; got pad/r0c0, whose frequency moves by"
     )
     assert str(caught.value).endswith("are they exchanged?")
-
-
-def test_the_room_is_not_taken_for_another_unit_of_measure():
-    assert ROOM_C < 30.0
-    assert faults(reference=with_columns(temperature=recorded()[3]["temperature"] + 5.0)) == []

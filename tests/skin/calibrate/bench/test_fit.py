@@ -12,7 +12,7 @@ from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.unit import fit_unit
 from skin.errors import ScanError
 from skin.sim.bench import TOUCH_MM, Lab, protocol
-from tests.fixtures.bench import ForeignLab, counts_of, lag_s, series
+from tests.fixtures.bench import ForeignLab, counts_of, series
 from tests.fixtures.foreign import Hyperelastic, vogel
 from topology.gel import gel_temperature
 
@@ -52,18 +52,6 @@ def test_force_alone_tells_the_force_laws_and_leaves_film_and_gel():
     for name in ("normal_soft_n_per_hz", "normal_stiff_n_per_hz"):
         assert value(result, name) == pytest.approx(true[name][0], rel=0.01)
     assert "frequency_slope_hz_per_mm" not in result.left
-
-
-@pytest.mark.long
-def test_temperature_alone_tells_the_gel_and_the_drifts_alone():
-    result = fitted("temperature")
-    true = lab_and_counts()[0].true.parameters
-    assert value(result, "gel_current_ratio") == pytest.approx(
-        true["gel_current_ratio"][0], rel=2e-3
-    )
-    assert value(result, "film_drift_per_k") == pytest.approx(true["film_drift_per_k"][0], rel=0.1)
-    assert {"film", "shear"} <= set(result.kept)
-    assert "normal_stiff_n_per_hz" in result.kept
 
 
 def test_a_gel_of_another_law_gets_its_order_and_one_of_the_models_own_none():
@@ -120,20 +108,6 @@ def test_the_law_of_another_material_is_off_evenly_and_by_its_sigma():
     assert value(result, "normal_cubic_n_per_hz3") > 1e-9
 
 
-@pytest.mark.long
-def test_a_unit_of_two_lines_gets_no_cube_that_matters():
-    result = fitted(*FORCE, *(f"displacement_{axis}" for axis in "xyz"))
-    lab = lab_and_counts()[0]
-    p, true = known_of(result, lab.nominal), known_of(result, lab.nominal)
-    true |= {name: values[0] for name, values in lab.true.parameters.items() if "normal" in name}
-    true["frequency_slope_hz_per_mm"] = lab.true.parameters["frequency_slope_hz_per_mm"][0]
-    assert np.abs(normal_n(p) - normal_n(true)).max() < 0.015
-    if "normal_cubic_n_per_hz3" in result.left:
-        fit = next(fit for fit in result.fits if "normal_cubic_n_per_hz3" in fit.names)
-        sigma = fit.sigma[fit.names.index("normal_cubic_n_per_hz3")]
-        assert fit["normal_cubic_n_per_hz3"] < 4.0 * sigma
-
-
 def test_what_shallow_presses_leave_open_stays_the_models_and_the_rest_is_fitted_with_it():
     lab, path, counts = lab_and_counts()
     blocks = series(lab, path, counts, 0).blocks(lab.nominal, 0).of("tare", "normal", "circles")
@@ -145,25 +119,6 @@ def test_what_shallow_presses_leave_open_stays_the_models_and_the_rest_is_fitted
     assert "normal_stiff_n_per_hz" not in found.names
     soft = lab.true.parameters["normal_soft_n_per_hz"][0]
     assert found["normal_soft_n_per_hz"] == pytest.approx(soft, rel=0.01)
-
-
-@pytest.mark.long
-def test_turn_of_the_sensor_and_touch_are_found():
-    result = fitted(*FORCE, *(f"displacement_{axis}" for axis in "xyz"))
-    rng = np.random.default_rng((5, 0))
-    rng.uniform(size=2)
-    turn = rng.uniform(-1.0, 1.0, 3)
-    found = [result.goodness[f"sensor_turn_{axis}_deg"] for axis in "xyz"]
-    np.testing.assert_allclose(found, turn, atol=0.1)
-    assert result.goodness["touch_mm"] == pytest.approx(0.3, abs=0.005)
-
-
-@pytest.mark.long
-def test_a_lag_is_told_with_its_sigma():
-    result, lab = fitted(*FORCE), lab_and_counts()[0]
-    error = result.goodness["lag_s"] - lag_s(lab, 0)
-    assert abs(error) < 0.02
-    assert 0.0 < result.goodness["lag_sigma_s"] < 0.02
 
 
 def test_a_recording_that_tells_no_law_is_refused():

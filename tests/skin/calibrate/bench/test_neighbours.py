@@ -31,11 +31,13 @@ def way(n, units):
     return [np.concatenate(parts) for parts in zip(still, *presses, strict=True)]
 
 
-def series(skin, counts, segments=SEGMENTS):
+def recorded_as(skin, counts, segments=SEGMENTS):
+    """Counts, and the kind and the segment of each cycle."""
     heard = np.ones((len(counts), skin.n), bool)
     recording = Recording(counts="", units=dict.fromkeys(skin.unit_names, ""), segments=segments)
     recorded = Counts(np.arange(len(counts)) / RATE_HZ, counts, heard)
-    return series_of(skin, recording, recorded, {}, ("", ""))
+    series = series_of(skin, recording, recorded, {}, ("", ""))
+    return series.counts, series.kind, series.segment
 
 
 def simulated(skin, pressed):
@@ -74,18 +76,18 @@ def recorded(tmp_path):
 def test_units_that_were_not_pressed_are_named_and_none_at_all_is_refused(recorded):
     skin = topology.load(recorded / "skin.toml")
     counts = simulated(skin, (0, 3))
-    learned = learn_stencil(skin, series(skin, counts))
+    learned = learn_stencil(skin, *recorded_as(skin, counts))
     assert set(learned.missing) == {skin.unit_names[1], skin.unit_names[2]}
     untouched = simulated(skin, ())
     longer = np.concatenate([untouched, untouched])
     with pytest.raises(ScanError, match="neighbours: must be pressed one by one, the units aroun"):
-        learn_stencil(skin, series(skin, longer))
+        learn_stencil(skin, *recorded_as(skin, longer))
     with pytest.raises(ScanError, match="neighbours: must be in a recording with a tare of the"):
-        learn_stencil(skin, series(skin, counts, SEGMENTS[1:]))
+        learn_stencil(skin, *recorded_as(skin, counts, SEGMENTS[1:]))
     moving = (Segment(kind="tare", start_s=2.0, end_s=2.8),
               Segment(kind="neighbours", start_s=2.8, end_s=1e3))  # fmt: skip
     with pytest.raises(ScanError, match=f"{skin.unit_names[0]}: "):
-        learn_stencil(skin, series(skin, counts, moving))
+        learn_stencil(skin, *recorded_as(skin, counts, moving))
 
 
 def test_the_command_writes_the_stencil_beside_the_calibration(recorded, capsys):

@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from skin import Decoder
+from skin.calibrate.bench.check import score
 from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.unit import fit_unit
 from skin.calibrate.files import with_fits
@@ -110,3 +111,18 @@ def test_a_component_that_was_not_held_is_said_to():
     skin = known(lab, result)
     assert skin.parameters["normal_creep_relative"].sum() > 0.1
     assert not skin.parameters["shear_creep_relative"].any()
+
+
+def of_the_hold(laws):
+    """Score of a recording's hold alone, by the unit's own elastic laws."""
+    lab, path = ForeignLab(1, laws, seed=5), protocol(("tare", "hold"))
+    recorded = series_of(lab, path, counts_of(lab, path), 0)
+    held = np.where(recorded.kind == KINDS.index("hold"), recorded.kind, -1)
+    return score(lab.true.exact(), dataclasses.replace(recorded, kind=held), 0)
+
+
+@pytest.mark.long
+def test_a_hold_counts_and_shows_a_relaxation_that_the_calibration_lacks():
+    elastic, relaxing = of_the_hold(set()), of_the_hold({"creep"})
+    assert 0.8 < elastic.over_sigma["normal"] < 1.15
+    assert relaxing.over_sigma["normal"] > 1.2 * elastic.over_sigma["normal"]

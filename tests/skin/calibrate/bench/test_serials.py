@@ -57,12 +57,6 @@ def test_a_unit_of_a_board_with_several_has_its_place_behind():
     }
 
 
-def test_two_boards_of_one_node_tell_nothing():
-    skin, boards = Lab(2).nominal, beats(Lab(2).nominal, 1000)
-    boards.heard[0, 1].serials.add(1005)
-    assert of_boards(skin, boards) == {}
-
-
 def test_units_that_are_exchanged_are_named():
     heard = of_boards(Lab(2).nominal, beats(Lab(2).nominal, 1001, 1000))
     assert compare_serials(BENCH, heard, BENCH, "BENCH") == {

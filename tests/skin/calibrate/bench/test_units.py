@@ -16,7 +16,6 @@ from skin.physics.halbach import HalbachField
 from skin.sim.bench import DEEPEST_MM, SPREAD, Bench, differing, protocol
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.bench import fits
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import apart, posed, row_of, strokes
 from topology import Topology
 
@@ -64,7 +63,8 @@ def off_mm(units, skin):
     return read.displacement_mm[:, :2] - true.T[:, :, np.newaxis]
 
 
-@long_after_first("name", FOUND)
+@pytest.mark.long
+@pytest.mark.parametrize("name", FOUND)
 def test_parameters_are_found_again_within_their_sigma(name):
     units, results = on_the_bench(False)
     for unit, result in enumerate(results):
@@ -75,24 +75,7 @@ def test_parameters_are_found_again_within_their_sigma(name):
 
 
 @pytest.mark.long
-def test_a_film_as_drawn_is_followed_to_a_few_micrometres_one_with_errors_says_that_it_is_not():
-    drawn, made = (known(fabricated).parameters for fabricated in (False, True))
-    assert (drawn["field_angle_sigma_mm"] < 0.004).all()
-    assert (made["field_angle_sigma_mm"] > 0.005).all()
-    assert (made["field_angle_sigma_mm"] < 0.03).all()
-    assert (made["field_amplitude_sigma_relative"] > 0.002).all()
-
-
-@pytest.mark.long
-def test_a_film_beside_its_chip_is_found_there():
-    p, place = known(True).parameters, on_the_bench(True)[0].films.centre_mm
-    # a tilt looks a little like a shift
-    assert np.abs(np.stack([p["film_x_mm"], p["film_y_mm"]]) - place).max() < 0.012
-    p = known(False).parameters
-    assert np.hypot(p["film_x_mm"], p["film_y_mm"]).max() < 0.005
-
-
-@long_after_first("fabricated", [False, True])
+@pytest.mark.parametrize("fabricated", [False, True])
 def test_the_sigma_of_a_film_is_the_error_of_its_displacement(fabricated):
     """On poses that the fit has not seen, without noise; a component, root mean square."""
     units, skin = on_the_bench(fabricated)[0], known(fabricated)
@@ -109,6 +92,7 @@ def test_a_skin_that_was_on_the_bench_decodes_better():
     assert after < 0.3 * before
 
 
+@pytest.mark.long
 def test_the_range_of_the_force_ends_where_the_bench_has_pressed_to():
     units, _ = on_the_bench(False)
     pressed = Elastic(units.true).normal(DEEPEST_MM)

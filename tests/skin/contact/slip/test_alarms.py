@@ -54,10 +54,10 @@ def latency_s(rate_hz, seed):
     raise AssertionError("no alarm")
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+@long_after_first("rate_hz", [1000.0, 100.0])
 def test_slip_is_seen_after_the_same_time_at_any_rate(rate_hz):
-    at_250 = np.median([latency_s(250.0, seed) for seed in range(15)])
-    took = np.median([latency_s(rate_hz, seed) for seed in range(15)])
+    at_250 = np.median([latency_s(250.0, seed) for seed in range(9)])
+    took = np.median([latency_s(rate_hz, seed) for seed in range(9)])
     assert at_250 / 1.5 < took < 1.5 * at_250
 
 
@@ -76,9 +76,9 @@ def test_slip_of_units_with_hardly_any_noise_is_seen_before_all_slip(sigma_mm):
     assert alarm
 
 
-@pytest.mark.parametrize("speed_mm_s", [0.5, 2.0])
+@long_after_first("speed_mm_s", [2.0, 0.5])
 def test_an_alarm_of_slip_that_goes_on_does_not_come_and_go(speed_mm_s):
-    for seed in range(5):
+    for seed in range(3):
         hold, states = Hold(5, 5, sigma_mm=0.03, seed=seed), []
         for t in range(int(250.0 * (0.5 + 2.0 / speed_mm_s))):
             way_mm = speed_mm_s * max(0.0, t / 250.0 - 0.3)
@@ -91,7 +91,7 @@ def test_an_alarm_of_slip_that_goes_on_does_not_come_and_go(speed_mm_s):
 
 @pytest.mark.parametrize("gap_s", [0.5, 30.0, 3600.0])
 def test_a_gap_in_the_cycles_of_what_is_held_is_no_slip(gap_s):
-    for seed in range(4):
+    for seed in range(2):
         hold = Hold(5, 5, sigma_mm=0.01, seed=seed)
         for t in range(600):
             hold.now_ns += round(1e9 * gap_s) if t == 400 else 0
@@ -111,8 +111,8 @@ def test_a_face_that_slides_all_alike_is_seen_where_its_friction_is_told():
 
 
 @pytest.mark.parametrize("left", [0.5, 0.2, 0.0], ids=["half", "few", "no"])
-@pytest.mark.parametrize("cycles", [1, 5, 20])
-@pytest.mark.parametrize("seed", range(2))
+@long_after_first("cycles", [5, 1, 20])
+@long_after_first("seed", range(2))
 def test_gross_slip_does_not_flicker_while_units_are_heard_in_part(left, cycles, seed):
     hold, told = Hold(4, 4, sigma_mm=0.03, seed=seed), []
     # of which a few are not like all

@@ -69,21 +69,6 @@ def test_one_unit_whose_noise_is_greater_than_told(bench_of):
     assert not bench.data.slips["noisy"].all()
 
 
-def test_soft_ground_is_allowed_for_where_many_units_stick(bench_of):
-    rng = np.random.default_rng(7)
-    bench = bench_of(flat_skin(21, rng), rng)
-    bench.every = 1  # the number of units that stick passes the bound in one cycle
-    states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 21), cycles=55, speed=0.05)
-    assert INCIPIENT in states
-
-
-def test_readings_that_are_told_without_noise(bench_of):
-    rng = np.random.default_rng(8)
-    bench = bench_of(flat_skin(4, rng), rng)
-    states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 4), sigma_mm=0.0, cycles=60)
-    assert INCIPIENT in states or GROSS in states
-
-
 @pytest.mark.parametrize("friction", [0.2, 0.45])
 def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction, bench_of):
     rng = np.random.default_rng(9)
@@ -91,13 +76,3 @@ def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction,
     states, _ = drag_along(bench, np.array([1.5, 0.8]), cycles=80, speed=0.04)
     assert set(states) >= {STICK, INCIPIENT}
     assert (GROSS in states) == (friction < 0.4)
-
-
-@long_after_first("gap_s", [0.3, 2.0, 4.0, 11.0])
-def test_a_gap_in_the_cycles_in_the_midst_of_slip(gap_s, bench_of):
-    rng = np.random.default_rng(13)
-    bench = bench_of(flat_skin(5, rng), rng)
-    load, members = np.array([2.0, 1.5, 0.5, 1.8, 0.6]), [4, 2, 0, 1, 3]
-    for t in range(60):
-        bench.read(load, bench.drag((0.04 * np.clip(t - 15, 0, 22), 0.0)), 0.4)
-        bench.judge([{"id": 7, "members": members}], gap_s if t in (8, 40, 50) else 0.014)

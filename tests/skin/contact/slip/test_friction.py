@@ -23,7 +23,7 @@ def slid(seed, spread, share=0.6):
 
 def test_friction_that_differs_by_a_third_is_told_without_bias():
     found, true, few = [], [], []
-    for seed in range(30):
+    for seed in range(12):
         hold, truth, friction, _ = slid(seed, 0.3)
         found.append(hold.contact.friction)
         true.append(friction.mean())
@@ -45,7 +45,7 @@ def test_the_spread_of_friction_is_learned():
 
 def test_sigma_of_friction_and_of_grip_force_covers_the_truth():
     friction_off, grip_off = [], []
-    for seed in range(40):
+    for seed in range(16):
         hold, truth, friction, load = slid(seed, 0.05)
         contact = hold.contact
         # what holds is the friction of all faces, each by its load

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.contact.record import Event, SlipState, UnitKind, UnitSlip
+from skin.contact.record import Event, SlipState, UnitKind
 from skin.contact.slip import PARAMETERS
 from tests.fixtures.cases import long_after_first
 from tests.skin.contact.slip.bench import curved_skin, flat_skin
@@ -57,25 +57,6 @@ def test_contacts_that_grow_together_and_part_again(skin, bench_of):
     assert INCIPIENT in seen
 
 
-@long_after_first("kind", [UnitKind.OUT, UnitKind.SILENT, UnitKind.BRIDGE])
-@long_after_first("skin", [flat_skin, curved_skin])
-def test_a_unit_that_comes_late_and_goes_and_comes_again(skin, kind, bench_of):
-    rng = np.random.default_rng(24)
-    bench = bench_of(skin(6, rng), rng)
-    load, kinds = rng.uniform(0.8, 1.6, 6), np.full(6, UnitKind.OUT)
-    kinds[0] = kind
-    for t in range(60):
-        bench.read(load, bench.drag((0.02 * max(0, t - 8), 0.0), 0.0, tilt=0.0003 * t), 0.7)
-        members = [0, 4, 3, 1, 2, 5]
-        if t < 12:
-            members.remove(5)
-        if 30 <= t < 38:
-            members.remove(0)
-        bench.judge([{"id": 4, "members": members}], 0.02 if t < 10 else 0.01, kinds)
-        if 30 <= t < 38:
-            assert (bench.data.slip[0] == UnitSlip.NO_CONTACT) == (kind == UnitKind.OUT)
-
-
 @pytest.mark.parametrize("skin", [flat_skin, curved_skin])
 def test_a_unit_that_an_edge_goes_past_is_anchored_anew(skin, bench_of):
     rng = np.random.default_rng(25)
@@ -112,24 +93,3 @@ def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles, b
             states.append(SlipState(record["slip"]))
     if cycles * 0.01 < PARAMETERS.rest_s:
         assert set(states[states.index(GROSS) :]) == {GROSS}
-
-
-def test_contacts_next_to_each_other_and_after_each_other_are_independent(bench_of):
-    """The second begins where the first ends, and a new one
-    takes the place of one that slid and was lifted."""
-    rng = np.random.default_rng(61)
-    bench = bench_of(flat_skin(12, rng), rng)
-    first, second = [0, 1, 4, 5], [2, 3, 6, 7, 10, 11]
-    load = rng.uniform(0.8, 1.6, 12)
-    seen = []
-    for t in range(140):
-        drag = bench.drag((0.02 * t, 0.0), units=first) + bench.drag((0.0, 0.012 * t), units=second)
-        lifted = 60 <= t < 64
-        drag[:, first] *= 0.0 if lifted else 1.0
-        bench.read(np.where(lifted & np.isin(np.arange(12), first), 0.0, load), drag, 0.35)
-        contacts = [{"id": 1 if t < 60 else 9, "members": first}, {"id": 2, "members": second}]
-        records = bench.judge(contacts[1:] if lifted else contacts, 0.01)
-        seen.append(tuple(int(record["slip"]) for record in records))
-    assert {SlipState.INCIPIENT, SlipState.GROSS} & {pair[0] for pair in seen[:60]}
-    assert {SlipState.INCIPIENT, SlipState.GROSS} & {pair[-1] for pair in seen}
-    assert seen[64][0] in (SlipState.UNKNOWN, SlipState.STICK)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skin.contact.slip.lags import _solve
-from tests.skin.contact.slip.bench import curved_skin, flat_skin
+from tests.skin.contact.slip.bench import flat_skin
 
 
 def solve(rows, right):
@@ -41,29 +41,6 @@ def test_a_motion_that_cannot_be_told_from_others_is_none(blind):
     x, equations = solve(rows, right)
     np.testing.assert_allclose(x, expected, rtol=1e-6)
     assert not equations[blind:5, blind].any()
-
-
-@pytest.mark.parametrize("count", [8, 16])
-@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
-def test_a_body_that_rolls_over_as_many_units_as_a_vector_has(skin, count, bench_of):
-    rng = np.random.default_rng(count)
-    bench = bench_of(skin(count + 1, rng), rng)
-    members = rng.permutation(count + 1)[:count]
-    base, swing = rng.uniform(0.6, 2.0, (2, count + 1))
-    for t in range(30):
-        load = base * (1.3 + 0.3 * np.sin(0.2 * t * swing))
-        bench.read(load, bench.drag((0.03 * t, 0.01 * t), 0.0, tilt=0.0004 * t), 0.45)
-        bench.judge([{"id": 4, "members": members}], 0.02)
-
-
-def test_units_that_come_late_one_by_one_on_a_curved_skin(bench_of):
-    rng = np.random.default_rng(51)
-    bench = bench_of(curved_skin(6, rng, tilt=0.3), rng)
-    load = rng.uniform(0.8, 1.6, 6)
-    for t in range(45):
-        members = [3, 0, 4, 2, 1, 5][: min(6, 1 + t // 5)]
-        bench.read(load * (1.0 + 0.01 * t), bench.drag((0.02 * t, 0.0), 0.0, tilt=0.001 * t))
-        bench.judge([{"id": 4, "members": members}], 0.02)
 
 
 def test_units_in_a_row_and_all_at_one_place(bench_of):

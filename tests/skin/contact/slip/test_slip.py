@@ -44,7 +44,7 @@ def test_a_body_that_comes_nearer_and_tilts_on_a_curved_skin_is_no_slip(seed):
 
 def test_a_unit_that_goes_a_little_less_far_is_no_slip_until_it_slips():
     gain, slips = np.where(np.arange(12) == 5, 0.9, 1.0), 240
-    for seed in range(10):
+    for seed in range(4):
         hold = Hold(3, 4, seed=seed)
         for t in range(320):
             way = 0.0075 * max(0, t - 30) * gain * [[1.0], [0.0]]
@@ -58,7 +58,7 @@ def test_a_unit_that_goes_a_little_less_far_is_no_slip_until_it_slips():
 
 def test_a_flat_face_on_soft_ground_is_no_slip_where_it_shares_shear_as_load():
     false = 0
-    for seed in range(20):
+    for seed in range(8):
         hold, worst = Hold(3, 6, seed=seed), SlipState.UNKNOWN
         away = (hold.place[:2] ** 2).sum(axis=0)
         load = 2.0 + 0.6 * (away / away.mean() - 1.0)
@@ -68,7 +68,7 @@ def test_a_flat_face_on_soft_ground_is_no_slip_where_it_shares_shear_as_load():
             worst = max(worst, hold.contact.slip)
         false += worst > SlipState.STICK
     # most of them, if it were not known how such ground yields
-    assert false <= 3
+    assert false <= 1
 
 
 def test_incipient_slip_is_seen_before_gross_slip_and_light_units_slip_first():

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from skin.sim.grasping.object import GraspObject
-from skin.sim.grasping.records import Touch
-from skin.sim.grasping.touch import feel, feel_python
 from tests.fixtures.grasp import G, go, pinched, place, put
 
 BOX = GraspObject(name="it", mass_kg=0.06)
@@ -80,23 +78,6 @@ def test_what_one_body_is_given_the_other_loses() -> None:
     assert about_origin.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("shape", "size"),
-    [("sphere", (0.02,)), ("ellipsoid", (0.02, 0.03, 0.025)), ("capsule", (0.02, 0.008))],
-)
-def test_no_work_is_gained_around_a_loop_without_friction(shape: str, size: tuple) -> None:
-    thing = GraspObject(name="it", shape=shape, size_m=size, friction=0.0)
-    plant = pinched(thing, seconds=0.0)
-    plant.surfaces.static[:] = plant.surfaces.kinetic[:] = 0.0
-    turns = np.linspace(0.0, 2.0 * np.pi, 2001)
-    way = np.stack([-0.0255 - 1e-3 * np.sin(turns), 6e-3 * np.cos(turns), 4e-3 * np.sin(turns)])
-    forces = np.array([put(plant, at)[:3] for at in way.T])
-    steps = np.diff(way, axis=1).T
-    works = np.einsum("ti,ti->t", 0.5 * (forces[1:] + forces[:-1]), steps)
-    assert np.abs(works).sum() > 1e-5
-    assert abs(works.sum()) < 1e-3 * np.abs(works).sum()
-
-
 def test_force_is_the_slope_of_what_is_stored() -> None:
     thing = GraspObject(name="it", shape="sphere", size_m=(0.025,), friction=10.0)
     plant = pinched(thing, seconds=0.0)
@@ -131,25 +112,6 @@ def test_a_kick_never_gains_energy() -> None:
     gained = np.max(np.array(told) - np.minimum.accumulate(told))
     assert gained < 0.02 * kick
     assert told[-1] < rest
-
-
-def test_python_and_machine_code_agree() -> None:
-    plant = pinched(BALL, CAPSULE_ABOVE, seconds=0.3)
-    plant.pushes[plant.object_bodies[0], 2] = -0.3
-    go(plant, 0.02)
-    found = []
-    for kernel in (feel_python, feel):
-        touch = Touch(*(array.copy() for array in plant.touch))
-        bodies = plant.bodies._replace(wrench=np.zeros_like(plant.bodies.wrench))
-        kernel(bodies, plant.mounted, plant.surfaces, touch, np.array([1e-4]))
-        found.append((bodies.wrench, *touch))
-    for ours, theirs in zip(*found, strict=True):
-        assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-12)
-
-
-CAPSULE_ABOVE = GraspObject(
-    name="other", shape="capsule", size_m=(0.005, 0.01), mass_kg=0.01, position_m=(0.0, 0.0, 0.08)
-)
 
 
 def test_a_slipping_face_is_dragged_by_what_friction_has_in_motion() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 import skin.sim
 from skin.errors import OptionError, SceneError, SkinError
@@ -44,18 +43,6 @@ def test_the_skin_feels_what_the_engine_does() -> None:
         )
 
 
-@pytest.mark.long
-def test_the_same_seed_is_the_same_world_and_another_is_not() -> None:
-    forces = []
-    for seed in (3, 3, 4):
-        world, state = played(0.4, seed=seed)
-        with world:
-            forces.append((state.units.force, world.truth.position.copy()))
-    assert np.array_equal(forces[0][0], forces[1][0])
-    assert np.array_equal(forces[0][1], forces[1][1])
-    assert not np.array_equal(forces[0][0], forces[2][0])
-
-
 def test_poses_of_the_skin_follow_the_joints() -> None:
     world, state = played()
     with world:
@@ -63,22 +50,6 @@ def test_poses_of_the_skin_follow_the_joints() -> None:
         own = world.skin.joints.unit_poses[0]
         assert own == pytest.approx(position, abs=1e-9)
         assert state.wrench[:3] == pytest.approx(world.truth.units.wrench[:3], abs=0.3)
-
-
-def test_a_mesh_in_millimetres_is_held_as_the_primitive_is(tmp_path: Path) -> None:
-    file = tmp_path / "cube.stl"
-    trimesh.creation.box((40.0, 40.0, 60.0)).export(file)
-    mesh = replace(CUBE, shape="mesh", size_m=(1e-3, 1e-3, 1e-3), file=file)
-    found = []
-    for thing in (CUBE, mesh):
-        with skin.sim.grasp("gripper", objects=[thing]) as world:
-            world.joints["left"] = world.joints["right"] = 0.035
-            for _ in world:
-                if world.time_s >= 0.6:
-                    break
-            found.append((world.truth.touched_by.copy(), world.truth.normal_n.copy()))
-    assert np.array_equal(found[0][0], found[1][0])
-    assert found[1][1] == pytest.approx(found[0][1], rel=1e-3)
 
 
 def test_two_objects_are_told_apart() -> None:
@@ -93,23 +64,6 @@ def test_two_objects_are_told_apart() -> None:
         assert set(touched.tolist()) >= {0, 1}
         height = world.skin.topology.position[2]
         assert height[touched == 0].max() < height[touched == 1].min()
-
-
-@pytest.mark.long
-def test_a_push_moves_and_ends() -> None:
-    world, _ = played()
-    with world:
-        before = world.truth.position[:, 0].copy()
-        world.push("cube", (0.0, 2.0, 0.0))
-        for _ in world:
-            if world.time_s > 1.2:
-                break
-        assert world.truth.position[1, 0] - before[1] == pytest.approx(2.0 / 16e3, rel=0.05)
-        world.push("cube", (0.0, 0.0, 0.0))
-        for _ in world:
-            if world.time_s > 1.8:
-                break
-        assert world.truth.position[:, 0] == pytest.approx(before, abs=2e-5)
 
 
 def test_an_episode_differs_as_drawn_and_dead_units_feel_nothing() -> None:
