@@ -194,15 +194,6 @@ def test_a_unit_that_comes_back_behind_all_others_is_waited_for_again():
     assert assembler.counters.late == 1
 
 
-def test_where_all_are_dead_a_cycle_stays_open_to_the_deadline():
-    small = make_topology(units=2)
-    now = [0]
-    assembler = Assembler(small, clock=lambda: now[0])
-    run(assembler, *(sync(i) for i in range(9)), end=False)
-    assert (assembler.pending, assembler.waiting) == (True, 0)
-    assert assembler.expire(assembler.deadline_ns).number == 8
-
-
 def test_the_deadline_counts_from_the_opening_of_the_cycle():
     small = make_topology(units=2)
     now = [1_000_000]
@@ -236,16 +227,6 @@ def test_a_silent_host_is_no_reason_to_show_old_numbers():
     # The host comes back: numbers go up, and agree with its counter.
     (cycle,) = run(assembler, cycle_frames(small, 12), end=False)
     assert (cycle.number, cycle.valid.all()) == (256 + 12, True)
-
-
-def test_a_host_that_was_never_heard_leaves_all_units_never_heard():
-    small = make_topology(units=2)
-    assembler = Assembler(small)
-    assert assembler.silence(0) is None
-    cycle = assembler.silence(6 * PERIOD_NS)
-    assert (cycle.number, flags(cycle)) == (0, [Status.NEVER] * 2)
-    (cycle,) = run(assembler, cycle_frames(small, 0), end=False)
-    assert (cycle.number, cycle.valid.all()) == (256, True)
 
 
 # -- SYNC ------------------------------------------------------------------------------------------
@@ -375,21 +356,6 @@ def test_a_frame_that_came_and_could_not_be_used_is_not_lost_as_well():
     run(assembler, *parts)
     counters = assembler.counters
     assert (counters.crc, counters.short, counters.lost, counters.data) == (1, 1, 0, 4)
-
-
-@pytest.mark.parametrize("left_out", [1, 2, 4, 5, 9])
-@pytest.mark.parametrize("missing", [False, True])
-def test_frames_of_syncs_that_were_never_sent_are_not_lost(left_out, missing):
-    """A host that is late goes on with a later number: nobody was asked in between."""
-    small = make_topology("f3t-fd16", units=2)
-    assembler = Assembler(small, stale_cycles=100)
-    parts = [cycle_frames(small, i) for i in range(3)]
-    if missing:
-        parts[2] = parts[2][[0, 1]]  # the second unit's frame is lost on the bus
-    parts += [cycle_frames(small, 3 + left_out + i) for i in range(3)]
-    cycles = run(assembler, *parts)
-    assert [cycle.number for cycle in cycles][3] == 3 + left_out
-    assert assembler.by_frame("lost").tolist() == [0, int(missing)]
 
 
 def test_a_long_absence_is_silence_not_loss():
@@ -596,13 +562,6 @@ def test_a_frame_of_another_kind_or_length_is_short(layout, changes):
     assert assembler.counters.data == 0
 
 
-def test_frames_of_unknown_buses_are_foreign():
-    small = make_topology(units=2)
-    assembler = Assembler(small)
-    run(assembler, broken(join(cycle_frames(small, 0)), bus=1), broken(sync(0), bus=255))
-    assert assembler.counters == FrameCounters(foreign=4)
-
-
 def test_a_full_controller_is_counted_apart():
     small = make_topology(units=1)
     assembler = Assembler(small)
@@ -692,13 +651,6 @@ def test_options_that_cannot_be_are_refused(options, message):
 def test_anything_but_frames_is_refused():
     with pytest.raises(ValueError, match=r"frames: must be FRAME_DTYPE of shape \(m,\); got int64"):
         list(Assembler(make_topology(units=1)).feed(np.zeros(3, int)))
-
-
-def test_counters_of_a_cycle_stay_as_they_were():
-    small = make_topology(units=2)
-    cycles = Assembler(small).feed(join(*(cycle_frames(small, i) for i in range(3))))
-    counters = [cycle.counters for cycle in cycles]
-    assert [each.sync for each in counters] == [1, 2, 3]
 
 
 def test_the_counters_of_kernels_and_cycles_are_in_one_order():

@@ -19,7 +19,6 @@ from bus.frame import CAN_EFF, CAN_ERR, ECHO, FD_FDF, FRAME_DTYPE
 from bus.transport import Transport
 from skin.sim.node import SimulatedUnits
 from tests.fixtures.bus import SYNC_ID, data_frames, frame, join, make_topology, sync, with_data_ids
-from tests.fixtures.cases import long_after_first
 from tests.topology.test_messages import check_golden
 
 PERIOD_NS = 10_000_000
@@ -205,55 +204,50 @@ def _renumbered(skin, records):
     return out
 
 
-CASES = {
-    "missing-unit": {"missing-unit"},
-    "missing-unit, later": {"missing-unit"},
-    "silent-branch": {"silent-branch"},
-    "silent-branch, later": {"silent-branch"},
-    "silent-branch, a patch": {"silent-branch"},
-    "silent-branch, a stretch": {"silent-branch"},
-    "silent-bus": {"silent-bus"},
-    "no-traffic": {"no-traffic"},
-    "no-traffic, another interface": {"no-traffic"},
-    "wrong-bitrate": {"wrong-bitrate"},
-    "bus-errors": {"bus-errors"},
-    "unknown-id": {"unknown-id"},
-    "unknown-id, a wrong address": {"unknown-id", "missing-unit"},
-    "swapped-buses": {"swapped-buses"},
-    "unknown-id, a unit on the wrong bus": {"unknown-id", "missing-unit"},
-    "unknown-id, a babbling node": {"unknown-id"},
-    "wrong-length": {"wrong-length"},
-    "wrong-length, some": {"wrong-length"},
-    "fd-mismatch": {"fd-mismatch"},
-    "fd-mismatch, one": {"fd-mismatch"},
-    "wrong-rate": {"wrong-rate"},
-    "wrong-rate, without SYNC": {"wrong-rate"},
-    "wrong-rate, SYNC": {"wrong-rate"},
-    "no-sync": {"no-sync"},
-    "duplicate-id": {"duplicate-id"},
-    "duplicate-id, counting for themselves": {"duplicate-id"},
-    "frozen": {"frozen"},
-    "unit-fault": {"unit-fault"},
-    "intermittent": {"intermittent"},
-    "sequence-gaps": {"sequence-gaps"},
-    "sequence-gaps, one unit": {"sequence-gaps"},
-    "crc": {"crc"},
-    "late": {"late"},
-    "controller-overflow": {"controller-overflow"},
-    "flood": {"unknown-id"},
-}
+CASES = (
+    "missing-unit",
+    "missing-unit, later",
+    "silent-branch",
+    "silent-branch, later",
+    "silent-branch, a patch",
+    "silent-branch, a stretch",
+    "silent-bus",
+    "no-traffic",
+    "no-traffic, another interface",
+    "wrong-bitrate",
+    "bus-errors",
+    "unknown-id",
+    "unknown-id, a wrong address",
+    "swapped-buses",
+    "unknown-id, a unit on the wrong bus",
+    "unknown-id, a babbling node",
+    "wrong-length",
+    "wrong-length, some",
+    "fd-mismatch",
+    "fd-mismatch, one",
+    "wrong-rate",
+    "wrong-rate, without SYNC",
+    "wrong-rate, SYNC",
+    "no-sync",
+    "duplicate-id",
+    "duplicate-id, counting for themselves",
+    "frozen",
+    "unit-fault",
+    "intermittent",
+    "sequence-gaps",
+    "sequence-gaps, one unit",
+    "crc",
+    "late",
+    "controller-overflow",
+    "flood",
+)
 
 
-@long_after_first("name", CASES)
-def test_every_trouble_is_found_and_nothing_else(name):
-    assert {finding.code for finding in diagnose(survey_of(*a_case(name)))} == CASES[name]
-
-
-@pytest.mark.long
-def test_the_words_of_all_findings():
+def test_every_trouble_is_found_and_nothing_else():
     lines = []
     for name in CASES:
-        lines += [f"[{name}]", *map(str, diagnose(survey_of(*a_case(name)))), ""]
+        found = diagnose(survey_of(*a_case(name)))
+        lines += [f"[{name}]", *(f"{finding.code}: {finding}" for finding in found), ""]
     check_golden("doctor", "".join(f"{line}\n" for line in lines[:-1]))
 
 
@@ -308,14 +302,6 @@ def test_only_buses_that_hear_each_other_are_swapped(wrong):
     assert codes.count("missing-unit") == 4 - len(instead)
 
 
-def test_counts_are_exact():
-    skin, records = a_case("sequence-gaps, one unit")
-    (finding,) = diagnose(survey_of(skin, records))
-    assert finding.count == traffic(skin).size - records.size
-    skin, records = a_case("wrong-bitrate")
-    assert diagnose(survey_of(skin, records))[0].count == 70
-
-
 def test_findings_are_counted_not_repeated():
     skin, records = a_case("flood")
     found = diagnose(survey_of(skin, records))
@@ -356,34 +342,22 @@ def test_no_frames_of_any_content_raise(data):
 # -- live ------------------------------------------------------------------------------------------
 
 
-NO_FAULTS = FaultScript()
-
-
-def open_skin(script=NO_FAULTS, name="strip"):
-    """The host's ends of simulated units, past faults, and the nodes."""
-    skin = topology.load(name)
+def open_skin():
+    """The host's ends of simulated units, and the nodes."""
+    skin = topology.load("strip")
     nodes = SimulatedUnits(skin, seed=2)
     pairs = [MemoryTransport.pair(i) for i in range(len(skin.buses))]
     nodes.attach([far for _, far in pairs])
-    return skin, nodes, [FaultyTransport(near, script, 1, skin) for near, _ in pairs]
+    return skin, nodes, [near for near, _ in pairs]
 
 
-@pytest.mark.parametrize("name", ["strip", "hand"])
-def test_live_units_that_work_give_no_finding(name):
-    skin, nodes, ends = open_skin(name=name)
+def test_live_units_that_work_give_no_finding():
+    skin, nodes, ends = open_skin()
     survey = Survey(skin)
     listen(survey, ends, 0.4)
     nodes.close()
     assert survey.cycles >= 3
     assert [f for f in diagnose(survey, ends) if f.severity == "error"] == []
-
-
-def test_a_live_unit_that_is_cut_off_is_found():
-    skin, nodes, ends = open_skin(FaultScript(faults=(kinds.Kill(units=("strip/r0c4",)),)))
-    survey = Survey(skin)
-    listen(survey, ends, 0.3)
-    nodes.close()
-    assert "missing-unit" in {finding.code for finding in diagnose(survey, ends)}
 
 
 def test_a_live_listener_does_not_send_sync_unless_told():

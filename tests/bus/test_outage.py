@@ -4,8 +4,6 @@ SYNCs that others sent, or that were left out."""
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bus import Assembler, FrameCounters
 from tests.bus.test_assemble import counting, cycle_frames, run
@@ -88,19 +86,6 @@ def _carried(small):
     from topology import CHANNELS
 
     return np.array([small.layouts[0].carries(name) for name in CHANNELS])[:, np.newaxis]
-
-
-@given(st.data())
-@settings(max_examples=60)
-def test_own_counts_tell_old_frames_from_new_ones_after_any_outage(data):
-    bits = data.draw(st.sampled_from(["f3t-classic", "f3t-fd16"]))
-    small = make_topology(counting(bits), units=2)
-    outage = data.draw(st.integers(2, 40))
-    over, order = data.draw(st.integers(1, 4)), data.draw(st.booleans())
-    cycles = run(Assembler(small), *delivered(small, BEFORE, BEFORE + outage, over, order))
-    for cycle in cycles:
-        right = (cycle.counts == counts_of(small, cycle.number)) | ~_carried(small)
-        assert right.all(axis=0)[cycle.valid].all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -204,16 +189,6 @@ def validity(small, times, *, others_first=False, cycles=80):
 ALONE = [kind for kind in KINDS if kind != "its SYNC's counter, two parts"]
 
 
-@long_after_first("kind", ALONE)
-@long_after_first("every", [2, 3, 6, 8, 17, 20])
-def test_a_unit_that_answers_every_kth_cycle_is_no_late_one(kind, every):
-    """As `bus.configure` lets a board do; it may be doubted until its rate is known."""
-    valid, assembler = validity(make_topology(KINDS[kind], units=12), lambda i: i % every == 0)
-    begun = 4 * every
-    assert valid[begun:] == [i % every == 0 for i in range(begun, 80)]
-    assert assembler.counters.late <= 3
-
-
 ANSWERS, KNOWN = 9, 4
 """Answers of a slow board, and those of them after which its rate is known."""
 
@@ -283,14 +258,6 @@ def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_fi
     assert all(valid[48:] if others_first else valid[43:])
 
 
-@pytest.mark.parametrize("kind", ["its own count, 8 bits", "no number"])
-def test_a_unit_that_begins_to_send_twice_a_cycle_in_an_outage_returns(kind):
-    valid, _ = validity(
-        make_topology(KINDS[kind], units=12), lambda i: int(i < 20) if i < 40 else 2, cycles=100
-    )
-    assert all(valid[62:])
-
-
 @pytest.mark.parametrize("kind", ALONE)
 @pytest.mark.parametrize("first", [1, 2])
 def test_a_burst_that_a_sync_cuts_is_late_as_a_whole(kind, first):
@@ -351,14 +318,6 @@ def test_a_sync_without_a_counter_is_foreign_once_ours_have_one(layout, before, 
     kinds = assembler.counters
     assert (kinds.foreign, kinds.sync) == (200, 100 * buses + before)
     assert (kinds.lost, kinds.late, kinds.repeated) == (0, 0, 0)
-
-
-def test_a_sync_that_never_has_a_counter_opens_cycles():
-    small = make_topology(counting("f3t-classic"), units=4)
-    assembler = Assembler(small)
-    parts = [p for i in range(50) for p in (frame(SYNC_ID, b""), data_frames(small, i, i))]
-    assert all(cycle.valid.all() for cycle in run(assembler, *parts))
-    assert (assembler.counters.sync, assembler.counters.foreign) == (50, 0)
 
 
 @pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])

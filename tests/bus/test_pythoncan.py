@@ -1,7 +1,6 @@
 """The adapter of python-can: messages and frames are the same, and every failure has words."""
 
 import errno
-import socket
 import sys
 import types
 
@@ -375,19 +374,3 @@ def test_no_configuration_file_has_a_say(tmp_path, monkeypatch):
     with PythonCanTransport(bus) as a, PythonCanTransport(bus) as b:
         a.send(join(frame(1, b"x")))
         assert receive(b, 1)["id"].tolist() == [1]
-
-
-def test_a_socket_gets_as_large_a_queue_as_the_system_grants(fake, monkeypatch):
-    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    before = ends[0].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    monkeypatch.setattr(FakeBus, "fileno", lambda self: ends[0].fileno())
-    with fake():
-        assert ends[0].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) > before
-    for one in ends:
-        one.close()
-    with open("/dev/null") as file:
-        monkeypatch.setattr(FakeBus, "fileno", lambda self: file.fileno())
-        with fake():
-            pass
-    with PythonCanTransport(Bus(name="a", interface="virtual", channel="none")) as end:
-        assert end.fileno() == -1
