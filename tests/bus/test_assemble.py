@@ -240,14 +240,6 @@ def test_numbers_agree_with_the_counter_and_never_step_back(steps, first):
     assert [cycle.number for cycle in cycles] == counters.tolist()
 
 
-def test_an_answer_of_before_the_first_sync_is_late():
-    """Its number is that of no frame before: one behind 0 is none that was ever heard."""
-    small = make_topology(units=1)
-    assembler = Assembler(small)
-    run(assembler, sync(14), data_frames(small, 0, 15))
-    assert (assembler.counters.late, assembler.counters.repeated) == (1, 0)
-
-
 @given(st.lists(st.tuples(st.integers(0, 1), st.booleans()), max_size=60))
 def test_a_sync_on_several_buses_is_one_cycle(order):
     small = make_topology(units=2, buses=2)
@@ -358,14 +350,6 @@ def test_a_frame_that_came_and_could_not_be_used_is_not_lost_as_well():
     assert (counters.crc, counters.short, counters.lost, counters.data) == (1, 1, 0, 4)
 
 
-def test_a_long_absence_is_silence_not_loss():
-    small = make_topology("f3t-fd16", units=2)
-    assembler = Assembler(small)
-    parts = [cycle_frames(small, i)[[0, 1]] for i in range(1, 1000)]
-    run(assembler, cycle_frames(small, 0), *parts, cycle_frames(small, 1000))
-    assert assembler.counters.lost == 0
-
-
 def test_own_counts_count_gaps_repeats_and_restarts():
     small = make_topology(counting("f3t-fd16"), units=1)
     assembler = Assembler(small)
@@ -378,18 +362,6 @@ def test_own_counts_count_gaps_repeats_and_restarts():
     ]  # fmt: skip
     counters = assembler.counters
     assert (counters.lost, counters.repeated, counters.late) == (4, 1, 1)
-
-
-def test_a_count_of_one_bit_goes_on_by_turning_over():
-    gel = Signal(name="gel", start=0, length=12)
-    layout = WireLayout(
-        name="bit", size=2, signals=(gel, Signal(name="sequence", start=15, length=1))
-    )
-    small = make_topology(counting(layout), units=1)
-    assembler = Assembler(small)
-    cycles = run(assembler, *(join(sync(i), data_frames(small, i, i)) for i in range(9)))
-    assert all(cycle.valid.all() for cycle in cycles)
-    assert assembler.counters == FrameCounters(data=9, sync=9)
 
 
 def test_units_that_count_for_themselves_belong_to_the_cycle_they_arrive_in():
@@ -477,12 +449,6 @@ def test_counts_that_stay_bit_identical_are_frozen_until_they_move():
     frozen = [bool(flags(c)[1] & Status.FROZEN) for c in cycles]
     assert frozen == [False] * 3 + [True] * 6 + [False] * 3
     assert all(c.valid[0] for c in cycles)
-
-
-def test_zero_frozen_cycles_switches_the_watch_off():
-    small = make_topology(units=1, frozen_cycles=0)
-    cycles = run(Assembler(small), *(join(sync(i), data_frames(small, 1, i)) for i in range(200)))
-    assert all(c.valid.all() for c in cycles)
 
 
 # -- frames that must not become numbers -----------------------------------------------------------
@@ -604,18 +570,6 @@ def test_a_set_with_a_missing_part_is_torn_and_keeps_its_last_whole_value():
     counters = assembler.counters
     assert (counters.torn, counters.data, counters.lost) == (1, 10, 1)
     assert assembler.by_frame("torn").tolist() == [0, 1, 0, 0]
-
-
-def test_a_fault_told_in_any_part_counts_for_its_cycle():
-    signals = (*TWO_PARTS.signals[:-2], Signal(name="unit_status", start=44, length=4, part=1))
-    small = make_topology(
-        WireLayout(name="own", size=6, units=2, parts=2, signals=signals), units=2
-    )
-    codes = np.array([5, 0], np.uint8)
-    parts = [join(sync(i), data_frames(small, i, i, fault_code=codes * (i == 1))) for i in range(3)]
-    cycles = run(Assembler(small), *parts)
-    assert [cycle.fault_code.tolist() for cycle in cycles] == [[0, 0], [5, 0], [0, 0]]
-    assert [flags(cycle)[0] for cycle in cycles] == [Status.OK, Status.FAULT, Status.OK]
 
 
 @given(st.lists(st.integers(0, 15), max_size=40), st.booleans())

@@ -173,18 +173,6 @@ def test_packed_frames_carry_the_crc_of_id_and_bytes(name, first_id):
         assert int.from_bytes(payload[2:4], "little") == crc16(covered)
 
 
-@given(st.integers(1, 60), st.sampled_from(["little", "big"]), st.binary(min_size=64, max_size=64))
-def test_crc_may_stand_anywhere_in_the_frame(byte, order, payload):
-    start = 8 * byte + (7 if order == "big" else 0)
-    crc = Signal(name="crc", start=start, length=16, order=order)
-    layout = WireLayout(name="any", size=62, fd=True, signals=(crc,))
-    tables = FrameTable(make_topology(layout, units=1)).tables
-    batch = FrameBatch(1)
-    batch.append(0x100, payload)
-    expected = crc16(b"\x00\x01" + payload[:byte] + payload[byte + 2 : 62])
-    assert kernels.frame_crc(as_bytes(batch.frames), 0, tables.frames[0]) == expected
-
-
 def test_frames_come_in_the_order_of_bus_and_id():
     small = make_topology("f3t-fd64", units=23, buses=2)
     frames = data_frames(small, 1, 2, stamp_ns=123)

@@ -189,21 +189,6 @@ def test_foreign_frames_that_answer_sync_may_count_for_themselves(key, is_taken,
         assert (assembler.counters.data, assembler.counters.late) == (0, 20)
 
 
-def test_foreign_frames_are_assembled_by_their_own_sequence(tmp_path):
-    topology = load_with(
-        tmp_path, VENDOR, PAIR, bus="data_bitrate = 5_000_000\ncycle_rate_hz = 100"
-    )
-    period_ns = 10_000_000
-    frames = np.concatenate([
-        frame(topology, bytes([count, *range(15)]), stamp_ns=period_ns * (k + 1))
-        for k, count in enumerate([5, 6, 9, 10])
-    ])  # fmt: skip
-    assembler = Assembler(topology)
-    cycles = [cycle.valid.copy() for cycle in assembler.feed(frames)]
-    assert all(valid.all() for valid in cycles)
-    assert assembler.counters.lost == 2
-
-
 def test_a_layout_says_itself_whether_its_short_frames_are_fd_ones(tmp_path):
     short = VENDOR.replace("Pair: 16", "Pair: 8")
     layout = (

@@ -16,7 +16,6 @@ from bus.heartbeat import FIRST_ID
 from bus.logs import read_all
 from skin.cli import main
 from skin.sim.heartbeat import Heartbeats
-from tests.fixtures.bus import make_topology, with_data_ids
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.dbc import Unpacker, by_cantools
 from tests.fixtures.topology import write_topology
@@ -169,15 +168,6 @@ def boards_of(database):
     return [node for node in database.nodes if node.name.startswith("board_")]
 
 
-def test_only_boards_that_take_configuration_are_told_of_it(tmp_path):
-    def has_it(topology):
-        return "configuration" in {message.name for message in by_cantools(topology).messages}
-
-    assert has_it(topology_of(tmp_path, "f3t-classic", 2))
-    assert not has_it(topology_of(tmp_path, "xela-uskin", 2))
-    assert not has_it(with_data_ids(make_topology("f3t-classic", 2), [0x100, 0x7E0]))
-
-
 # -- attributes -----------------------------------------------------------------------------------
 
 
@@ -241,12 +231,6 @@ def test_statuses_have_words_and_comments_name_the_units(tmp_path):
     foreign = by_cantools(topology_of(tmp_path, "xela-uskin", 1)).get_message_by_name("patch_r0c0")
     assert foreign.comment == "Unit patch/r0c0; counts of another sensor (xela-uskin), not F3T"
     assert {signal.unit for signal in foreign.signals} == {None}
-
-
-def test_a_bus_without_units_is_a_file_without_messages(tmp_path):
-    bus = '[[buses]]\nname = "spare"\ninterface = "memory"\nchannel = "other"\n'
-    topology = topology_of(tmp_path, "f3t-classic", 1, more=bus, bus='channel = "one"')
-    assert by_cantools(topology, 1).messages == []
 
 
 # -- names ----------------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ def assemble(skin, records):
 
 # -- what is put in is what is counted -------------------------------------------------------------
 
-SOME = {"probability": 0.1, "to_s": 0.4}
+SOME = {"probability": 0.1, "from_s": 0.05, "to_s": 0.4}
 ONE = {"units": ("patch/3",), "from_s": 0.1}
 COUNTED = [
     # layout, fault, what counts it, and what flags its units in the end
@@ -158,19 +158,6 @@ def test_without_faults_the_wrapper_keeps_the_contract(check):
         check(*ends)
 
 
-def test_units_send_faults_as_a_host_receives_them():
-    skin, fault = make_topology("f3t-fd16", 4), kinds.Corrupt(bits=2, probability=0.2)
-    records, script = cycles_of(skin, 20), FaultScript(faults=(fault,))
-    near, far = MemoryTransport.pair()
-    with FaultyTransport(near, script, 5, skin, direction="send") as units, far:
-        assert units.send(records) == records.size == units.counters.sent
-        batch = FrameBatch(records.size)
-        far.receive(batch)
-    expected, count = inject(fault, records, skin, 5)
-    assert (batch.frames == expected).all()
-    assert units.injected == {"corrupt": count}
-
-
 def test_a_script_goes_by_the_clock_that_it_is_given_and_not_by_stamps():
     """Stamps of a host that was late, or hung for a minute: the same frames are lost."""
     rng, lost = np.random.default_rng(4), []
@@ -228,12 +215,6 @@ def test_the_seed_and_the_frames_decide_not_the_batches(faults, seed, data):
     pieces = Injector(script, topology=skin)
     parts = [pieces(part) for part in np.split(records, cuts)]
     assert (np.concatenate(parts) == whole).all()
-
-
-def test_another_seed_hits_other_frames():
-    records, fault = cycles_of(make_topology(), 50), kinds.Drop(probability=0.3)
-    assert not np.array_equal(*(inject(fault, records, seed=s)[0] for s in (1, 2)))
-    assert np.array_equal(*(inject(fault, records, seed=1)[0] for _ in range(2)))
 
 
 @pytest.mark.parametrize(
@@ -373,12 +354,6 @@ def test_held_frames_are_bounded():
     records = np.repeat(frame(0x100, stamp_ns=1), 70_000)
     out, _ = inject(kinds.Delay(delay_s=1.0), records)
     assert out.size == 70_000 - 65_536
-
-
-def test_what_faults_have_put_in_is_not_hit_again():
-    faults = (kinds.Babble(id=0x200, copies=64),) * 20
-    out = Injector(FaultScript(faults=faults))(frame(0x100, stamp_ns=1))
-    assert out.size == 1 + 20 * 64
 
 
 @given(st.binary(max_size=64), st.integers(0, 64), st.integers(0, 255), st.integers(0, 2**32 - 1))

@@ -235,16 +235,6 @@ def test_a_board_that_answers_every_kth_cycle_is_waited_for_in_that_cycle(kind, 
     assert [answer for answer in shown if answer >= KNOWN] == list(range(KNOWN, ANSWERS))
 
 
-@long_after_first("kind", [kind for kind in KINDS if "SYNC" in kind])
-@long_after_first("every", [2, 5, 6, 10])
-def test_a_board_whose_answer_comes_behind_the_next_sync_is_waited_for_when_the_next_is_due(
-    kind, every
-):
-    """What comes behind the next SYNC says by its number in which cycle the board answered."""
-    shown = slow_board(kind, every, lambda answer, part: 2 if answer in (5, 7) else 1)
-    assert [answer for answer in shown if answer >= KNOWN] == [4, 6, 8]
-
-
 @long_after_first("kind", ["its own count, 4 bits", "its own count, 8 bits", "no number"])
 @long_after_first("others_first", [True, False])
 def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_first):
@@ -271,28 +261,6 @@ def test_a_burst_that_a_sync_cuts_is_late_as_a_whole(kind, first):
     for cycle in run(Assembler(small), *each):
         right = (cycle.counts == counts_of(small, cycle.number)) | ~_carried(small)
         assert right.all(axis=0)[cycle.valid].all(), cycle.number
-
-
-@pytest.mark.parametrize(("rate", "until"), [(2.0, 5), (2.2, 6), (0.5, 8), (1.1, 5), (0.91, 5)])
-def test_without_sync_a_unit_of_another_rate_returns_after_an_outage(rate, until):
-    now = [START]
-    small = make_topology("f3t-fd16", units=1, sync_id=None)
-    assembler = Assembler(small, clock=lambda: now[0])
-    sent, fresh = 0, []
-    assembler.expire(now[0])
-    for i in range(90):
-        while sent < rate * (i + 1):
-            if not 30 <= i < 45:
-                frames = data_frames(small, sent, sent, stamp_ns=now[0])
-                assert not list(assembler.feed(frames))
-            sent += 1
-        now[0] += PERIOD_NS
-        cycle = assembler.expire(now[0])
-        fresh.append(int(cycle.age[0]) == 0)
-    expected = min(rate, 1.0)
-    assert sum(fresh[45 + until :]) >= 0.85 * expected * (45 - until)
-    assert sum(fresh[:30]) >= 0.85 * expected * 30
-    assert not any(fresh[31:45])
 
 
 # -- SYNCs of others, and SYNCs that were left out -------------------------------------------------

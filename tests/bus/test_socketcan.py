@@ -15,11 +15,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bus import BusClosedError, BusOpenError, FrameBatch, MemoryTransport
-from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_FDF, FRAME_DTYPE
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_FDF
 from bus.linux import SO_RCVBUFFORCE, has_batches
 from bus.open import open_transport
 from bus.state import BusState, read_error_frame
-from bus.transport import CHANGES_KEPT
 from bus.wait import Waiter
 from tests.bus.transport_contract import CHECKS, numbered, numbers, receive
 from tests.fixtures.bus import frame, join, make_topology, with_data_ids
@@ -28,13 +27,10 @@ from topology import Bus
 if not has_batches():
     pytest.skip("needs a 64-bit Linux", allow_module_level=True)
 
-from bus import mmsg, socketcan
-from bus.compiled.jit import compiled
+from bus import socketcan
 from bus.datagram import DatagramTransport, enlarge_queue
 from bus.link import can_links, read_link
 from tests.fixtures.datagram import datagram_pair, sockets
-
-COMPILED = compiled(mmsg.finish_records_python)
 
 
 @pytest.fixture
@@ -84,52 +80,6 @@ def test_a_frame_of_any_content_is_received_within_its_bounds(sent):
         assert transport.counters.error_frames == errors
 
 
-headers = st.integers(0, 2**32 - 1)
-
-
-@given(
-    rows=st.lists(
-        st.tuples(
-            headers, headers, st.sampled_from([16, 72, 0, 99]), st.sampled_from([0, 4, 0x804]),
-            st.integers(0, 2**61), st.integers(0, 2**32 - 1), st.booleans(),
-        ),
-        min_size=1, max_size=5,
-    ),
-    index=st.integers(0, 255),
-    hardware=st.lists(st.integers(0, 2**50), min_size=5, max_size=5),
-)  # fmt: skip
-def test_settling_is_the_same_compiled_and_in_python(rows, index, hardware):
-    results = []
-    for finish_records in (COMPILED, mmsg.finish_records_python):
-        into = mmsg.new_buffers()
-        into.clock["drift"] = 1e-5
-        words = np.zeros((len(rows) + 1, 10), np.int64)
-        for i, (identifier, rest, size, flags, stamp, drops, has_drops) in enumerate(rows):
-            words[i + 1, 1] = np.array([identifier, rest], np.uint32).view(np.int64)[0]
-            into.messages[["control_size", "flags", "size"]][i] = (
-                120 if has_drops else 96,
-                flags,
-                size,
-            )
-            into.control[i, :4] = 32, 1 | 35 << 32, *divmod(stamp, 10**9)
-            into.control[i, 4:12] = 64, 1 | 37 << 32, 1, 2, 3, 4, *divmod(hardware[i], 10**9)
-            into.control[i, 12:15] = 20, 1 | 40 << 32, drops
-        finish_records(len(rows), 1, index, words, into)
-        results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report[0], into.clock.tobytes()))
-    (compiled, report, clock), (plain, same_report, same_clock) = results
-    assert clock == same_clock
-    assert compiled.tobytes() == plain.tobytes()
-    assert report == same_report
-    for record, (identifier, _, size, flags, stamp, _, _) in zip(plain, rows, strict=True):
-        assert (record["id"], record["stamp_ns"]) == (identifier, stamp)
-        assert record["origin"] == (ECHO if flags & 0x800 else 0)
-        assert bool(record["flags"] & FD_FDF) == (size == 72)
-        assert record["bus"] == index
-    known = [drops for *_, drops, has_drops in rows if has_drops]
-    assert report["drops"] == (known[-1] if known else 0)
-    assert report["errors"] == sum(bool(row[0] & CAN_ERR) for row in rows)
-
-
 def test_what_is_sent_is_left_as_it_was_and_may_be_of_any_layout(pair):
     near, far = pair
     records = numbered(8)
@@ -144,16 +94,6 @@ def test_what_is_sent_is_left_as_it_was_and_may_be_of_any_layout(pair):
     assert numbers(heard) == [*range(8), 7, 5, 3, 1]
     assert set(heard["bus"]) == {3}
     assert not heard["data"][:, 4:8].any()
-
-
-def test_many_batches_in_one_call_keep_their_order(pair):
-    near, far = pair
-    count = 2 * mmsg.BATCH + 7
-    assert near.send(numbered(count)) == count
-    batch = FrameBatch(count + 1)
-    assert far.receive(batch, 1.0) == count
-    assert numbers(batch.frames) == list(range(count))
-    assert (np.diff(batch.frames["stamp_ns"]) >= 0).all()
 
 
 @pytest.mark.parametrize("unread", [20_000])
@@ -177,13 +117,6 @@ def test_delivered_and_dropped_are_all_that_was_sent(unread):
         assert 0 < kept <= far.queue_frames, "what waited when the end was closed"
 
 
-def test_drops_are_counted_on_past_32_bits_and_never_back(pair):
-    _, far = pair
-    for total in (5, 3, 2**31, 2**32 - 2, 1, 2**32 - 1):
-        far._count_drops(total)
-    assert far._counters.queue_drops == 2**32 + 1
-
-
 def test_a_user_without_privileges_gets_what_the_system_allows_all():
     class Unprivileged(socket.socket):
         def setsockopt(self, level, option, value):
@@ -194,17 +127,6 @@ def test_a_user_without_privileges_gets_what_the_system_allows_all():
     with Unprivileged(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         allowed = int(Path("/proc/sys/net/core/rmem_max").read_text())
         assert enlarge_queue(sock, 1 << 30) == 2 * allowed
-
-
-def test_closing_in_many_threads_at_once_is_fine(pair):
-    _, far = pair
-    threads = [threading.Thread(target=far.close) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    with pytest.raises(BusClosedError):
-        far.send(numbered(0))
 
 
 def test_a_signal_interrupts_a_waiting_receive(pair):
@@ -348,17 +270,6 @@ def test_every_change_of_state_reaches_the_user_once(pair):
     near.send(numbered(1))
     receive(far, 1)
     assert far.state is BusState.ACTIVE
-
-
-def test_a_bus_that_flaps_is_counted_and_remembered_in_bounds(pair):
-    near, far = pair
-    flap = join(error_frame(0x40), error_frame(0x100))
-    for _ in range(50):
-        near.send(join(*[flap] * 10))
-        receive(far, 20)
-    assert far.counters.state_changes == 1000
-    assert len(far.changes) == CHANGES_KEPT
-    assert far.changes[-1].state is BusState.ACTIVE
 
 
 @pytest.fixture(params=["datagram", "memory", "mixed"])

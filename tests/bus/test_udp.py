@@ -89,17 +89,6 @@ def test_two_processes_hear_each_other_and_not_themselves(port):
         assert end.counters.received == 41
 
 
-def test_two_groups_on_one_port_are_two_buses(port):
-    with (
-        open_end(port) as left,
-        open_end(port) as hears,
-        open_end(port, 1, "239.74.163.3") as right,
-    ):
-        left.send(numbered(3))
-        assert numbers(receive(hears, 3)) == [0, 1, 2]
-        assert right.receive(FrameBatch(1), 0.05) == 0
-
-
 def test_the_channel_must_be_a_group():
     with pytest.raises(BusOpenError, match=r"a multicast group as the channel, such as 239\.74"):
         PythonCanTransport(Bus(name="air", interface="udp_multicast", channel="vcan0"))

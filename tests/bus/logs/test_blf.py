@@ -190,12 +190,6 @@ def test_stamps_count_from_the_date_in_the_head(fields, since_ns, tmp_path):
         assert found["stamp_ns"].tolist() == [since_ns]
 
 
-def test_a_header_of_a_version_to_come_is_passed_over(tmp_path):
-    found, log = of_bytes(blf_file(can_message(1, version=3), can_message(2)), tmp_path)
-    assert found["id"].tolist() == [2]
-    assert log.skipped == {"object of type 1": 1}
-
-
 def example_file(packed):
     """Make a small file with everything in it, and the place where each object begins."""
     half = len(EXAMPLE) // 2
