@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bus.errors import LogError
-from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_FDF, FRAME_DTYPE, FrameBatch
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, FD_FDF, FRAME_DTYPE, FrameBatch
 from topology.files import named
 
 __all__ = ["LogWriter"]
@@ -23,9 +23,9 @@ _SECOND, _MICROSECOND = 1_000_000_000, 1000
 
 
 class LogWriter:
-    """Writes the same bytes as candump -L, or candump -L -x; a context manager that closes it.
+    """Writes the same bytes as candump -L; a context manager that closes it.
 
-    Stamps are truncated to 1 µs. Without `directed` the log does not distinguish sent frames from
+    Stamps are truncated to 1 µs. The log does not distinguish sent frames from
     received ones, as that of candump -L does not.
 
     Parameters
@@ -34,8 +34,6 @@ class LogWriter:
         An existing file is overwritten; compressed if it ends in .gz.
     channels : sequence of str, optional
         Name of the interface of each bus; by default can0, can1, …
-    directed : bool
-        Whether R (received) or T (sent) ends each line.
 
     Attributes
     ----------
@@ -48,7 +46,6 @@ class LogWriter:
         path: str | os.PathLike[str],
         *,
         channels: Sequence[str] | None = None,
-        directed: bool = False,
     ) -> None:
         self.path = Path(path)
         self.count = 0
@@ -61,7 +58,6 @@ class LogWriter:
                     f"channels[{i}]: must be a name of 1 to {_NAME_BYTES - 1} bytes without "
                     f"blanks; got {name!r}"
                 )
-        self._directed = directed
         packed = self.path.suffix.lower() == ".gz"
         self._file = gzip.open(self.path, "wb") if packed else self.path.open("wb")
 
@@ -106,9 +102,9 @@ class LogWriter:
     def _lines(self, records: np.ndarray) -> Iterator[str]:
         """Frames as lines of candump -L."""
         payload = records["data"].tobytes()
-        names = ("stamp_ns", "id", "length", "flags", "origin", "bus")
+        names = ("stamp_ns", "id", "length", "flags", "bus")
         columns = (records[name].tolist() for name in names)
-        for i, (stamp, can_id, length, flags, origin, bus) in enumerate(zip(*columns, strict=True)):
+        for i, (stamp, can_id, length, flags, bus) in enumerate(zip(*columns, strict=True)):
             if can_id & (CAN_ERR | CAN_EFF):
                 identifier = f"{can_id & (0x3FFF_FFFF if can_id & CAN_ERR else 0x1FFF_FFFF):08X}"
             else:
@@ -118,10 +114,9 @@ class LogWriter:
                 data = f"#{flags & 15:X}{data}"
             elif can_id & CAN_RTR:
                 data = f"R{length or ''}"
-            way = "" if not self._directed else " T" if origin & ECHO else " R"
             seconds, rest = divmod(stamp, _SECOND)
             time = f"{seconds:010d}.{rest // _MICROSECOND:06d}"
-            yield f"({time}) {self._names[bus]} {identifier}#{data}{way}\n"
+            yield f"({time}) {self._names[bus]} {identifier}#{data}\n"
 
     def _check(self, records: np.ndarray) -> None:
         """Raise for the first frame that is none."""

@@ -75,47 +75,58 @@ def found_with(skin, records):
     return survey
 
 
-def a_case(name):
-    """Skin and frames of a case."""
+def cases():
+    """Name, skin and frames of every trouble, alone."""
     skin = make_topology("f3t-fd64", 20, buses=2)  # two boards on each bus
-    match name:
-        case "missing-heartbeat, never":
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)])
-        case "missing-heartbeat, stopped":
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)]), beats(2, seconds=1)
-        case "missing-heartbeat, of all":
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 1), (0, 2)])
-        case "missing-heartbeat, another node":
-            strange = beats(77, serial=2)
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)]), strange
-        case "missing-unit of a board that beats":
-            return skin, data_of(skin, 4, without=[(1, 0x101)]), all_beats(skin)
-        case "missing-unit of a dead board":
-            without = [(1, 0x101)]
-            return skin, data_of(skin, 4, without=without), all_beats(skin, but=[(1, 2)])
-        case "silent-branch of boards that beat":
-            skin = make_topology("f3t-fd64", 20)
-            ids = [(0, 0x102), (0, 0x103)]
-            return skin, data_of(skin, 4, without=ids), all_beats(skin)
-        case "unknown-board":
-            return skin, data_of(skin, 4), all_beats(skin), beats(0xDF, serial=9)
-        case "duplicate-node":
-            return skin, data_of(skin, 4), all_beats(skin), beats(2, serial=50, late_ns=300)
-        case "board-fault":
-            faulty = beats(2, bus=1, state="fault")
-            return skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
-        case "unknown-board, two of other numbers":
-            skin = make_topology("f3t-classic", 4)
-            others = join(beats(77, serial=77), beats(78, serial=78))
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2), (0, 3)]), others
-        case "other-serial":
-            skin = with_serials("F3T-0001", "F3T-0002", "F3T-0003", "")
-            return (
-                skin,
-                data_of(skin, 4),
-                *(beats(n, serial=s) for n, s in enumerate([2, 1, 9, 4], 1)),
-            )
-    raise KeyError(name)
+    yield "missing-heartbeat, never", skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)])
+    yield (
+        "missing-heartbeat, stopped",
+        skin,
+        data_of(skin, 4),
+        all_beats(skin, but=[(0, 2)]),
+        beats(2, seconds=1),
+    )
+    yield "missing-heartbeat, of all", skin, data_of(skin, 4), all_beats(skin, but=[(0, 1), (0, 2)])
+    strange = beats(77, serial=2)
+    yield (
+        "missing-heartbeat, another node",
+        skin,
+        data_of(skin, 4),
+        all_beats(skin, but=[(0, 2)]),
+        strange,
+    )
+    yield (
+        "missing-unit of a board that beats",
+        skin,
+        data_of(skin, 4, without=[(1, 0x101)]),
+        all_beats(skin),
+    )
+    without = [(1, 0x101)]
+    yield (
+        "missing-unit of a dead board",
+        skin,
+        data_of(skin, 4, without=without),
+        all_beats(skin, but=[(1, 2)]),
+    )
+    one = make_topology("f3t-fd64", 20)
+    ids = [(0, 0x102), (0, 0x103)]
+    yield "silent-branch of boards that beat", one, data_of(one, 4, without=ids), all_beats(one)
+    yield "unknown-board", skin, data_of(skin, 4), all_beats(skin), beats(0xDF, serial=9)
+    yield (
+        "duplicate-node",
+        skin,
+        data_of(skin, 4),
+        all_beats(skin),
+        beats(2, serial=50, late_ns=300),
+    )
+    faulty = beats(2, bus=1, state="fault")
+    yield "board-fault", skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
+    four = make_topology("f3t-classic", 4)
+    others = join(beats(77, serial=77), beats(78, serial=78), all_beats(four, but=[(0, 2), (0, 3)]))
+    yield "unknown-board, two of other numbers", four, data_of(four, 4), others
+    known = with_serials("F3T-0001", "F3T-0002", "F3T-0003", "")
+    swapped = join(*(beats(n, serial=s) for n, s in enumerate([2, 1, 9, 4], 1)))
+    yield "other-serial", known, data_of(known, 4), swapped
 
 
 def with_serials(*serials):
@@ -123,26 +134,10 @@ def with_serials(*serials):
     return dataclasses.replace(make_topology("f3t-classic", len(serials)), serials=serials)
 
 
-CASES = (
-    "missing-heartbeat, never",
-    "missing-heartbeat, stopped",
-    "missing-heartbeat, of all",
-    "missing-heartbeat, another node",
-    "missing-unit of a board that beats",
-    "missing-unit of a dead board",
-    "silent-branch of boards that beat",
-    "unknown-board",
-    "duplicate-node",
-    "board-fault",
-    "unknown-board, two of other numbers",
-    "other-serial",
-)
-
-
 def test_every_trouble_of_a_board_is_found_and_nothing_else():
     lines = []
-    for name in CASES:
-        found = found_in(*a_case(name))
+    for name, skin, *records in cases():
+        found = found_in(skin, *records)
         lines += [f"[{name}]", *(f"{finding.code}: {finding}" for finding in found), ""]
     check_golden("doctor-boards", "".join(f"{line}\n" for line in lines[:-1]))
 
