@@ -40,7 +40,7 @@ def board_findings(survey: Survey, index: int, gone: np.ndarray) -> Iterator[Fin
     def named(node: int) -> str:
         return f"node {node} ({hex_id(FIRST_ID + node)}) on {on}"
 
-    for node in talking.intersection(expected):
+    for node in sorted(talking.intersection(expected)):
         # boards with frames of another project send heartbeats or not
         if node not in heard and skin.layouts[layouts[node - 1]] not in LAYOUTS.values():
             continue
