@@ -107,7 +107,6 @@ SEEN_AT_ONCE = st.one_of(
 )
 
 
-@settings(max_examples=40)
 @given(st.lists(SEEN_AT_ONCE, min_size=1, max_size=5), st.integers(0, 2**32))
 def test_whatever_befalls_the_frames_a_valid_value_is_the_one_that_was_sent(faults, seed):
     skin = make_topology("f3t-fd64", 10)
