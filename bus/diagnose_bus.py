@@ -193,11 +193,16 @@ class BusRules:
         traffic, errors = self.survey.traffic[self.index], self.survey.errors[self.index]
         units = sum(self._units(row).size for row in self.rows)
         if traffic:
+            cause = (
+                "units without power, another first_id than the file's, or the file of another skin"
+            )
+            if any(bus == self.index for bus, _ in self.survey.boards.heard):
+                cause = ("its boards live, by heartbeat: no SYNC that reaches them, or another "
+                         "sync_id or first_id than the file's")  # fmt: skip
             yield Finding(
                 "silent-bus", "error", self.name, units,
                 f"none of {units} units is heard, though others send",
-                self._cause(np.flatnonzero(self.enabled), "units without power, another first_id "
-                            "than the file's, or the file of another skin"),
+                self._cause(np.flatnonzero(self.enabled), cause),
             )  # fmt: skip
         elif not errors and self.bus.interface == "memory":
             yield Finding(
