@@ -187,7 +187,7 @@ class _InPlace(_Stage):
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         is_hit = np.zeros(frames.size, bool)
         is_hit[hits] = True
-        for i in np.flatnonzero(self.matches(frames)):
+        for i in self.looked_at(frames, hits):
             record, f = frames[i : i + 1], self.payloads.find(frames[i])
             if f is None:
                 continue
@@ -202,12 +202,16 @@ class _InPlace(_Stage):
                 self.injected += 1
         return frames
 
+    def looked_at(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
+        """Rows of the frames of which `wrong` is asked."""
+        return hits
+
     def strikes(self, channels: np.ndarray, units: np.ndarray) -> np.ndarray:
         """Which counts of a frame the fault changes."""
         return np.isin(units, list(self._units)) if self._units is not None else units >= 0
 
     def wrong(self, f: int, counts: np.ndarray, *, is_hit: bool) -> np.ndarray | None:
-        """What is sent in place of counts; None where they stay. Asked for each frame."""
+        """What is sent in place of counts; None where they stay."""
         raise NotImplementedError
 
 
@@ -215,6 +219,9 @@ class _Freeze(_InPlace):
     def __init__(self, *given) -> None:
         super().__init__(*given)
         self._last: dict[int, np.ndarray] = {}
+
+    def looked_at(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
+        return np.flatnonzero(self.matches(frames))
 
     def wrong(self, f: int, counts: np.ndarray, *, is_hit: bool) -> np.ndarray | None:
         if is_hit and f in self._last:
@@ -233,8 +240,6 @@ class _Wrong(_InPlace):
         return struck
 
     def wrong(self, f: int, counts: np.ndarray, *, is_hit: bool) -> np.ndarray | None:
-        if not is_hit:
-            return None
         match self.fault:
             case kinds.Gain(gain=gain):
                 sent = np.round(gain * counts.astype(float))
