@@ -33,12 +33,12 @@ class Payloads:
         self._codes = np.zeros(topology.n, np.uint8)
         self._made = np.zeros(1, FRAME_DTYPE)
 
-    def find(self, record: np.void) -> int | None:
-        """The frame of the topology that a record is, whole; None if it is none."""
-        for f in self._rows.get(int(record["id"]), ()):
+    def find(self, record: np.ndarray) -> int | None:
+        """The frame of the topology that a record, shape (1,), is; None if it is none, or cut."""
+        for f in self._rows.get(int(record["id"][0]), ()):
             expected = self._tables.frames[f]
-            if not expected["pages"] or expected["page"] == record["data"][0]:
-                return f if record["length"] == expected["size"] else None
+            if not expected["pages"] or expected["page"] == record["data"][0, 0]:
+                return f if record["length"][0] == expected["size"] else None
         return None
 
     def places(self, f: int) -> tuple[np.ndarray, np.ndarray]:

@@ -188,8 +188,8 @@ class _InPlace(_Stage):
         is_hit = np.zeros(frames.size, bool)
         is_hit[hits] = True
         for i in self.looked_at(frames, hits):
-            record, f = frames[i : i + 1], self.payloads.find(frames[i])
-            if f is None:
+            record = frames[i : i + 1]
+            if (f := self.payloads.find(record)) is None:
                 continue
             channels, units = self.payloads.places(f)
             struck = self.strikes(channels, units)
@@ -290,8 +290,7 @@ class _Duplicate(_PutIn):
         return -1 if self.fault.first else 1
 
     def make(self, frame: np.ndarray) -> np.ndarray:
-        f = self.payloads.find(frame[0])
-        if f is None:
+        if (f := self.payloads.find(frame)) is None:
             return frame[:0]
         twin = frame.copy()
         counts, places = self.payloads.read(twin, f), self.payloads.places(f)

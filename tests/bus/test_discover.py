@@ -180,7 +180,7 @@ def _changed(skin, **changes):
 def _renumbered(skin, records):
     """The same frames with sequence numbers that count on without a gap."""
     payloads, out = Payloads(skin, 0), records.copy()
-    f = payloads.find(out[0])
+    f = payloads.find(out[:1])
     for n in range(out.size):
         payloads.read(out[n : n + 1], f)
         payloads.write(out[n : n + 1], f, n - int(out["data"][n, 0]))

@@ -235,75 +235,59 @@ def test_an_interface_that_is_gone_takes_nothing(fake, error):
 # -- opening ---------------------------------------------------------------------------------------
 
 
-def test_an_unknown_interface_is_told_from_the_known():
-    with pytest.raises(BusOpenError) as error:
-        PythonCanTransport(Bus(name="left", interface="virtul"))
-    text = str(error.value)
-    assert text.startswith("bus 'left': interface: must be one of canalystii, ")
-    assert text.endswith("; got 'virtul'; nearest: 'virtual'")
-    for name in ("kvaser", "memory", "pcan", "slcan", "socketcan", "vector"):
-        assert name in text
-
-
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (can.CanInitializationError("no such channel", 3), "CanInitializationError: no such"),
-        (ImportError("no driver"), "ImportError: no driver"),
-        (TypeError("unexpected keyword"), "TypeError: unexpected keyword"),
-        (AttributeError(), "AttributeError"),
-    ],
-)
-@pytest.mark.usefixtures("fake")
-def test_what_python_can_said_is_passed_on(error, said):
-    bus = Bus(name="left", interface="fake", channel="broken", options={"error": error})
-    with pytest.raises(BusOpenError) as raised:
-        PythonCanTransport(bus)
-    start = f"bus 'left': fake channel 'broken': cannot be opened: {said}"
-    assert str(raised.value).startswith(start)
-    assert raised.value.__cause__ is error
-
-
-@pytest.mark.usefixtures("fake")
-def test_can_fd_on_a_classic_interface_is_refused():
-    bus = Bus(name="left", interface="fake", channel="0", data_bitrate=2_000_000)
-    with pytest.raises(BusOpenError) as error:
-        PythonCanTransport(bus)
-    assert str(error.value) == (
-        "bus 'left': data_bitrate: must be absent, for python-can opens this interface for classic "
-        "CAN only; got 2000000"
-    )
-
-
-def test_own_messages_are_never_asked_for():
-    bus = Bus(name="left", interface="virtual", channel="x", options={"receive_own_messages": True})
-    with pytest.raises(BusOpenError, match="receive_own_messages: must be false or absent"):
-        PythonCanTransport(bus)
+REFUSED = [
+    # what differs of a bus 'left', and how the message begins and ends
+    (
+        {"interface": "virtul"},
+        "interface: must be one of canalystii, ",
+        "; got 'virtul'; nearest: 'virtual'",
+    ),
+    (
+        {"interface": "fake", "data_bitrate": 2_000_000},
+        "data_bitrate: must be absent, for python-can opens this interface for classic CAN only",
+        "; got 2000000",
+    ),
+    (
+        {"interface": "virtual", "options": {"receive_own_messages": True}},
+        "options: receive_own_messages: must be false or absent",
+        "; got true",
+    ),
+    *(
+        (
+            {"interface": "fake", "channel": "broken", "options": {"error": error}},
+            f"fake channel 'broken': cannot be opened: {type(error).__name__}",
+            str(error),
+        )
+        for error in (
+            can.CanInitializationError("no such channel", 3),
+            ImportError("no driver"),
+            TypeError("unexpected keyword"),
+            AttributeError(),
+        )
+    ),
+    *(
+        (
+            {"interface": "socketcan", "channel": channel, "data_bitrate": data_bitrate},
+            f"socketcan channel '{channel}': cannot be opened: ",
+            f"; remedy: sudo ip link {remedy}",
+        )
+        for channel, data_bitrate, remedy in (
+            ("can7", None, "set can7 up type can bitrate 1000000"),
+            ("can7", 5_000_000, "set can7 up type can bitrate 1000000 dbitrate 5000000 fd on"),
+            ("vcan77", 5_000_000, "add vcan77 type vcan; sudo ip link set vcan77 mtu 72 up"),
+        )
+    ),
+]
 
 
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")
-@pytest.mark.parametrize(
-    ("channel", "data_bitrate", "remedy"),
-    [
-        ("can7", None, "sudo ip link set can7 up type can bitrate 1000000"),
-        (
-            "can7",
-            5_000_000,
-            "sudo ip link set can7 up type can bitrate 1000000 dbitrate 5000000 fd on",
-        ),
-        (
-            "vcan77",
-            5_000_000,
-            "sudo ip link add vcan77 type vcan; sudo ip link set vcan77 mtu 72 up",
-        ),
-    ],
-)
-def test_a_missing_socketcan_interface_comes_with_its_remedy(channel, data_bitrate, remedy):
-    bus = Bus(name="left", interface="socketcan", channel=channel, data_bitrate=data_bitrate)
-    with pytest.raises(BusOpenError) as error:
-        PythonCanTransport(bus)
-    assert str(error.value).startswith(f"bus 'left': socketcan channel '{channel}': cannot be")
-    assert str(error.value).endswith(f"; remedy: {remedy}")
+@pytest.mark.usefixtures("fake")
+@pytest.mark.parametrize(("differs", "begins", "ends"), REFUSED)
+def test_a_bus_that_cannot_be_opened_is_refused_with_the_reason(differs, begins, ends):
+    with pytest.raises(BusOpenError) as raised:
+        PythonCanTransport(Bus(**{"name": "left", "channel": "x", **differs}))
+    assert str(raised.value).startswith(f"bus 'left': {begins}")
+    assert str(raised.value).endswith(ends)
 
 
 @pytest.mark.parametrize(
