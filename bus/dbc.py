@@ -27,12 +27,6 @@ __all__ = ["DbcFile", "dbc_text", "write_dbc"]
 LONGEST = 32
 HOST = "host"
 
-_SECTIONS = (
-    "NS_DESC_ CM_ BA_DEF_ BA_ VAL_ CAT_DEF_ CAT_ FILTER BA_DEF_DEF_ EV_DATA_ ENVVAR_DATA_ SGTYPE_ "
-    "SGTYPE_VAL_ BA_DEF_SGTYPE_ BA_SGTYPE_ SIG_TYPE_REF_ VAL_TABLE_ SIG_GROUP_ SIG_VALTYPE_ "
-    "SIGTYPE_VALTYPE_ BO_TX_BU_ BA_DEF_REL_ BA_REL_ BA_DEF_DEF_REL_ BU_SG_REL_ BU_EV_REL_ "
-    "BU_BO_REL_ SG_MUL_VAL_"
-).split()
 _FRAME_FORMATS = (
     "StandardCAN", "ExtendedCAN", "reserved", "J1939PG", *10 * ("reserved",),
     "StandardCAN_FD", "ExtendedCAN_FD",
@@ -157,7 +151,7 @@ def dbc_text(topology: Topology, bus: int = 0) -> str:
 def _text(topology: Topology, index: int, messages: list[_Message]) -> str:
     bus = topology.buses[index]
     nodes = [HOST, *(f"board_{k + 1}" for k in range(len(_boards(topology, index))))]
-    lines = ['VERSION ""', "", "NS_ :", *(f"\t{name}" for name in _SECTIONS), "", "BS_:", ""]
+    lines = ['VERSION ""', "", "NS_ :", "", "BS_:", ""]
     lines += ["BU_: " + " ".join(nodes), ""]
     for message in messages:
         lines.append(f"BO_ {message.can_id} {message.name}: {message.size} {message.sender}")
@@ -319,30 +313,34 @@ def _faults(signal: Signal) -> dict[int, str]:
 
 def _heartbeat(node: int, names: _Names) -> _Message:
     name = names.message("heartbeat", f"_{node}")
-    signals, start = [], 0
-    for what, bits in FIELDS:
-        values: dict[int, str] = dict(enumerate(STATES)) if what == "state" else {}
-        unit = "s" if what == "uptime_s" else ""
-        signals.append(_Signal(names.signal(name, what), start, bits, unit=unit, values=values))
-        start += bits
+    signals = _of_fields(name, FIELDS, {"state": dict(enumerate(STATES))}, names)
     return _Message(name, FIRST_ID + node, LAYOUT.size, False, f"board_{node}", HOST,
                     f"Heartbeat of board_{node}", _whole_ms(1e3 * PERIOD_S), signals)  # fmt: skip
 
 
 def _configuration(boards: list[str], names: _Names) -> _Message:
     name = names.message("configuration")
-    signals, start = [], 0
-    for what, bits in configure.FIELDS:
-        values = {}
-        if what == "command":
-            values = {int(command): command.name.lower() for command in configure.Command}
-        if what == "node":
-            values = {configure.ALL_NODES: "all"}
-        signals.append(_Signal(names.signal(name, what), start, bits, values=values))
-        start += bits
+    commands = {int(command): command.name.lower() for command in configure.Command}
+    values = {"command": commands, "node": {configure.ALL_NODES: "all"}}
+    signals = _of_fields(name, configure.FIELDS, values, names)
     comment = "Command of the host to a board, or to all; reserved must be 0"
     return _Message(name, configure.IDENTIFIER, configure.LAYOUT.size, False, HOST,
                     ",".join(boards), comment, 0, signals)  # fmt: skip
+
+
+def _of_fields(
+    message: str,
+    fields: tuple[tuple[str, int], ...],
+    values: dict[str, dict[int, str]],
+    names: _Names,
+) -> list[_Signal]:
+    """Signals of fields that lie one behind the other, and the words for some values."""
+    starts = np.cumsum([0, *(bits for _, bits in fields)]).tolist()
+    return [
+        _Signal(names.signal(message, what), start, bits, values=values.get(what, {}),
+                unit="s" if what.endswith("_s") else "")
+        for (what, bits), start in zip(fields, starts, strict=False)
+    ]  # fmt: skip
 
 
 class _Names:

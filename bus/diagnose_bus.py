@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bus.diagnose_boards import BoardRules
+from bus.diagnose_boards import board_findings
 from bus.discover import STALE_CYCLES, Heard, Survey
 from bus.finding import Finding, frame_kind, hex_id, rates, some
 from bus.heartbeat import FIRST_ID, LAST_ID
@@ -51,12 +51,9 @@ class BusRules:
         self.interrupted = np.array([self._has_come_back(row) for row in self.rows], bool)
         self.slow = np.zeros(self.rows.size, bool)
         """Frames at a constant but wrong rate: no losses."""
-        self.boards = BoardRules(survey, index)
         of_other = self.skin.frames.can_id[self.skin.frames.bus == instead].tolist()
         self.known = {*self.ids, self.skin.sync_id, *_HEARTBEATS, *of_other}
         self.unknown = self._unknown_ids()
-        silent = self.never | self.fell
-        self.numbered = self.boards.are_numbered(silent, len(self.unknown))
 
     def findings(self) -> Iterator[Finding]:
         """All findings of this bus."""
@@ -70,7 +67,7 @@ class BusRules:
         yield from self._shape()
         yield from self._rate()
         yield from self._losses()
-        yield from self.boards.findings(self.never | self.fell)
+        yield from board_findings(self.survey, self.index, self.never | self.fell)
 
     # -- rows of this bus ---------------------------------------------------------
 
@@ -162,19 +159,14 @@ class BusRules:
                 f"no SYNC ({hex_id(self.skin.sync_id)}), which units answer to",
                 "nobody sends it (--sync host does), or its identifier is another one",
             )  # fmt: skip
-        elif syncs and not survey.sends_sync:
-            yield from self._sync_rate(syncs)
-
-    def _sync_rate(self, syncs: int) -> Iterator[Finding]:
-        if self.survey.cycles < LONG_SILENCE or not self.survey.seconds:
-            return
-        rate_hz = syncs / self.survey.seconds
-        if abs(rate_hz / self.skin.cycle_rate_hz - 1.0) > _RATE_TOLERANCE:
-            yield Finding(
-                "wrong-rate", "warning", self.name, syncs,
-                f"SYNC comes at {rate_hz:.1f} Hz; expected {self.skin.cycle_rate_hz:g} Hz",
-                "whoever sends SYNC has another rate than cycle_rate_hz of the file",
-            )  # fmt: skip
+        elif syncs and not survey.sends_sync and survey.cycles >= LONG_SILENCE and survey.seconds:
+            rate_hz = syncs / survey.seconds
+            if abs(rate_hz / self.skin.cycle_rate_hz - 1.0) > _RATE_TOLERANCE:
+                yield Finding(
+                    "wrong-rate", "warning", self.name, syncs,
+                    f"SYNC comes at {rate_hz:.1f} Hz; expected {self.skin.cycle_rate_hz:g} Hz",
+                    "whoever sends SYNC has another rate than cycle_rate_hz of the file",
+                )  # fmt: skip
 
     def _silence(self) -> Iterator[Finding]:
         if not self.gone.any():
@@ -201,11 +193,16 @@ class BusRules:
         traffic, errors = self.survey.traffic[self.index], self.survey.errors[self.index]
         units = sum(self._units(row).size for row in self.rows)
         if traffic:
+            cause = (
+                "units without power, another first_id than the file's, or the file of another skin"
+            )
+            if any(bus == self.index for bus, _ in self.survey.boards.heard):
+                cause = ("its boards live, by heartbeat: no SYNC that reaches them, or another "
+                         "sync_id or first_id than the file's")  # fmt: skip
             yield Finding(
                 "silent-bus", "error", self.name, units,
                 f"none of {units} units is heard, though others send",
-                self._cause(np.flatnonzero(self.enabled), "units without power, another first_id "
-                            "than the file's, or the file of another skin"),
+                self._cause(np.flatnonzero(self.enabled), cause),
             )  # fmt: skip
         elif not errors and self.bus.interface == "memory":
             yield Finding(
@@ -220,23 +217,18 @@ class BusRules:
 
     def _branches(self) -> Iterator[tuple[np.ndarray, str]]:
         """Runs of silent frames that one cable may explain, and where they begin."""
-        off = ~self.enabled
-        quiet = self.gone | off
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet, [0]])))
-        for start, end in edges.reshape(-1, 2):
-            places = np.arange(start, end)[~off[start:end]]
-            if start and end == quiet.size and places.size >= 2:
-                yield places, f"all units behind {self._frame(start - 1)}"
+        last = np.flatnonzero(~self.gone & self.enabled)
+        if last.size:
+            places = np.arange(last[-1] + 1, self.rows.size)
+            places = places[self.enabled[places]]
+            if places.size >= 2:
+                yield places, f"all units behind {self._frame(last[-1])}"
         for patch, name in enumerate(self.skin.patch_names):
             mine = np.array([(self.skin.patch[self._units(row)] == patch).all()
                              for row in self.rows]) & self.enabled  # fmt: skip
             places = np.flatnonzero(mine)
             if places.size >= 2:
                 yield places, f"all of patch {name!r}"
-        for start, end in edges.reshape(-1, 2):
-            places = np.arange(start, end)[~off[start:end]]
-            if places.size >= 3:
-                yield places, f"all units from {self._frame(start)} to {self._frame(end - 1)}"
 
     def _branch(self, places: np.ndarray, where: str) -> Finding:
         units = sum(self._units(self.rows[place]).size for place in places)
@@ -250,9 +242,6 @@ class BusRules:
 
     def _cause(self, places: Any, otherwise: str) -> str:
         """The likely cause of silent frames, by what else comes."""
-        alive = self.boards.alive(np.isin(np.arange(self.rows.size), places))
-        if self.numbered and alive:
-            return alive
         if min(len(self.unknown), len(places)) < 2:
             return otherwise
         return (

@@ -1,96 +1,67 @@
-"""What the topology says of a data frame, and writing into its payload bit by bit."""
+"""Counts of received data frames, changed in place by the codec that packs them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bus.codec import crc16
-from topology import CHANNELS, Signal, Topology, WireLayout
+from bus.frame import FRAME_DTYPE, PAYLOAD, as_bytes, views
+from bus.table import FrameTable
+from topology import CHANNELS, Topology
 
-__all__ = ["ExpectedFrame", "count_in", "flip", "frames_of", "put_count"]
-
-
-class ExpectedFrame:
-    """A data frame of the topology, and how to write into it."""
-
-    def __init__(self, can_id: int, layout: WireLayout, part: int, units: list[int]) -> None:
-        self.can_id = can_id
-        self.layout = layout
-        self.page = layout.pages[part] if layout.pages else None
-        self.units = units
-        mine = [signal for signal in layout.signals if signal.part == part]
-        self.channels = [s for s in mine if s.name in CHANNELS and units[s.slot] >= 0]
-        self._sequence = layout.frame_field("sequence", part)
-        self._crc = layout.frame_field("crc", part)
-
-    def counts_of(self, slots: list[int]) -> np.ndarray:
-        """Mask of the channels of some slots, shape (64,), uint8."""
-        mask = np.zeros(64, np.uint8)
-        for signal in self.channels:
-            if signal.slot in slots:
-                flip(mask, signal, self.layout.size, (1 << signal.length) - 1)
-        return mask
-
-    def count_on(self, data: np.ndarray, offset: int) -> None:
-        """Add to the sequence number."""
-        if self._sequence is not None and offset:
-            now = _value(data, self._sequence, self.layout.size)
-            flip(data, self._sequence, self.layout.size, now ^ (now + offset))
-
-    def seal(self, data: np.ndarray) -> None:
-        """Write the CRC that fits the payload, where the layout has one."""
-        if self._crc is None:
-            return
-        size = self.layout.size
-        now = _value(data, self._crc, size)
-        first, _ = _place(self._crc, size)
-        rest = np.delete(data[:size], [first, first + 1]).tobytes()
-        good = crc16(rest, crc16((self.can_id & 0xFFFF).to_bytes(2, "little")))
-        flip(data, self._crc, size, now ^ good)
+__all__ = ["Payloads"]
 
 
-def frames_of(topology: Topology, index: int) -> dict[int, list[ExpectedFrame]]:
-    """Frames of one bus by identifier."""
-    found: dict[int, list[ExpectedFrame]] = {}
-    frames = topology.frames
-    for f in np.flatnonzero(frames.bus == index):
-        can_id, layout = int(frames.can_id[f]), topology.layouts[frames.layout[f]]
-        units = frames.units[f, : layout.units].tolist()
-        expected = ExpectedFrame(can_id, layout, int(frames.part[f]), units)
-        found.setdefault(can_id, []).append(expected)
-    return found
+class Payloads:
+    """Data frames of one bus of a topology, with new contents.
 
+    Parameters
+    ----------
+    topology : Topology
+    index : int
+        Of the bus.
+    """
 
-def _place(signal: Signal, size: int) -> tuple[int, int]:
-    """First byte that a signal touches, and its lowest bit in the payload as one integer."""
-    byte, bit = divmod(signal.start, 8)
-    if signal.order == "little":
-        return byte, signal.start
-    return byte, 8 * size - (8 * byte + 7 - bit) - signal.length
+    def __init__(self, topology: Topology, index: int) -> None:
+        from bus.codec_kernels import pack, unpack_frame  # compiled
 
+        self._pack, self._unpack = pack, unpack_frame
+        self._tables = FrameTable(topology).tables
+        self._rows: dict[int, list[int]] = {}
+        for f in np.flatnonzero(topology.frames.bus == index).tolist():
+            self._rows.setdefault(int(topology.frames.can_id[f]), []).append(f)
+        self._counts = np.zeros((len(CHANNELS), topology.n), np.int16)
+        self._codes = np.zeros(topology.n, np.uint8)
+        self._made = np.zeros(1, FRAME_DTYPE)
 
-def _value(data: np.ndarray, signal: Signal, size: int) -> int:
-    """The unsigned integer of a signal."""
-    _, shift = _place(signal, size)
-    whole = int.from_bytes(data[:size].tobytes(), signal.order)
-    return (whole >> shift) & ((1 << signal.length) - 1)
+    def find(self, record: np.ndarray) -> int | None:
+        """The frame of the topology that a record, shape (1,), is; None if it is none, or cut."""
+        for f in self._rows.get(int(record["id"][0]), ()):
+            expected = self._tables.frames[f]
+            if not expected["pages"] or expected["page"] == record["data"][0, 0]:
+                return f if record["length"][0] == expected["size"] else None
+        return None
 
+    def places(self, f: int) -> tuple[np.ndarray, np.ndarray]:
+        """Channel and unit of each count of a frame of the topology."""
+        expected = self._tables.frames[f]
+        signals = self._tables.signals[expected["first_channel"] : expected["first_status"]]
+        return signals["target"], signals["unit"]
 
-def count_in(data: np.ndarray, signal: Signal, size: int) -> int:
-    """The count of a channel."""
-    raw, low = _value(data, signal, size), signal.rails[0]
-    return low + ((raw - low) & ((1 << signal.length) - 1)) if signal.signed else raw + low
+    def read(self, record: np.ndarray, f: int) -> np.ndarray:
+        """Counts of a record, shape (1,), in an array of all units, shape (c, n), int16: always the
+        same one."""
+        self._codes[:] = 0
+        counts = self._counts.reshape(-1)
+        self._unpack(as_bytes(record), 0, f, self._tables, counts, self._codes)
+        return self._counts
 
+    def write(self, record: np.ndarray, f: int, offset: int = 0) -> None:
+        """Write the counts of the last record that was read, as they are now, into it; with
+        `offset` added to its sequence number, and the CRC that fits."""
+        from bus.codec_kernels import read_bits
 
-def put_count(data: np.ndarray, signal: Signal, size: int, count: int) -> None:
-    """Write the count of a channel, at the rail if it has no room."""
-    low, high = signal.rails
-    raw = min(max(count, low), high) + signal.bias
-    flip(data, signal, size, raw ^ _value(data, signal, size))
-
-
-def flip(data: np.ndarray, signal: Signal, size: int, bits: int) -> None:
-    """Invert bits of a signal, in place."""
-    _, shift = _place(signal, size)
-    inverted = (bits & ((1 << signal.length) - 1)) << shift
-    data[:size] ^= np.frombuffer(inverted.to_bytes(size, signal.order), np.uint8)
+        data, field = as_bytes(record), self._tables.frames[f]["sequence"]
+        sequence = int(read_bits(data, 0, field)) + offset if field["mask"] else 0
+        made = views(self._made)
+        self._pack(f, f + 1, sequence, 0, self._counts, self._codes, self._tables, made)
+        data[0, PAYLOAD:] = made.data[0, PAYLOAD:]

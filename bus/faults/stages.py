@@ -1,18 +1,27 @@
-"""Stages: what each kind of fault does to the frames that pass, in the order of the bus."""
+"""What each kind of fault does to the frames that pass, in the order of the bus; and the injector.
+
+What was done is counted by kind, so that a test can hold it against what the receiver has counted.
+Which frames are hit depends on the seed and on the frames alone, not on how they fall into batches,
+nor, where the script goes by a scene's time, on how fast the machine is. A frame that a fault has
+put in is never hit by another, so that what comes out is bounded by what went in.
+"""
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
 from bus.faults import script as kinds
-from bus.faults.payload import ExpectedFrame, count_in, flip, frames_of, put_count
-from bus.faults.script import Fault
-from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_LENGTHS
-from topology import Topology
+from bus.faults.payload import Payloads
+from bus.faults.script import Fault, FaultScript, check_script
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_LENGTHS, FRAME_DTYPE
+from topology import CHANNELS, Topology
 
-__all__ = ["STAGES"]
+__all__ = ["Injector"]
 
 _INJECTED = 0x80
 """Bit of `origin`, between stages only: a fault has made this frame."""
@@ -31,7 +40,9 @@ class _Stage:
         self.injected = 0
         self.rng = rng
         self._chance = rng.spawn(1)[0]
-        self._frames = {} if topology is None else frames_of(topology, index)
+        self._topology, self._index = topology, index
+        self._units: set[int] | None = None
+        """Those that the fault names; None for all."""
         self._ids = self._targets(topology, index)
         self._passed = self._hits = 0
         self._origin_ns = 0
@@ -53,17 +64,11 @@ class _Stage:
         """Do to `frames`, at the rows `hits`, what the fault is."""
         raise NotImplementedError
 
-    def frame_of(self, record: np.void) -> ExpectedFrame | None:
-        """What the topology says of a frame."""
-        for expected in self._frames.get(int(record["id"]), ()):
-            if expected.page is None or expected.page == record["data"][0]:
-                return expected
-        return None
-
-    def units_in(self, expected: ExpectedFrame) -> list[int]:
-        """Slots of a frame that hold units of this fault: all, unless units are named."""
-        named = self._units
-        return [s for s, unit in enumerate(expected.units) if named is None or unit in named]
+    @cached_property
+    def payloads(self) -> Payloads:
+        """Writes other counts into frames."""
+        assert self._topology is not None, "by the check of the script"
+        return Payloads(self._topology, self._index)
 
     def matches(self, frames: np.ndarray) -> np.ndarray:
         """Which frames are among those of this fault, at any time; shape (m,), bool."""
@@ -74,20 +79,23 @@ class _Stage:
         return found
 
     def _targets(self, topology: Topology | None, index: int) -> np.ndarray | None:
+        """Identifiers of the frames of this fault; None for all."""
         fault = self.fault
-        self._units: set[int] | None = None
-        if topology is not None and fault.bus not in (None, topology.buses[index].name):
-            return np.zeros(0, np.uint32)
         ids = [can_id | (CAN_EFF if can_id > 0x7FF else 0) for can_id in fault.ids]
-        if fault.units and topology is not None:
+        if topology is None:
+            return np.array(ids, np.uint32) if ids else None
+        if fault.bus not in (None, topology.buses[index].name):
+            return np.zeros(0, np.uint32)
+        carries = topology.frames.units >= 0
+        if fault.units:
             patches = np.array(topology.patch_names)[topology.patch]
             is_named = np.isin(topology.unit_names, fault.units) | np.isin(patches, fault.units)
             self._units = set(np.flatnonzero(is_named).tolist())
-        if fault.units or (topology is not None and not ids):
-            for can_id, parts in self._frames.items():
-                if any(self.units_in(expected) for expected in parts):
-                    ids.append(can_id)
-        return np.array(ids, np.uint32) if ids or topology is not None else None
+            carries &= np.isin(topology.frames.units, list(self._units))
+        if fault.units or not ids:
+            here = (topology.frames.bus == index) & carries.any(axis=1)
+            ids += topology.frames.can_id[here].tolist()
+        return np.array(ids, np.uint32)
 
     def _select(self, frames: np.ndarray, times_ns: np.ndarray) -> np.ndarray:
         """Rows that the fault hits."""
@@ -174,65 +182,72 @@ class _Truncate(_Stage):
 
 
 class _InPlace(_Stage):
-    """Faults that write into whole frames of the topology."""
+    """Faults that write other counts into whole frames of the topology."""
 
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         is_hit = np.zeros(frames.size, bool)
         is_hit[hits] = True
-        for i in np.flatnonzero(self.matches(frames)):
-            expected = self.frame_of(frames[i])
-            if expected is None or frames["length"][i] != expected.layout.size:
+        for i in self.looked_at(frames, hits):
+            record = frames[i : i + 1]
+            if (f := self.payloads.find(record)) is None:
                 continue
-            data = frames["data"][i]
-            if self.strike(data, expected, is_hit=bool(is_hit[i])):
-                expected.seal(data)
+            channels, units = self.payloads.places(f)
+            struck = self.strikes(channels, units)
+            places = channels[struck], units[struck]
+            counts = self.payloads.read(record, f)
+            wrong = self.wrong(f, counts[places], is_hit=bool(is_hit[i]))
+            if wrong is not None and wrong.size:
+                counts[places] = wrong
+                self.payloads.write(record, f)
                 self.injected += 1
         return frames
 
-    def strike(self, data: np.ndarray, expected: ExpectedFrame, *, is_hit: bool) -> bool:
-        """Write into a frame if it is hit; whether that was done. Asked for each frame."""
+    def looked_at(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
+        """Rows of the frames of which `wrong` is asked."""
+        return hits
+
+    def strikes(self, channels: np.ndarray, units: np.ndarray) -> np.ndarray:
+        """Which counts of a frame the fault changes."""
+        return np.isin(units, list(self._units)) if self._units is not None else units >= 0
+
+    def wrong(self, f: int, counts: np.ndarray, *, is_hit: bool) -> np.ndarray | None:
+        """What is sent in place of counts; None where they stay."""
         raise NotImplementedError
 
 
 class _Freeze(_InPlace):
     def __init__(self, *given) -> None:
         super().__init__(*given)
-        self._last: dict[tuple[int, int | None], np.ndarray] = {}
+        self._last: dict[int, np.ndarray] = {}
 
-    def strike(self, data: np.ndarray, expected: ExpectedFrame, *, is_hit: bool) -> bool:
-        key = expected.can_id, expected.page
-        if not is_hit or key not in self._last:
-            self._last[key] = data.copy()
-            return False
-        held = expected.counts_of(self.units_in(expected))
-        data[:] = (data & ~held) | (self._last[key] & held)
-        return True
+    def looked_at(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
+        return np.flatnonzero(self.matches(frames))
+
+    def wrong(self, f: int, counts: np.ndarray, *, is_hit: bool) -> np.ndarray | None:
+        if is_hit and f in self._last:
+            return self._last[f]
+        self._last[f] = counts
+        return None
 
 
 class _Wrong(_InPlace):
-    """Faults that write other counts."""
-
     fault: kinds.Gain | kinds.Offset | kinds.Stuck
 
-    def strike(self, data: np.ndarray, expected: ExpectedFrame, *, is_hit: bool) -> bool:
-        size, slots = expected.layout.size, self.units_in(expected)
-        struck = [
-            signal
-            for signal in expected.channels
-            if signal.slot in slots and self.fault.channel in (None, signal.name)
-        ]
-        for signal in struck if is_hit else ():
-            put_count(data, signal, size, self.wrong(count_in(data, signal, size)))
-        return is_hit and bool(struck)
+    def strikes(self, channels: np.ndarray, units: np.ndarray) -> np.ndarray:
+        struck = super().strikes(channels, units)
+        if self.fault.channel is not None:
+            struck = struck & (channels == CHANNELS.index(self.fault.channel))
+        return struck
 
-    def wrong(self, count: int) -> int:
-        """What is sent in place of a count."""
+    def wrong(self, f: int, counts: np.ndarray, *, is_hit: bool) -> np.ndarray | None:
         match self.fault:
             case kinds.Gain(gain=gain):
-                return round(gain * count)
-            case kinds.Offset(counts=counts):
-                return count + counts
-        return self.fault.counts
+                sent = np.round(gain * counts.astype(float))
+            case kinds.Offset(counts=more):
+                sent = counts.astype(float) + more
+            case kinds.Stuck(counts=value):
+                sent = np.full(counts.shape, value)
+        return np.clip(sent, -32768, 32767)
 
 
 class _PutIn(_Stage):
@@ -275,15 +290,12 @@ class _Duplicate(_PutIn):
         return -1 if self.fault.first else 1
 
     def make(self, frame: np.ndarray) -> np.ndarray:
-        expected = self.frame_of(frame[0])
-        if expected is None or frame["length"][0] != expected.layout.size:
+        if (f := self.payloads.find(frame)) is None:
             return frame[:0]
         twin = frame.copy()
-        data = twin["data"][0]
-        for signal in expected.channels:
-            flip(data, signal, expected.layout.size, 1 | int(self.rng.integers(16)))
-        expected.count_on(data, self.fault.offset)
-        expected.seal(data)
+        counts, places = self.payloads.read(twin, f), self.payloads.places(f)
+        counts[places] ^= 1 | self.rng.integers(0, 16, places[0].size, np.int16)
+        self.payloads.write(twin, f, self.fault.offset)
         return twin
 
 
@@ -320,3 +332,69 @@ STAGES: dict[type[Fault], type[_Stage]] = {
     kinds.Duplicate: _Duplicate,
     kinds.Error: _Error,
 }
+
+
+class Injector:
+    """Frames in, the same with faults out; for live frames and those of a log.
+
+    Parameters
+    ----------
+    script : FaultScript
+    seed : int, optional
+        In place of the script's own.
+    topology : Topology, optional
+        The skin.
+    index : int
+        Bus of the topology whose frames these are.
+    clock : callable, optional
+        Gives the time, in ns, by which the script goes, asked for once for each call. If not given,
+        the script goes by the stamps of the frames.
+
+    Attributes
+    ----------
+    injected : dict of str to int
+        How often each kind has struck: frames withheld, changed, moved or put in.
+    """
+
+    def __init__(
+        self,
+        script: FaultScript,
+        seed: int | None = None,
+        topology: Topology | None = None,
+        *,
+        index: int = 0,
+        clock: Callable[[], int] | None = None,
+    ) -> None:
+        check_script(script, topology)
+        self._clock = clock
+        seed = script.seed if seed is None else seed
+        self._stages = [
+            STAGES[type(fault)](fault, topology, index, np.random.default_rng([seed, index, i]))
+            for i, fault in enumerate(script.faults)
+        ]
+        self.injected = {stage.kind: 0 for stage in self._stages}
+
+    def __call__(self, records: np.ndarray) -> np.ndarray:
+        """Pass frames of one bus on, in its order.
+
+        Parameters
+        ----------
+        records : ndarray, shape (m,), FRAME_DTYPE
+
+        Returns
+        -------
+        ndarray, shape (k,), FRAME_DTYPE
+            A copy.
+        """
+        frames = np.array(records, FRAME_DTYPE)
+        frames["origin"] &= ECHO
+        unstamped = frames["stamp_ns"] == 0
+        if unstamped.any():
+            frames["stamp_ns"][unstamped] = time.time_ns()
+        now_ns = None if self._clock is None else self._clock()
+        for stage in self._stages:
+            before = stage.injected
+            frames = stage(frames, now_ns)
+            self.injected[stage.kind] += stage.injected - before
+        frames["origin"] &= ECHO
+        return frames

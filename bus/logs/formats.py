@@ -7,17 +7,15 @@ import os
 from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from bus.errors import LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs.reader import LogReader, existing
+from bus.logs.writer import LogWriter
 from topology.files import check_path, named, sync
-
-if TYPE_CHECKING:
-    from bus.logs.writer import LogWriter
 
 __all__ = ["READERS", "open_writer", "read", "read_all", "write"]
 
@@ -90,8 +88,6 @@ def open_writer(path: str | os.PathLike[str], **options: Any) -> LogWriter:
     LogError
         Another suffix.
     """
-    from bus.logs.writer import LogWriter  # compiled
-
     _suffix(path, _WRITTEN)
     with named(Path(path)):
         return LogWriter(path, **options)

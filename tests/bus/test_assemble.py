@@ -194,15 +194,6 @@ def test_a_unit_that_comes_back_behind_all_others_is_waited_for_again():
     assert assembler.counters.late == 1
 
 
-def test_where_all_are_dead_a_cycle_stays_open_to_the_deadline():
-    small = make_topology(units=2)
-    now = [0]
-    assembler = Assembler(small, clock=lambda: now[0])
-    run(assembler, *(sync(i) for i in range(9)), end=False)
-    assert (assembler.pending, assembler.waiting) == (True, 0)
-    assert assembler.expire(assembler.deadline_ns).number == 8
-
-
 def test_the_deadline_counts_from_the_opening_of_the_cycle():
     small = make_topology(units=2)
     now = [1_000_000]
@@ -238,16 +229,6 @@ def test_a_silent_host_is_no_reason_to_show_old_numbers():
     assert (cycle.number, cycle.valid.all()) == (256 + 12, True)
 
 
-def test_a_host_that_was_never_heard_leaves_all_units_never_heard():
-    small = make_topology(units=2)
-    assembler = Assembler(small)
-    assert assembler.silence(0) is None
-    cycle = assembler.silence(6 * PERIOD_NS)
-    assert (cycle.number, flags(cycle)) == (0, [Status.NEVER] * 2)
-    (cycle,) = run(assembler, cycle_frames(small, 0), end=False)
-    assert (cycle.number, cycle.valid.all()) == (256, True)
-
-
 # -- SYNC ------------------------------------------------------------------------------------------
 
 
@@ -257,14 +238,6 @@ def test_numbers_agree_with_the_counter_and_never_step_back(steps, first):
     counters = np.cumsum([first, *steps])
     cycles = run(Assembler(small), *(sync(int(c)) for c in counters))
     assert [cycle.number for cycle in cycles] == counters.tolist()
-
-
-def test_an_answer_of_before_the_first_sync_is_late():
-    """Its number is that of no frame before: one behind 0 is none that was ever heard."""
-    small = make_topology(units=1)
-    assembler = Assembler(small)
-    run(assembler, sync(14), data_frames(small, 0, 15))
-    assert (assembler.counters.late, assembler.counters.repeated) == (1, 0)
 
 
 @given(st.lists(st.tuples(st.integers(0, 1), st.booleans()), max_size=60))
@@ -377,29 +350,6 @@ def test_a_frame_that_came_and_could_not_be_used_is_not_lost_as_well():
     assert (counters.crc, counters.short, counters.lost, counters.data) == (1, 1, 0, 4)
 
 
-@pytest.mark.parametrize("left_out", [1, 2, 4, 5, 9])
-@pytest.mark.parametrize("missing", [False, True])
-def test_frames_of_syncs_that_were_never_sent_are_not_lost(left_out, missing):
-    """A host that is late goes on with a later number: nobody was asked in between."""
-    small = make_topology("f3t-fd16", units=2)
-    assembler = Assembler(small, stale_cycles=100)
-    parts = [cycle_frames(small, i) for i in range(3)]
-    if missing:
-        parts[2] = parts[2][[0, 1]]  # the second unit's frame is lost on the bus
-    parts += [cycle_frames(small, 3 + left_out + i) for i in range(3)]
-    cycles = run(assembler, *parts)
-    assert [cycle.number for cycle in cycles][3] == 3 + left_out
-    assert assembler.by_frame("lost").tolist() == [0, int(missing)]
-
-
-def test_a_long_absence_is_silence_not_loss():
-    small = make_topology("f3t-fd16", units=2)
-    assembler = Assembler(small)
-    parts = [cycle_frames(small, i)[[0, 1]] for i in range(1, 1000)]
-    run(assembler, cycle_frames(small, 0), *parts, cycle_frames(small, 1000))
-    assert assembler.counters.lost == 0
-
-
 def test_own_counts_count_gaps_repeats_and_restarts():
     small = make_topology(counting("f3t-fd16"), units=1)
     assembler = Assembler(small)
@@ -412,18 +362,6 @@ def test_own_counts_count_gaps_repeats_and_restarts():
     ]  # fmt: skip
     counters = assembler.counters
     assert (counters.lost, counters.repeated, counters.late) == (4, 1, 1)
-
-
-def test_a_count_of_one_bit_goes_on_by_turning_over():
-    gel = Signal(name="gel", start=0, length=12)
-    layout = WireLayout(
-        name="bit", size=2, signals=(gel, Signal(name="sequence", start=15, length=1))
-    )
-    small = make_topology(counting(layout), units=1)
-    assembler = Assembler(small)
-    cycles = run(assembler, *(join(sync(i), data_frames(small, i, i)) for i in range(9)))
-    assert all(cycle.valid.all() for cycle in cycles)
-    assert assembler.counters == FrameCounters(data=9, sync=9)
 
 
 def test_units_that_count_for_themselves_belong_to_the_cycle_they_arrive_in():
@@ -513,12 +451,6 @@ def test_counts_that_stay_bit_identical_are_frozen_until_they_move():
     assert all(c.valid[0] for c in cycles)
 
 
-def test_zero_frozen_cycles_switches_the_watch_off():
-    small = make_topology(units=1, frozen_cycles=0)
-    cycles = run(Assembler(small), *(join(sync(i), data_frames(small, 1, i)) for i in range(200)))
-    assert all(c.valid.all() for c in cycles)
-
-
 # -- frames that must not become numbers -----------------------------------------------------------
 
 
@@ -596,13 +528,6 @@ def test_a_frame_of_another_kind_or_length_is_short(layout, changes):
     assert assembler.counters.data == 0
 
 
-def test_frames_of_unknown_buses_are_foreign():
-    small = make_topology(units=2)
-    assembler = Assembler(small)
-    run(assembler, broken(join(cycle_frames(small, 0)), bus=1), broken(sync(0), bus=255))
-    assert assembler.counters == FrameCounters(foreign=4)
-
-
 def test_a_full_controller_is_counted_apart():
     small = make_topology(units=1)
     assembler = Assembler(small)
@@ -647,18 +572,6 @@ def test_a_set_with_a_missing_part_is_torn_and_keeps_its_last_whole_value():
     assert assembler.by_frame("torn").tolist() == [0, 1, 0, 0]
 
 
-def test_a_fault_told_in_any_part_counts_for_its_cycle():
-    signals = (*TWO_PARTS.signals[:-2], Signal(name="unit_status", start=44, length=4, part=1))
-    small = make_topology(
-        WireLayout(name="own", size=6, units=2, parts=2, signals=signals), units=2
-    )
-    codes = np.array([5, 0], np.uint8)
-    parts = [join(sync(i), data_frames(small, i, i, fault_code=codes * (i == 1))) for i in range(3)]
-    cycles = run(Assembler(small), *parts)
-    assert [cycle.fault_code.tolist() for cycle in cycles] == [[0, 0], [5, 0], [0, 0]]
-    assert [flags(cycle)[0] for cycle in cycles] == [Status.OK, Status.FAULT, Status.OK]
-
-
 @given(st.lists(st.integers(0, 15), max_size=40), st.booleans())
 def test_no_unit_ever_shows_parts_of_different_cycles(losses, has_sync):
     small = make_topology(TWO_PARTS, units=4, sync_id=SYNC_ID if has_sync else None)
@@ -692,13 +605,6 @@ def test_options_that_cannot_be_are_refused(options, message):
 def test_anything_but_frames_is_refused():
     with pytest.raises(ValueError, match=r"frames: must be FRAME_DTYPE of shape \(m,\); got int64"):
         list(Assembler(make_topology(units=1)).feed(np.zeros(3, int)))
-
-
-def test_counters_of_a_cycle_stay_as_they_were():
-    small = make_topology(units=2)
-    cycles = Assembler(small).feed(join(*(cycle_frames(small, i) for i in range(3))))
-    counters = [cycle.counters for cycle in cycles]
-    assert [each.sync for each in counters] == [1, 2, 3]
 
 
 def test_the_counters_of_kernels_and_cycles_are_in_one_order():

@@ -8,14 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import Assembler
-from bus.boards import MOST_SERIALS
 from bus.diagnose import diagnose
 from bus.diagnose_boards import identities
 from bus.discover import Survey
 from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
 from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, STATES, heartbeat_nodes
 from tests.fixtures.bus import PERIOD_NS, data_frames, frame, join, make_topology, sync
-from tests.fixtures.cases import long_after_first
 from tests.topology.test_messages import check_golden
 from topology import LAYOUTS, WireLayout
 
@@ -77,58 +75,58 @@ def found_with(skin, records):
     return survey
 
 
-def a_case(name):
-    """Skin and frames of a case."""
+def cases():
+    """Name, skin and frames of every trouble, alone."""
     skin = make_topology("f3t-fd64", 20, buses=2)  # two boards on each bus
-    match name:
-        case "missing-heartbeat, never":
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)])
-        case "missing-heartbeat, stopped":
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)]), beats(2, seconds=1)
-        case "missing-heartbeat, of all":
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 1), (0, 2)])
-        case "missing-heartbeat, another node":
-            strange = beats(77, serial=2)
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)]), strange
-        case "missing-unit of a board that lives":
-            return skin, data_of(skin, 4, without=[(1, 0x101)]), all_beats(skin)
-        case "missing-unit of a dead board":
-            without = [(1, 0x101)]
-            return skin, data_of(skin, 4, without=without), all_beats(skin, but=[(1, 2)])
-        case "silent-bus of boards that live":
-            without = [(1, 0x100), (1, 0x101)]
-            return skin, data_of(skin, 4, without=without), all_beats(skin)
-        case "silent-branch of boards that live":
-            skin = make_topology("f3t-fd64", 20)
-            ids = [(0, 0x102), (0, 0x103)]
-            return skin, data_of(skin, 4, without=ids), all_beats(skin)
-        case "unknown-board":
-            return skin, data_of(skin, 4), all_beats(skin), beats(0xDF, serial=9)
-        case "duplicate-node":
-            return skin, data_of(skin, 4), all_beats(skin), beats(2, serial=50, late_ns=300)
-        case "board-fault":
-            faulty = beats(2, bus=1, state="fault")
-            return skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
-        case "missing-unit, taken out of boards that number themselves":
-            skin = make_topology("f3t-classic", 4)
-            return skin, data_of(skin, 4, without=[(0, 0x101)]), all_beats(skin, but=[(0, 4)])
-        case "silent-branch, of one board less on other addresses":
-            skin = make_topology("f3t-classic", 4)
-            rest = data_of(skin, 4, without=[(0, 0x103)])
-            rest["id"][(rest["id"] > 0x100) & (rest["id"] < 0x200)] += 0x10
-            return skin, rest, all_beats(skin, but=[(0, 4)])
-        case "unknown-board, two of other numbers":
-            skin = make_topology("f3t-classic", 4)
-            others = join(beats(77, serial=77), beats(78, serial=78))
-            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2), (0, 3)]), others
-        case "other-serial":
-            skin = with_serials("F3T-0001", "F3T-0002", "F3T-0003", "")
-            return (
-                skin,
-                data_of(skin, 4),
-                *(beats(n, serial=s) for n, s in enumerate([2, 1, 9, 4], 1)),
-            )
-    raise KeyError(name)
+    yield "missing-heartbeat, never", skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)])
+    yield (
+        "missing-heartbeat, stopped",
+        skin,
+        data_of(skin, 4),
+        all_beats(skin, but=[(0, 2)]),
+        beats(2, seconds=1),
+    )
+    yield "missing-heartbeat, of all", skin, data_of(skin, 4), all_beats(skin, but=[(0, 1), (0, 2)])
+    strange = beats(77, serial=2)
+    yield (
+        "missing-heartbeat, another node",
+        skin,
+        data_of(skin, 4),
+        all_beats(skin, but=[(0, 2)]),
+        strange,
+    )
+    yield (
+        "missing-unit of a board that beats",
+        skin,
+        data_of(skin, 4, without=[(1, 0x101)]),
+        all_beats(skin),
+    )
+    without = [(1, 0x101)]
+    yield (
+        "missing-unit of a dead board",
+        skin,
+        data_of(skin, 4, without=without),
+        all_beats(skin, but=[(1, 2)]),
+    )
+    one = make_topology("f3t-fd64", 20)
+    ids = [(0, 0x102), (0, 0x103)]
+    yield "silent-branch of boards that beat", one, data_of(one, 4, without=ids), all_beats(one)
+    yield "unknown-board", skin, data_of(skin, 4), all_beats(skin), beats(0xDF, serial=9)
+    yield (
+        "duplicate-node",
+        skin,
+        data_of(skin, 4),
+        all_beats(skin),
+        beats(2, serial=50, late_ns=300),
+    )
+    faulty = beats(2, bus=1, state="fault")
+    yield "board-fault", skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
+    four = make_topology("f3t-classic", 4)
+    others = join(beats(77, serial=77), beats(78, serial=78), all_beats(four, but=[(0, 2), (0, 3)]))
+    yield "unknown-board, two of other numbers", four, data_of(four, 4), others
+    known = with_serials("F3T-0001", "F3T-0002", "F3T-0003", "")
+    swapped = join(*(beats(n, serial=s) for n, s in enumerate([2, 1, 9, 4], 1)))
+    yield "other-serial", known, data_of(known, 4), swapped
 
 
 def with_serials(*serials):
@@ -136,38 +134,11 @@ def with_serials(*serials):
     return dataclasses.replace(make_topology("f3t-classic", len(serials)), serials=serials)
 
 
-CASES = {
-    "missing-heartbeat, never": ["missing-heartbeat"],
-    "missing-heartbeat, stopped": ["missing-heartbeat"],
-    "missing-heartbeat, of all": ["missing-heartbeat"],
-    "missing-heartbeat, another node": ["missing-heartbeat", "unknown-board"],
-    "missing-unit of a board that lives": ["missing-unit"],
-    "missing-unit of a dead board": ["missing-unit"],
-    "silent-bus of boards that live": ["silent-bus"],
-    "silent-branch of boards that live": ["silent-branch"],
-    "unknown-board": ["unknown-board"],
-    "duplicate-node": ["duplicate-node"],
-    "board-fault": ["board-fault"],
-    "missing-unit, taken out of boards that number themselves": [
-        "missing-unit",
-        "missing-heartbeat",
-    ],
-    "silent-branch, of one board less on other addresses": ["silent-branch", *2 * ["unknown-id"]],
-    "unknown-board, two of other numbers": [*2 * ["missing-heartbeat"], *2 * ["unknown-board"]],
-    "other-serial": 3 * ["other-serial"],
-}
-
-
-@long_after_first("name", CASES)
-def test_every_trouble_of_a_board_is_found_and_nothing_else(name):
-    assert [finding.code for finding in found_in(*a_case(name))] == CASES[name]
-
-
-@pytest.mark.long
-def test_the_words_of_findings_about_boards():
+def test_every_trouble_of_a_board_is_found_and_nothing_else():
     lines = []
-    for name in CASES:
-        lines += [f"[{name}]", *map(str, found_in(*a_case(name))), ""]
+    for name, skin, *records in cases():
+        found = found_in(skin, *records)
+        lines += [f"[{name}]", *(f"{finding.code}: {finding}" for finding in found), ""]
     check_golden("doctor-boards", "".join(f"{line}\n" for line in lines[:-1]))
 
 
@@ -223,14 +194,6 @@ def test_what_is_no_heartbeat_says_nothing_of_boards():
     taken = Survey(skin)
     taken.feed(join(beat, frame(FIRST_ID, bytes(8)), frame(LAST_ID + 1, bytes(8))))
     assert taken.boards.heard == {}
-
-
-def test_a_node_of_any_number_of_serials_stays_small():
-    survey = Survey(make_topology("f3t-fd16", 2))
-    for serial in range(500):
-        survey.feed(beats(1, serial=serial, seconds=1))
-    board = survey.boards.heard[0, 1]
-    assert (board.heartbeats, len(board.serials)) == (500, MOST_SERIALS)
 
 
 @given(st.integers(0x6F0, 0x7FF))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import skin
-from bus import Assembler, FrameBatch, Packer, Status
+from bus import Assembler, Status
 from skin.decode.decoder import Decoder
 from tests.fixtures.bus import frame, join
 from tests.fixtures.topology import write_topology
@@ -123,21 +123,6 @@ def test_a_page_that_nobody_knows_is_foreign(icub):
     assert list(assembler.feed(strange)) == []
     assert assembler.counters.foreign == 1
     assert assembler.counters.data == 0
-
-
-@pytest.mark.parametrize("name", ["xela", "icub"])
-def test_frames_of_dialects_can_be_packed_and_read_back(name, request):
-    topology = request.getfixturevalue(name)
-    rng = np.random.default_rng(5)
-    counts = np.where(topology.wired, rng.integers(0, 200, (6, topology.n)), 0).astype(np.int16)
-    batch = FrameBatch(16)
-    Packer(topology)(counts, batch, sequence=0, stamp_ns=PERIOD_NS)
-    np.testing.assert_array_equal(last_cycle(topology, batch.frames).counts, counts)
-
-
-def test_icub_pages_share_an_identifier(icub):
-    assert icub.frames.can_id.tolist() == [0x420, 0x420, 0x421, 0x421]
-    assert icub.frames.part.tolist() == [0, 1, 0, 1]
 
 
 def test_a_check_says_which_patches_give_counts_only(icub):

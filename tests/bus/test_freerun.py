@@ -70,14 +70,6 @@ def test_a_burst_that_comes_each_period_is_never_cut():
     assert [cycle.closed_by for cycle in cycles] == ["deadline"] * 8 + ["end"]
 
 
-def test_the_stamp_of_a_cycle_is_that_of_its_first_frame_or_a_period_on():
-    small = make_topology(units=1, sync_id=None)
-    records = stream(small, 9, lambda u, i: 5)
-    cycles = run(Assembler(small), records[[0, 1, 2, 5, 6]])
-    stamps = [(cycle.stamp_ns - START) / PERIOD_NS for cycle in cycles]
-    np.testing.assert_allclose(stamps, [0, 2, 3, 4, 5, 6], atol=1e-5)
-
-
 def test_a_unit_is_late_after_two_cycles_and_stale_in_the_end():
     small = make_topology(units=2, sync_id=None)
     records = stream(small, 10, lambda u, i: u)
@@ -138,20 +130,6 @@ def test_a_clock_that_steps_stops_nothing(step):
     assert (counters.data + counters.late, counters.lost) == (80, 0)
 
 
-@given(st.lists(st.integers(-(2**63), 2**63 - 1), max_size=30))
-def test_absurd_stamps_lose_no_frame(stamps):
-    small = make_topology("f3t-fd16", units=1, sync_id=None)
-    records = join(*(data_frames(small, i, i) for i in range(len(stamps))))
-    records["stamp_ns"] = stamps
-    assembler = Assembler(small)
-    cycles = run(assembler, records)
-    counters = assembler.counters
-    assert counters.data + counters.late == len(stamps)
-    assert len(cycles) <= 7 * len(stamps) + 1
-    if cycles and not counters.late:
-        assert cycles[-1].sequence[0] == len(stamps) - 1 or cycles[-1].closed_by == "deadline"
-
-
 # -- live: the caller's clock ----------------------------------------------------------------------
 
 
@@ -197,15 +175,6 @@ def test_a_bus_where_nobody_speaks_still_has_its_cycles():
     assert all(flags(cycle) == [Status.NEVER] * 2 for cycle in cycles)
 
 
-def test_nothing_is_flushed_twice():
-    small = make_topology(units=1, sync_id=None)
-    assembler = Assembler(small)
-    assert assembler.flush() is None
-    run(assembler, data_frames(small, 0, 0, stamp_ns=START), end=False)
-    assert assembler.flush().closed_by == "end"
-    assert assembler.flush() is None
-
-
 # -- several frames a unit, foreign buses ----------------------------------------------------------
 
 
@@ -221,15 +190,6 @@ def test_the_parts_of_a_set_may_lie_on_both_sides_of_a_tick():
     assert [cycle.sequence.tolist() for cycle in cycles[1:]] == [[i, i] for i in range(1, 8)]
     assert all((cycle.age == 0).all() for cycle in cycles[1:])
     assert assembler.counters.torn == 0
-
-
-def test_a_set_that_is_incomplete_at_the_end_is_torn():
-    small = make_topology(TWO_PARTS, units=2, sync_id=None)
-    assembler = Assembler(small)
-    frames = data_frames(small, 0, 0, stamp_ns=START)
-    (cycle,) = run(assembler, frames[:1])
-    assert flags(cycle) == [Status.NEVER | Status.TORN] * 2
-    assert (assembler.counters.torn, assembler.counters.data) == (1, 0)
 
 
 def test_parts_of_different_sequence_are_torn():

@@ -7,8 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import BusClosedError, FrameBatch, MemoryTransport
-from bus.frame import CAN_ERR
-from bus.state import BusState
 from tests.bus.transport_contract import numbered, numbers, receive
 from tests.fixtures.bus import frame, join
 
@@ -34,13 +32,6 @@ def test_a_pair_is_reached_by_no_name():
         near.send(numbered(1))
         assert other.receive(FrameBatch(1)) == 0
         assert far.receive(FrameBatch(1)) == 1
-
-
-def test_a_channel_ends_with_its_last_end():
-    with MemoryTransport("gone") as a, MemoryTransport("gone") as b:
-        a.send(numbered(1))
-    with MemoryTransport("gone") as b:
-        assert b.receive(FrameBatch(1)) == 0
 
 
 @given(
@@ -107,20 +98,6 @@ def test_a_listener_answers_before_send_returns():
         assert numbers(batch.frames) == [100, 101, 102]
         assert threads == [threading.current_thread()]
         assert far.receive(FrameBatch(1)) == 0
-
-
-def test_error_frames_on_the_bus_tell_its_state():
-    near, far = MemoryTransport.pair()
-    with near, far:
-        near.send(join(frame(CAN_ERR | 0x40, bytes(8), stamp_ns=5), frame(1, stamp_ns=9)))
-        receive(far, 2)
-        assert [(change.stamp_ns, change.state) for change in far.changes] == [
-            (5, BusState.BUS_OFF),
-            (9, BusState.ACTIVE),
-        ]
-        near.send(frame(CAN_ERR | 0x4, [0, 1, 0, 0, 0, 0, 0, 0]))
-        receive(far, 1)
-        assert (far.counters.error_frames, far.counters.controller_overflows) == (2, 1)
 
 
 def test_a_closed_end_says_which():

@@ -4,8 +4,6 @@ SYNCs that others sent, or that were left out."""
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bus import Assembler, FrameCounters
 from tests.bus.test_assemble import counting, cycle_frames, run
@@ -88,19 +86,6 @@ def _carried(small):
     from topology import CHANNELS
 
     return np.array([small.layouts[0].carries(name) for name in CHANNELS])[:, np.newaxis]
-
-
-@given(st.data())
-@settings(max_examples=60)
-def test_own_counts_tell_old_frames_from_new_ones_after_any_outage(data):
-    bits = data.draw(st.sampled_from(["f3t-classic", "f3t-fd16"]))
-    small = make_topology(counting(bits), units=2)
-    outage = data.draw(st.integers(2, 40))
-    over, order = data.draw(st.integers(1, 4)), data.draw(st.booleans())
-    cycles = run(Assembler(small), *delivered(small, BEFORE, BEFORE + outage, over, order))
-    for cycle in cycles:
-        right = (cycle.counts == counts_of(small, cycle.number)) | ~_carried(small)
-        assert right.all(axis=0)[cycle.valid].all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -204,16 +189,6 @@ def validity(small, times, *, others_first=False, cycles=80):
 ALONE = [kind for kind in KINDS if kind != "its SYNC's counter, two parts"]
 
 
-@long_after_first("kind", ALONE)
-@long_after_first("every", [2, 3, 6, 8, 17, 20])
-def test_a_unit_that_answers_every_kth_cycle_is_no_late_one(kind, every):
-    """As `bus.configure` lets a board do; it may be doubted until its rate is known."""
-    valid, assembler = validity(make_topology(KINDS[kind], units=12), lambda i: i % every == 0)
-    begun = 4 * every
-    assert valid[begun:] == [i % every == 0 for i in range(begun, 80)]
-    assert assembler.counters.late <= 3
-
-
 ANSWERS, KNOWN = 9, 4
 """Answers of a slow board, and those of them after which its rate is known."""
 
@@ -260,16 +235,6 @@ def test_a_board_that_answers_every_kth_cycle_is_waited_for_in_that_cycle(kind, 
     assert [answer for answer in shown if answer >= KNOWN] == list(range(KNOWN, ANSWERS))
 
 
-@long_after_first("kind", [kind for kind in KINDS if "SYNC" in kind])
-@long_after_first("every", [2, 5, 6, 10])
-def test_a_board_whose_answer_comes_behind_the_next_sync_is_waited_for_when_the_next_is_due(
-    kind, every
-):
-    """What comes behind the next SYNC says by its number in which cycle the board answered."""
-    shown = slow_board(kind, every, lambda answer, part: 2 if answer in (5, 7) else 1)
-    assert [answer for answer in shown if answer >= KNOWN] == [4, 6, 8]
-
-
 @long_after_first("kind", ["its own count, 4 bits", "its own count, 8 bits", "no number"])
 @long_after_first("others_first", [True, False])
 def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_first):
@@ -281,14 +246,6 @@ def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_fi
     assert not any(valid[20:40])
     # a count of four bits that is late by half of its range is one that steps back
     assert all(valid[48:] if others_first else valid[43:])
-
-
-@pytest.mark.parametrize("kind", ["its own count, 8 bits", "no number"])
-def test_a_unit_that_begins_to_send_twice_a_cycle_in_an_outage_returns(kind):
-    valid, _ = validity(
-        make_topology(KINDS[kind], units=12), lambda i: int(i < 20) if i < 40 else 2, cycles=100
-    )
-    assert all(valid[62:])
 
 
 @pytest.mark.parametrize("kind", ALONE)
@@ -304,28 +261,6 @@ def test_a_burst_that_a_sync_cuts_is_late_as_a_whole(kind, first):
     for cycle in run(Assembler(small), *each):
         right = (cycle.counts == counts_of(small, cycle.number)) | ~_carried(small)
         assert right.all(axis=0)[cycle.valid].all(), cycle.number
-
-
-@pytest.mark.parametrize(("rate", "until"), [(2.0, 5), (2.2, 6), (0.5, 8), (1.1, 5), (0.91, 5)])
-def test_without_sync_a_unit_of_another_rate_returns_after_an_outage(rate, until):
-    now = [START]
-    small = make_topology("f3t-fd16", units=1, sync_id=None)
-    assembler = Assembler(small, clock=lambda: now[0])
-    sent, fresh = 0, []
-    assembler.expire(now[0])
-    for i in range(90):
-        while sent < rate * (i + 1):
-            if not 30 <= i < 45:
-                frames = data_frames(small, sent, sent, stamp_ns=now[0])
-                assert not list(assembler.feed(frames))
-            sent += 1
-        now[0] += PERIOD_NS
-        cycle = assembler.expire(now[0])
-        fresh.append(int(cycle.age[0]) == 0)
-    expected = min(rate, 1.0)
-    assert sum(fresh[45 + until :]) >= 0.85 * expected * (45 - until)
-    assert sum(fresh[:30]) >= 0.85 * expected * 30
-    assert not any(fresh[31:45])
 
 
 # -- SYNCs of others, and SYNCs that were left out -------------------------------------------------
@@ -351,14 +286,6 @@ def test_a_sync_without_a_counter_is_foreign_once_ours_have_one(layout, before, 
     kinds = assembler.counters
     assert (kinds.foreign, kinds.sync) == (200, 100 * buses + before)
     assert (kinds.lost, kinds.late, kinds.repeated) == (0, 0, 0)
-
-
-def test_a_sync_that_never_has_a_counter_opens_cycles():
-    small = make_topology(counting("f3t-classic"), units=4)
-    assembler = Assembler(small)
-    parts = [p for i in range(50) for p in (frame(SYNC_ID, b""), data_frames(small, i, i))]
-    assert all(cycle.valid.all() for cycle in run(assembler, *parts))
-    assert (assembler.counters.sync, assembler.counters.foreign) == (50, 0)
 
 
 @pytest.mark.parametrize("layout", ["f3t-classic", counting("f3t-classic")], ids=["sync", "own"])

@@ -1,7 +1,6 @@
 """The adapter of python-can: messages and frames are the same, and every failure has words."""
 
 import errno
-import socket
 import sys
 import types
 
@@ -129,11 +128,6 @@ def test_error_frames_of_other_drivers_are_no_linux_error_classes(fake):
         assert transport.counters.controller_overflows == 0
 
 
-def test_a_frame_without_a_stamp_gets_the_time_of_its_arrival(fake):
-    with fake(can.Message(arbitration_id=1, data=[1])) as transport:
-        assert receive(transport, 1)["stamp_ns"][0] > 1_600_000_000_000_000_000
-
-
 # -- receiving -------------------------------------------------------------------------------------
 
 
@@ -190,24 +184,6 @@ def test_an_adapter_that_is_gone_is_closed_without_a_word(fake, monkeypatch):
     assert end._can._is_shutdown
 
 
-def test_stamps_since_power_up_are_mapped_to_the_clock_of_this_host(fake, monkeypatch):
-    """By a counter of 32 bits, in µs, that wraps on the way."""
-    now_s, sent = 1.795e9, []
-    for k in range(2000):
-        late = can.Message(arbitration_id=1, data=[1], timestamp=(4290.0 + 0.01 * k) % 4294.967296)
-        sent.append(late)
-    with fake(*sent) as end:
-        batch, stamps = FrameBatch(1), []
-        for k in range(2000):
-            now_ns = round(1e9 * now_s) + 10_000_000 * k + 200_000
-            monkeypatch.setattr("bus.pythoncan.time.time_ns", lambda now_ns=now_ns: now_ns)
-            batch.clear()
-            assert end.receive(batch) == 1
-            stamps.append(int(batch.frames["stamp_ns"][0]))
-        assert end.clock.report()["by"] == "driver"
-        assert abs(np.diff(stamps) - 10_000_000).max() < 1000
-
-
 # -- sending ---------------------------------------------------------------------------------------
 
 
@@ -259,75 +235,59 @@ def test_an_interface_that_is_gone_takes_nothing(fake, error):
 # -- opening ---------------------------------------------------------------------------------------
 
 
-def test_an_unknown_interface_is_told_from_the_known():
-    with pytest.raises(BusOpenError) as error:
-        PythonCanTransport(Bus(name="left", interface="virtul"))
-    text = str(error.value)
-    assert text.startswith("bus 'left': interface: must be one of canalystii, ")
-    assert text.endswith("; got 'virtul'; nearest: 'virtual'")
-    for name in ("kvaser", "memory", "pcan", "slcan", "socketcan", "vector"):
-        assert name in text
-
-
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (can.CanInitializationError("no such channel", 3), "CanInitializationError: no such"),
-        (ImportError("no driver"), "ImportError: no driver"),
-        (TypeError("unexpected keyword"), "TypeError: unexpected keyword"),
-        (AttributeError(), "AttributeError"),
-    ],
-)
-@pytest.mark.usefixtures("fake")
-def test_what_python_can_said_is_passed_on(error, said):
-    bus = Bus(name="left", interface="fake", channel="broken", options={"error": error})
-    with pytest.raises(BusOpenError) as raised:
-        PythonCanTransport(bus)
-    start = f"bus 'left': fake channel 'broken': cannot be opened: {said}"
-    assert str(raised.value).startswith(start)
-    assert raised.value.__cause__ is error
-
-
-@pytest.mark.usefixtures("fake")
-def test_can_fd_on_a_classic_interface_is_refused():
-    bus = Bus(name="left", interface="fake", channel="0", data_bitrate=2_000_000)
-    with pytest.raises(BusOpenError) as error:
-        PythonCanTransport(bus)
-    assert str(error.value) == (
-        "bus 'left': data_bitrate: must be absent, for python-can opens this interface for classic "
-        "CAN only; got 2000000"
-    )
-
-
-def test_own_messages_are_never_asked_for():
-    bus = Bus(name="left", interface="virtual", channel="x", options={"receive_own_messages": True})
-    with pytest.raises(BusOpenError, match="receive_own_messages: must be false or absent"):
-        PythonCanTransport(bus)
+REFUSED = [
+    # what differs of a bus 'left', and how the message begins and ends
+    (
+        {"interface": "virtul"},
+        "interface: must be one of canalystii, ",
+        "; got 'virtul'; nearest: 'virtual'",
+    ),
+    (
+        {"interface": "fake", "data_bitrate": 2_000_000},
+        "data_bitrate: must be absent, for python-can opens this interface for classic CAN only",
+        "; got 2000000",
+    ),
+    (
+        {"interface": "virtual", "options": {"receive_own_messages": True}},
+        "options: receive_own_messages: must be false or absent",
+        "; got true",
+    ),
+    *(
+        (
+            {"interface": "fake", "channel": "broken", "options": {"error": error}},
+            f"fake channel 'broken': cannot be opened: {type(error).__name__}",
+            str(error),
+        )
+        for error in (
+            can.CanInitializationError("no such channel", 3),
+            ImportError("no driver"),
+            TypeError("unexpected keyword"),
+            AttributeError(),
+        )
+    ),
+    *(
+        (
+            {"interface": "socketcan", "channel": channel, "data_bitrate": data_bitrate},
+            f"socketcan channel '{channel}': cannot be opened: ",
+            f"; remedy: sudo ip link {remedy}",
+        )
+        for channel, data_bitrate, remedy in (
+            ("can7", None, "set can7 up type can bitrate 1000000"),
+            ("can7", 5_000_000, "set can7 up type can bitrate 1000000 dbitrate 5000000 fd on"),
+            ("vcan77", 5_000_000, "add vcan77 type vcan; sudo ip link set vcan77 mtu 72 up"),
+        )
+    ),
+]
 
 
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")
-@pytest.mark.parametrize(
-    ("channel", "data_bitrate", "remedy"),
-    [
-        ("can7", None, "sudo ip link set can7 up type can bitrate 1000000"),
-        (
-            "can7",
-            5_000_000,
-            "sudo ip link set can7 up type can bitrate 1000000 dbitrate 5000000 fd on",
-        ),
-        (
-            "vcan77",
-            5_000_000,
-            "sudo ip link add vcan77 type vcan; sudo ip link set vcan77 mtu 72 up",
-        ),
-    ],
-)
-def test_a_missing_socketcan_interface_comes_with_its_remedy(channel, data_bitrate, remedy):
-    bus = Bus(name="left", interface="socketcan", channel=channel, data_bitrate=data_bitrate)
-    with pytest.raises(BusOpenError) as error:
-        PythonCanTransport(bus)
-    assert str(error.value).startswith(f"bus 'left': socketcan channel '{channel}': cannot be")
-    assert str(error.value).endswith(f"; remedy: {remedy}")
+@pytest.mark.usefixtures("fake")
+@pytest.mark.parametrize(("differs", "begins", "ends"), REFUSED)
+def test_a_bus_that_cannot_be_opened_is_refused_with_the_reason(differs, begins, ends):
+    with pytest.raises(BusOpenError) as raised:
+        PythonCanTransport(Bus(**{"name": "left", "channel": "x", **differs}))
+    assert str(raised.value).startswith(f"bus 'left': {begins}")
+    assert str(raised.value).endswith(ends)
 
 
 @pytest.mark.parametrize(
@@ -375,19 +335,3 @@ def test_no_configuration_file_has_a_say(tmp_path, monkeypatch):
     with PythonCanTransport(bus) as a, PythonCanTransport(bus) as b:
         a.send(join(frame(1, b"x")))
         assert receive(b, 1)["id"].tolist() == [1]
-
-
-def test_a_socket_gets_as_large_a_queue_as_the_system_grants(fake, monkeypatch):
-    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    before = ends[0].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    monkeypatch.setattr(FakeBus, "fileno", lambda self: ends[0].fileno())
-    with fake():
-        assert ends[0].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) > before
-    for one in ends:
-        one.close()
-    with open("/dev/null") as file:
-        monkeypatch.setattr(FakeBus, "fileno", lambda self: file.fileno())
-        with fake():
-            pass
-    with PythonCanTransport(Bus(name="a", interface="virtual", channel="none")) as end:
-        assert end.fileno() == -1

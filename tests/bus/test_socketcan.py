@@ -5,9 +5,6 @@ import errno
 import os
 import signal
 import socket
-import struct
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -18,26 +15,22 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bus import BusClosedError, BusOpenError, FrameBatch, MemoryTransport
-from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE, as_words
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_FDF
 from bus.linux import SO_RCVBUFFORCE, has_batches
 from bus.open import open_transport
 from bus.state import BusState, read_error_frame
-from bus.transport import CHANGES_KEPT
 from bus.wait import Waiter
-from tests.bus.transport_contract import CHECKS, PATIENCE_S, numbered, numbers, receive
+from tests.bus.transport_contract import CHECKS, numbered, numbers, receive
 from tests.fixtures.bus import frame, join, make_topology, with_data_ids
 from topology import Bus
 
 if not has_batches():
     pytest.skip("needs a 64-bit Linux", allow_module_level=True)
 
-from bus import mmsg, socketcan
-from bus.compiled.jit import compiled
+from bus import socketcan
 from bus.datagram import DatagramTransport, enlarge_queue
 from bus.link import can_links, read_link
 from tests.fixtures.datagram import datagram_pair, sockets
-
-COMPILED = compiled(mmsg.finish_records_python)
 
 
 @pytest.fixture
@@ -87,77 +80,6 @@ def test_a_frame_of_any_content_is_received_within_its_bounds(sent):
         assert transport.counters.error_frames == errors
 
 
-headers = st.integers(0, 2**32 - 1)
-
-
-@given(
-    rows=st.lists(
-        st.tuples(
-            headers, headers, st.sampled_from([16, 72, 0, 99]), st.sampled_from([0, 4, 0x804]),
-            st.integers(0, 2**61), st.integers(0, 2**32 - 1), st.booleans(),
-        ),
-        min_size=1, max_size=5,
-    ),
-    index=st.integers(0, 255),
-    hardware=st.lists(st.integers(0, 2**50), min_size=5, max_size=5),
-)  # fmt: skip
-def test_settling_is_the_same_compiled_and_in_python(rows, index, hardware):
-    results = []
-    for finish_records in (COMPILED, mmsg.finish_records_python):
-        into = mmsg.new_buffers()
-        into.clock["drift"] = 1e-5
-        words = np.zeros((len(rows) + 1, 10), np.int64)
-        for i, (identifier, rest, size, flags, stamp, drops, has_drops) in enumerate(rows):
-            words[i + 1, 1] = np.array([identifier, rest], np.uint32).view(np.int64)[0]
-            into.messages[["control_size", "flags", "size"]][i] = (
-                120 if has_drops else 96,
-                flags,
-                size,
-            )
-            into.control[i, :4] = 32, 1 | 35 << 32, *divmod(stamp, 10**9)
-            into.control[i, 4:12] = 64, 1 | 37 << 32, 1, 2, 3, 4, *divmod(hardware[i], 10**9)
-            into.control[i, 12:15] = 20, 1 | 40 << 32, drops
-        finish_records(len(rows), 1, index, words, into)
-        results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report[0], into.clock.tobytes()))
-    (compiled, report, clock), (plain, same_report, same_clock) = results
-    assert clock == same_clock
-    assert compiled.tobytes() == plain.tobytes()
-    assert report == same_report
-    for record, (identifier, _, size, flags, stamp, _, _) in zip(plain, rows, strict=True):
-        assert (record["id"], record["stamp_ns"]) == (identifier, stamp)
-        assert record["origin"] == (ECHO if flags & 0x800 else 0)
-        assert bool(record["flags"] & FD_FDF) == (size == 72)
-        assert record["bus"] == index
-    known = [drops for *_, drops, has_drops in rows if has_drops]
-    assert report["drops"] == (known[-1] if known else 0)
-    assert report["errors"] == sum(bool(row[0] & CAN_ERR) for row in rows)
-
-
-@given(
-    data=st.binary(min_size=64, max_size=64),
-    length=st.integers(0, 64),
-    flags=st.integers(0, 7),
-    origin=st.integers(0, 255),
-    identifier=headers,
-)
-def test_staging_is_the_same_compiled_and_in_python(data, length, flags, origin, identifier):
-    record = np.zeros(1, FRAME_DTYPE)
-    record["id"], record["length"], record["flags"] = identifier, length, flags
-    record["origin"] = record["bus"] = origin
-    record["data"] = np.frombuffer(data, np.uint8)
-    staged = []
-    for stage in (mmsg.stage, mmsg.stage_python):
-        out = mmsg.new_buffers()
-        stage(1, 0, as_words(record), out)
-        assert out.vectors["base"][0] == out.staged.ctypes.data
-        staged.append(out.staged[0].tobytes()[: out.vectors["size"][0]])
-    assert staged[0] == staged[1]
-    is_fd = bool(flags & FD_FDF)
-    kept = data[:length].ljust(64, b"\0")
-    head = struct.pack("=IBBH", identifier, length, flags if is_fd else 0, 0)
-    assert staged[0] == (head + kept)[: 72 if is_fd else 16]
-
-
 def test_what_is_sent_is_left_as_it_was_and_may_be_of_any_layout(pair):
     near, far = pair
     records = numbered(8)
@@ -172,23 +94,6 @@ def test_what_is_sent_is_left_as_it_was_and_may_be_of_any_layout(pair):
     assert numbers(heard) == [*range(8), 7, 5, 3, 1]
     assert set(heard["bus"]) == {3}
     assert not heard["data"][:, 4:8].any()
-
-
-def test_many_batches_in_one_call_keep_their_order(pair):
-    near, far = pair
-    count = 2 * mmsg.BATCH + 7
-    assert near.send(numbered(count)) == count
-    batch = FrameBatch(count + 1)
-    assert far.receive(batch, 1.0) == count
-    assert numbers(batch.frames) == list(range(count))
-    assert (np.diff(batch.frames["stamp_ns"]) >= 0).all()
-
-
-def test_another_batch_takes_the_place_of_the_first(pair):
-    near, far = pair
-    for first in (0, 10, 20):
-        near.send(numbered(3, first))
-        assert numbers(receive(far, 3, capacity=4)) == [first, first + 1, first + 2]
 
 
 @pytest.mark.parametrize("unread", [20_000])
@@ -212,59 +117,6 @@ def test_delivered_and_dropped_are_all_that_was_sent(unread):
         assert 0 < kept <= far.queue_frames, "what waited when the end was closed"
 
 
-def test_the_drop_counter_reaches_the_user_with_the_frames_themselves():
-    near, far = datagram_pair(queue_bytes=32_768)
-    with near, far:
-        near.send(numbered(5000))
-        batch = FrameBatch(6000)
-        far.receive(batch)
-        near.send(numbered(1))
-        far.receive(batch, 1.0)
-        assert far._counters.queue_drops == 5001 - batch.count
-
-
-def test_drops_are_counted_on_past_32_bits_and_never_back(pair):
-    _, far = pair
-    for total in (5, 3, 2**31, 2**32 - 2, 1, 2**32 - 1):
-        far._count_drops(total)
-    assert far._counters.queue_drops == 2**32 + 1
-
-
-def test_a_hundred_thousand_frames_from_another_thread_are_accounted_for():
-    near, far = datagram_pair()
-    total, sent = 100_000, 0
-    seen = np.zeros(total, bool)
-
-    def produce():
-        nonlocal sent
-        for first in range(0, total, 500):
-            sent += near.send(records[first : first + 500])
-
-    records = np.zeros(total, FRAME_DTYPE)
-    records["id"], records["length"] = 0x123, 4
-    records["data"][:, :4] = np.arange(total, dtype="<u4")[:, np.newaxis].view(np.uint8)
-    batch = FrameBatch(4096)
-    with near, far:
-        thread = threading.Thread(target=produce)
-        thread.start()
-        last = -1
-        while far.receive(batch, 0.5) or thread.is_alive():
-            came = batch.frames["data"][:, :4].copy().view("<u4").ravel().astype(int)
-            assert (np.diff(came, prepend=last) > 0).all(), "in order, none twice"
-            last = came[-1] if came.size else last
-            seen[came] = True
-            batch.clear()
-        thread.join()
-        assert seen.sum() + far.counters.queue_drops == sent == near.counters.sent == total
-        assert far.counters.received == seen.sum()
-
-
-def test_the_receive_buffer_is_as_large_as_the_kernel_allows():
-    near, far = datagram_pair(queue_bytes=1 << 20)
-    with near, far:
-        assert near.queue_frames in range(200, (2 << 20) // 768 + 1)
-
-
 def test_a_user_without_privileges_gets_what_the_system_allows_all():
     class Unprivileged(socket.socket):
         def setsockopt(self, level, option, value):
@@ -275,40 +127,6 @@ def test_a_user_without_privileges_gets_what_the_system_allows_all():
     with Unprivileged(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         allowed = int(Path("/proc/sys/net/core/rmem_max").read_text())
         assert enlarge_queue(sock, 1 << 30) == 2 * allowed
-
-
-@pytest.mark.parametrize("idle", ["alone", "in a thread"])
-def test_close_ends_a_waiting_receive(pair, idle):
-    far = pair[1]
-    ended = []
-
-    def wait():
-        with pytest.raises(BusClosedError, match="far: closed at this end"):
-            far.receive(FrameBatch(1), 60.0)
-        ended.append(True)
-
-    thread = threading.Thread(target=wait)
-    if idle == "in a thread":
-        thread.start()
-        time.sleep(0.05)
-        far.close()
-    else:
-        far.close()
-        thread.start()
-    thread.join(PATIENCE_S)
-    assert ended == [True]
-    assert far.fileno() == -1
-
-
-def test_closing_in_many_threads_at_once_is_fine(pair):
-    _, far = pair
-    threads = [threading.Thread(target=far.close) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    with pytest.raises(BusClosedError):
-        far.send(numbered(0))
 
 
 def test_a_signal_interrupts_a_waiting_receive(pair):
@@ -454,40 +272,6 @@ def test_every_change_of_state_reaches_the_user_once(pair):
     assert far.state is BusState.ACTIVE
 
 
-def test_a_bus_that_flaps_is_counted_and_remembered_in_bounds(pair):
-    near, far = pair
-    flap = join(error_frame(0x40), error_frame(0x100))
-    for _ in range(50):
-        near.send(join(*[flap] * 10))
-        receive(far, 20)
-    assert far.counters.state_changes == 1000
-    assert len(far.changes) == CHANGES_KEPT
-    assert far.changes[-1].state is BusState.ACTIVE
-
-
-def test_a_controller_that_overflows_is_counted(pair):
-    near, far = pair
-    near.send(join(error_frame(0x4, b"\0\1"), numbered(1), error_frame(0x204, b"\0\x11")))
-    receive(far, 3)
-    assert far.counters.controller_overflows == 2
-    assert far.state is BusState.PASSIVE
-
-
-def test_remote_and_mixed_frames_in_one_batch(pair):
-    near, far = pair
-    sent = join(
-        frame(CAN_RTR | 0x123, bytes(8)),
-        frame(0x124, bytes(range(64)), flags=FD_FDF | FD_BRS),
-        frame(0x125, b"classic"),
-        frame(0x126, bytes(range(24)), flags=FD_FDF | FD_ESI),
-    )
-    near.send(sent)
-    heard = receive(far, 4)
-    assert heard["id"].tolist() == sent["id"].tolist()
-    assert heard["flags"].tolist() == [0, FD_FDF | FD_BRS, 0, FD_FDF | FD_ESI]
-    assert far.counters.error_frames == 0
-
-
 @pytest.fixture(params=["datagram", "memory", "mixed"])
 def two_buses(request):
     """Two buses by their far ends, and the near ends as a skin has them."""
@@ -598,13 +382,3 @@ def test_filters_that_do_not_fit_are_left_out():
         open_transport(
             Bus(name="main", interface="socketcan", channel="can0"), filters=np.zeros((513, 2))
         )
-
-
-@pytest.mark.long
-def test_the_compiled_calls_are_loaded_from_the_cache_in_another_process():
-    code = (
-        "from bus import mmsg; "
-        "print([sum(f.stats.cache_misses.values()) for f in (mmsg.receive, mmsg.send, mmsg.wait)])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[0, 0, 0]"

@@ -6,17 +6,14 @@ Nothing leaves the machine: see tests/fixtures/network.py.
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from bus import BusOpenError, FrameBatch
-from bus.frame import FD_FDF
 from bus.pythoncan import PythonCanTransport
 from tests.bus import transport_contract
-from tests.bus.transport_contract import CHECKS, content, numbered, numbers, receive
-from tests.fixtures.bus import frame, join
-from tests.fixtures.network import in_namespace, is_permitted, over_loopback, quiet_multicast
+from tests.bus.transport_contract import CHECKS, numbered, numbers, receive
+from tests.fixtures.network import quiet_multicast
 from topology import Bus
 
 GROUP = "239.74.163.2"
@@ -92,58 +89,6 @@ def test_two_processes_hear_each_other_and_not_themselves(port):
         assert end.counters.received == 41
 
 
-def test_equal_frames_of_both_ends_come_once_at_each(port):
-    with open_end(port) as near, open_end(port) as far:
-        same = join(*3 * [frame(0x123, bytes(64), flags=FD_FDF)])
-        near.send(same)
-        far.send(same)
-        for end in (near, far):
-            assert content(receive(end, 3)) == content(same)
-            assert end.receive(FrameBatch(1), 0.05) == 0
-
-
-def test_two_groups_on_one_port_are_two_buses(port):
-    with (
-        open_end(port) as left,
-        open_end(port) as hears,
-        open_end(port, 1, "239.74.163.3") as right,
-    ):
-        left.send(numbered(3))
-        assert numbers(receive(hears, 3)) == [0, 1, 2]
-        assert right.receive(FrameBatch(1), 0.05) == 0
-
-
 def test_the_channel_must_be_a_group():
     with pytest.raises(BusOpenError, match=r"a multicast group as the channel, such as 239\.74"):
         PythonCanTransport(Bus(name="air", interface="udp_multicast", channel="vcan0"))
-
-
-def joined(group):
-    """Names of the interfaces on which this thread's network has joined a group."""
-    wanted, found, device = socket.inet_aton(group)[::-1].hex().upper(), set(), ""
-    for line in Path("/proc/thread-self/net/igmp").read_text().splitlines()[1:]:
-        if line[0].isdigit():
-            device = line.split()[1]
-        elif line.split()[0] == wanted:
-            found.add(device)
-    return found
-
-
-def test_in_a_network_namespace_there_is_nowhere_to_go(port):
-    if not is_permitted():
-        pytest.skip("this process may not make a network namespace, or there is no `ip`")
-    with in_namespace(), open_end(port) as near, open_end(port) as far:
-        assert [name for _, name in socket.if_nameindex()] == ["lo"]
-        near.send(numbered(3))
-        assert numbers(receive(far, 3)) == [0, 1, 2]
-
-
-def test_over_the_loopback_interface_nothing_goes_anywhere_else(port):
-    with over_loopback(), open_end(port) as near, open_end(port) as far:
-        assert joined(GROUP) == {"lo"}
-        for end in (near, far):
-            sock = end._can._multicast._socket
-            assert sock.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
-            assert sock.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4) == LOOPBACK
-        near.send(numbered(3))
-        assert numbers(receive(far, 3)) == [0, 1, 2]

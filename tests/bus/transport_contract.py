@@ -9,7 +9,7 @@ from bus import BusClosedError, FrameBatch
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, FD_BRS, FD_ESI, FD_FDF
 from tests.fixtures.bus import frame, join
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 def numbered(count, first=0, can_id=0x123):

@@ -83,14 +83,3 @@ def pairs_within(position, radius):
         for j in range(i + 1, n)
         if np.linalg.norm(position[:, i] - position[:, j]) <= radius
     }
-
-
-def nearest_distance(position):
-    n = position.shape[1]
-    return np.array(
-        [
-            min((np.linalg.norm(position[:, i] - position[:, j]) for j in range(n) if j != i),
-                default=np.inf)
-            for i in range(n)
-        ]
-    )  # fmt: skip

@@ -49,16 +49,6 @@ def test_no_fd_frame_takes_more_than_the_worst_case(address, data):
     assert len(nominal) + len(fast) <= worst_nominal + worst_fast
 
 
-@given(identifiers, st.sampled_from(naive.FD_CODES))
-def test_no_fd_frame_is_slower_than_the_worst_case_even_if_it_tries(address, size):
-    can_id, extended = address
-    code = naive.FD_CODES.index(size)
-    head = [*naive.identifier_bits(can_id, extended, 0), 1, 0, 1, 0, *naive.number_bits(code, 4)]
-    nominal, fast = naive.fd_frame(can_id, stuffing_payload(head, size), extended)
-    seconds = len(nominal) / FD.bitrate + len(fast) / FD.data_bitrate
-    assert seconds <= frame_seconds(size, True, FD, extended)
-
-
 @pytest.mark.parametrize(
     ("can_id", "extended", "data", "bits"),
     [
@@ -80,15 +70,6 @@ def test_the_worst_case_of_a_64_byte_fd_frame_is_two_bits_from_a_real_one():
     assert fd_bits(64) == (34, 678)
 
 
-def test_the_frames_of_the_oracle_are_as_long_as_the_standard_says_without_stuffing():
-    # 0x555: no run of five equal bits in the identifier; alternating data has none either.
-    assert len(naive.classic_frame(0x555, b"")) >= 47
-    assert len(naive.classic_frame(0x2AA, b"\x55" * 8)) in range(47 + 64, 47 + 64 + 5)
-    nominal, fast = naive.fd_frame(0x555, b"\x55" * 64)
-    assert len(nominal) == 30
-    assert len(fast) in range(5 + 512 + 25 + 7, 5 + 512 + 25 + 7 + 2)
-
-
 def test_known_figures_of_single_frames():
     assert [classic_bits(n) for n in (0, 1, 8)] == [55, 65, 135]
     assert [fd_bits(n) for n in (8, 16, 32, 48, 64)] == [
@@ -98,31 +79,17 @@ def test_known_figures_of_single_frames():
     assert microseconds == pytest.approx([56.6, 72.6, 105.6, 137.6, 169.6])
 
 
-def most_units(bus, layout, rate_hz, heartbeats=True):
+def most_units(bus, layout, rate_hz):
     """Most units whose frames keep within 80 % of a bus at a cycle rate."""
     frame = layout.parts * frame_seconds(layout.size, layout.fd, bus) * rate_hz
-    beat = frame_seconds(8, False, bus) if heartbeats and not layout.counts_only else 0.0
+    beat = 0.0 if layout.counts_only else frame_seconds(8, False, bus)
     room = 0.8 - frame_seconds(1, False, bus) * rate_hz
     return int(room / (frame + beat)) * layout.units
 
 
-@pytest.mark.parametrize(
-    ("bus", "layout", "figures"),
-    [
-        (CLASSIC, "f3t-classic", (58, 23, 5)),
-        (FD, "f3t-fd16", (109, 43, 10)),
-        (FD, "f3t-fd64", (230, 90, 20)),
-    ],
-)
-def test_known_figures_of_units_on_a_bus_at_80_percent(bus, layout, figures):
-    found = [most_units(bus, LAYOUTS[layout], rate, heartbeats=False) for rate in (100, 250, 1000)]
-    assert tuple(found) == figures
-
-
 @pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("rate_hz", [100, 250, 1000])
-def test_a_bus_takes_just_as_many_units_as_fit_with_their_heartbeats(layout, rate_hz, tmp_path):
-    wire = LAYOUTS[layout]
+def test_a_bus_takes_just_as_many_units_as_fit_with_their_heartbeats(layout, tmp_path):
+    wire, rate_hz = LAYOUTS[layout], 250
     bus = FD if wire.fd else CLASSIC
     units = most_units(bus, wire, rate_hz)
     rate = f"data_bitrate = {bus.data_bitrate}" if wire.fd else ""

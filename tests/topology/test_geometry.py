@@ -1,6 +1,5 @@
 """Laws of poses, patch shapes and the neighbour graph."""
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,9 +10,7 @@ from topology import pose
 from topology.layout import count, place
 from topology.neighbours import (
     compressed_rows,
-    nearest_point,
     neighbour_pairs,
-    pairs_within,
 )
 from topology.schema import Cylinder, Dome, Grid, Hex, List, ListUnit
 
@@ -136,20 +133,6 @@ def test_odd_rings_of_a_dome_start_half_a_step_on(patch):
         np.testing.assert_allclose(np.arctan2(y, x), (k % 2) * np.pi / members.size, atol=1e-6)
 
 
-@given(domes)
-def test_units_of_a_dome_are_at_least_as_far_apart_as_its_rings(patch):
-    units = place(patch)
-    straight = 2 * patch.radius_m * np.sin(patch.pitch_m / patch.radius_m / 2)
-    ring = np.rint(
-        np.arccos(np.clip(-units.rotation[2, 2], -1, 1)) * patch.radius_m / patch.pitch_m
-    )
-    for k in range(patch.rings + 1):
-        inside = units.position[:, ring == k]
-        assert nearest_point(inside)[0].min() >= straight * (1 - 1e-6)
-    if count(patch) > 1:
-        assert nearest_point(units.position)[0].min() >= straight * (1 - 1e-6)
-
-
 @given(grids)
 def test_a_grid_steps_by_its_pitch(patch):
     x, y, z = place(patch).position.reshape(3, patch.rows, patch.columns)
@@ -213,29 +196,6 @@ def test_a_cylinder_turns_into_the_flat_patch_as_its_radius_grows(rows, columns,
     np.testing.assert_allclose(place(bent).rotation, place(flat).rotation, atol=1e-2)
 
 
-@given(st.integers(0, 6))
-def test_a_nearly_flat_dome_has_rings_of_six_twelve_eighteen(rings):
-    patch = Dome(**COMMON, rings=rings, pitch_m=0.001, radius_m=100.0)
-    polar = np.linalg.norm(place(patch).position[:2], axis=0)
-    found = np.bincount(np.rint(polar / 0.001).astype(int)).tolist()
-    assert found[0] == 1
-    assert all(6 * k - 1 <= m <= 6 * k for k, m in enumerate(found) if k)
-
-
-@given(shapes, transforms)
-def test_a_rigid_motion_of_a_patch_moves_its_units_rigidly(patch, motion):
-    units = place(patch)
-    rotation, position = pose.compose(motion, (units.rotation, units.position))
-    assert is_rotation(rotation)
-    for i in range(min(count(patch), 5)):
-        moved = pose.apply(motion, units.position[:, i])
-        np.testing.assert_allclose(position[:, i], moved, atol=1e-9)
-        np.testing.assert_allclose(rotation[:, :, i], motion[0] @ units.rotation[:, :, i])
-    before = np.linalg.norm(units.position[:, :1] - units.position, axis=0)
-    after = np.linalg.norm(position[:, :1] - position, axis=0)
-    np.testing.assert_allclose(after, before, atol=1e-9)
-
-
 @given(
     vectors.filter(lambda v: np.linalg.norm(v) > 0.1),
     st.none() | vectors.filter(lambda v: np.linalg.norm(v) > 0.1),
@@ -253,29 +213,6 @@ def test_a_listed_unit_looks_along_its_normal_with_x_near_its_x_axis(normal, x_a
         np.testing.assert_allclose(y @ np.array(x_axis), 0, atol=1e-9)
 
 
-def test_a_listed_grid_is_the_grid():
-    grid = place(Grid(**COMMON, rows=3, columns=2, pitch_m=0.01))
-    units = tuple(
-        ListUnit(xyz_m=tuple(xyz), normal=(0, 0, 5), name=name)
-        for xyz, name in zip(grid.position.T, grid.names, strict=True)
-    )
-    listed = place(msgspec.convert({**COMMON, "kind": "list", "units": units}, List))
-    assert listed.names == grid.names
-    np.testing.assert_array_equal(listed.position, grid.position)
-    np.testing.assert_allclose(listed.rotation, grid.rotation)
-
-
-@given(clouds, st.floats(0, 2))
-def test_pairs_within_a_radius_are_those_of_the_obvious_search(position, radius):
-    i, j, distance = pairs_within(position, radius)
-    assert (i < j).all()
-    np.testing.assert_allclose(distance, np.linalg.norm(position[:, i] - position[:, j], axis=0))
-    pairs = set(zip(i.tolist(), j.tolist(), strict=True))
-    assert len(pairs) == i.size
-    assert naive.pairs_within(position, radius - 1e-12) <= pairs
-    assert pairs <= naive.pairs_within(position, radius + 1e-12)
-
-
 def test_a_single_point_of_a_wide_reach_makes_no_pairs_of_the_others():
     position = np.zeros((3, 4000))
     position[0] = np.arange(4000) * 1e-3
@@ -283,11 +220,6 @@ def test_a_single_point_of_a_wide_reach_makes_no_pairs_of_the_others():
     i, j = neighbour_pairs(position, reach, np.zeros(4000))
     assert i.size == 2 * 3999 - 2
     assert {*i.tolist(), *j.tolist()} == {*range(4000)}
-
-
-@given(clouds)
-def test_nearest_distances_are_those_of_the_obvious_search(position):
-    np.testing.assert_allclose(nearest_point(position)[0], naive.nearest_distance(position))
 
 
 @given(clouds, st.data())

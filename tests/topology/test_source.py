@@ -4,14 +4,12 @@ import copy
 import math
 
 import msgspec
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topology import TopologyError, load
+from topology import load
 from topology.errors import Report
-from topology.load import builtin
 from topology.read import open_source, read
 from topology.schema import File, json_schema
 from topology.source import Source
@@ -247,34 +245,8 @@ def test_the_reader_complains_just_where_the_schema_does(document):
         assert report.issues != []
 
 
-def attempt(file):
-    """The topology of a file and no issues, or None and what is wrong."""
-    try:
-        return load(file), ()
-    except TopologyError as error:
-        return None, error.issues
-
-
-@given(document=damaged(FULL))
-def test_whatever_a_file_holds_it_is_loaded_or_refused_with_lines(document, tmp_path_factory):
-    writer = Writer()
-    writer.table(document, (), [])
-    file = tmp_path_factory.getbasetemp() / "any.toml"
-    file.write_text(writer.text, newline="")
-    skin, issues = attempt(file)
-    last = writer.text.count("\n") + 1
-    assert (skin is None) == bool(issues)
-    assert all(0 <= issue.line <= last and issue.message for issue in issues)
-    if skin is not None:
-        assert np.isfinite(skin.position).all()
-        assert skin.n == np.count_nonzero(skin.frames.units[skin.frames.part == 0] >= 0)
-
-
-@pytest.mark.parametrize("name", builtin)
-def test_a_byte_order_mark_and_dos_line_ends_are_fine(name, tmp_path):
-    from topology.load import _FOLDER
-
-    plain = (_FOLDER / f"{name}.toml").read_bytes()
+def test_a_byte_order_mark_and_dos_line_ends_are_fine(tmp_path):
+    plain = load("strip").path.read_bytes()
     file = tmp_path / "dos.toml"
     file.write_bytes(b"\xef\xbb\xbf" + plain.replace(b"\n", b"\r\n"))
     report = Report()

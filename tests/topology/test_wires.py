@@ -72,7 +72,7 @@ def test_frames_have_the_lengths_that_can_has(fd, tmp_path):
     )
     signals += ', { name = "bx", start = 2, length = 1 }, { name = "by", start = 3, length = 1 }'
     refused = []
-    for size in range(1, 65):
+    for size in (1, 8, 9, 12, 13, 20, 21, 32, 48, 63, 64):
         layout = f'[[layouts]]\nname = "own"\nfd = {toml(fd)}\nsize = {size}\nsignals = [{signals}]'
         file = write_topology(
             tmp_path, patch=SHAPE + 'layout = "own"\nfirst_id = 0x100', more=layout
@@ -83,4 +83,4 @@ def test_frames_have_the_lengths_that_can_has(fd, tmp_path):
             refused.append(size)
             with pytest.raises(TopologyError, match="must be a length of"):
                 load(file)
-    assert len(refused) == (64 - 15 if fd else 64 - 8)
+    assert refused == ([9, 13, 21, 63] if fd else [9, 12, 13, 20, 21, 32, 48, 63, 64])

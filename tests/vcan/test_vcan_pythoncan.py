@@ -1,22 +1,15 @@
-"""The adapter of python-can keeps the contract on a real CAN socket too."""
+"""The adapter of python-can on a real CAN socket."""
 
 import can
-import pytest
 
 from bus.pythoncan import PythonCanTransport
-from tests.bus.transport_contract import CHECKS, numbered, numbers, receive
+from tests.bus.transport_contract import numbered, numbers, receive
 from topology import Bus
 
 
 def on(channel, index=0):
     bus = Bus(name="main", interface="socketcan", channel=channel, data_bitrate=5_000_000)
     return PythonCanTransport(bus, index)
-
-
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_the_adapter_keeps_the_contract(check, link):
-    with on(link, 2) as near, on(link, 3) as far:
-        check(near, far)
 
 
 def test_the_queue_is_larger_than_the_default_and_frames_of_other_programs_are_no_echo(link):

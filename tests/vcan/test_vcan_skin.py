@@ -99,21 +99,6 @@ def test_a_scene_in_another_process_is_felt_and_its_truth_is_written(
         assert np.abs(arrays["wrench"][:, :3]).max() > 0.5
 
 
-def test_packed_frames_arrive_as_counts(skin_on_vcan):
-    skin = skin_on_vcan
-    counts, batch = packed(skin, 7, 60)
-    with open_transport(skin.buses[0]) as near, open_transport(skin.buses[0]) as far:
-        heard = FrameBatch(64)
-        sync = FrameBatch(1)
-        sync.append(skin.sync_id, b"\x07")
-        far.send(sync.frames)
-        assert far.send(batch.frames) == batch.count
-        collect(near, heard, batch.count + 1)
-    cycles = [cycle.counts.copy() for cycle in Assembler(skin).feed(heard.frames)]
-    assert len(cycles) == 1
-    assert (cycles[0] == counts).all()
-
-
 def test_frames_of_the_real_cansend_arrive(skin_on_vcan):
     skin = skin_on_vcan
     bus = skin.buses[0]

@@ -42,6 +42,8 @@ def write(path, channels):
 
 BOTH = ("can0", "can1")
 NUMBERED = [".asc", ".blf", ".trc", ".mf4"]
+SLOW = [".asc", ".trc", ".mf4"]
+"""Read in a process of their own: in `make test` one row each."""
 
 
 ROWS = [
@@ -72,7 +74,11 @@ bus of each frame that is not left out."""
 @pytest.mark.filterwarnings("default")  # asammdf's own
 @pytest.mark.parametrize(
     ("suffix", "channels", "buses", "given", "expected"),
-    [(suffix, *row) for suffixes, *row in ROWS for suffix in suffixes],
+    [
+        pytest.param(suffix, *row, marks=[pytest.mark.long] * (suffix in SLOW and row[0] != [2, 1]))
+        for suffixes, *row in ROWS
+        for suffix in suffixes
+    ],
 )
 def test_a_frame_is_of_the_bus_whose_channel_it_came_on(
     suffix, channels, buses, given, expected, tmp_path

@@ -15,7 +15,7 @@ URDFS = (
     "grippers/schunk_egk40_magneto/schunk_egk40_magneto.urdf",
 )
 MJCFS = ("hand/reach.xml", "adroit_hand/adroit_door.xml", "fetch/reach.xml")
-POSES = 1000
+POSES = 50
 
 
 @long_after_first("place", URDFS)
