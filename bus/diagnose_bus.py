@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bus.configure import node_numbers
 from bus.diagnose_boards import board_findings
 from bus.discover import STALE_CYCLES, Heard, Survey
 from bus.finding import Finding, frame_kind, hex_id, rates, some
@@ -184,6 +185,10 @@ class BusRules:
             cause = "a loose plug, or a unit that has reset or lost its power"
             if self.never[place]:
                 cause = "no power, a loose plug, or another address than the file says"
+            node = int(node_numbers(self.skin)[self.rows[place]])
+            if (self.index, node) in self.survey.boards.heard:
+                cause = (f"another identifier than the file's, no SYNC that reaches it, or "
+                         f"sampling that has stopped, as heartbeats of node {node} come")  # fmt: skip
             yield Finding(
                 "missing-unit", "error", self._frame(place), count,
                 self._how(np.array([place])), self._cause([place], cause),
