@@ -187,8 +187,10 @@ class BusRules:
                 cause = "no power, a loose plug, or another address than the file says"
             node = int(node_numbers(self.skin)[self.rows[place]])
             if (self.index, node) in self.survey.boards.heard:
-                cause = (f"another identifier than the file's, no SYNC that reaches it, or "
-                         f"sampling that has stopped, as heartbeats of node {node} come")  # fmt: skip
+                cause = (
+                    "another identifier than the file's, no SYNC that reaches it, or sampling that "
+                    f"has stopped, as heartbeats of node {node} come"
+                )
             yield Finding(
                 "missing-unit", "error", self._frame(place), count,
                 self._how(np.array([place])), self._cause([place], cause),
