@@ -17,8 +17,7 @@ from bus.assemble.accept import (
     is_old,
     position,
 )
-from bus.assemble.cycles import close_cycle_python, is_tick, open_cycle, sync_number
-from bus.assemble.gather import stage
+from bus.assemble.cycles import close_cycle_python, is_tick, open_cycle, stage, sync_number
 from bus.assemble.memory import (
     BY_COMPLETE,
     BY_DEADLINE,

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from bus.compiled.elementwise import above_zero, anywhere, choose, lesser
+from bus.compiled.intrinsics import above_zero, anywhere, choose, lesser
 from bus.compiled.jit import jitable
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus.compiled.elementwise import above_zero, choose, lesser
+from bus.compiled.intrinsics import above_zero, choose, lesser
 from bus.compiled.jit import compiled
 
 VALUES = np.array([-np.inf, -2.5, -0.0, 0.0, 1e-40, 0.5, 3.0, np.inf, np.nan])
