@@ -12,6 +12,7 @@ from bus.cycle import ClosedBy, FrameCounters
 from bus.status import INVALID, Status
 from skin.errors import NotWantedError, no_attribute
 from topology import Topology
+from topology.arrays import find_unit
 
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
@@ -114,6 +115,10 @@ class Reading(_Wanted):
         to its limit: the larger of this reading's and of the mean of 50; 1 is the limit. The sigma
         of a reading beyond it grows; a second one in a row, or a mean beyond it, is a
         MAGNETIC_ANOMALY. NaN where the field is not tested against its model.
+    topology : Topology
+        Of the whole skin.
+    names : tuple of str or None
+        Names of its units, where it has some of them alone.
     """
 
     temperature: np.ndarray
@@ -131,19 +136,26 @@ class Reading(_Wanted):
     field_ut: np.ndarray = UNWANTED
     test_ratio: np.ndarray = UNWANTED
     topology: Topology = UNWANTED
+    names: tuple[str, ...] | None = None
 
     def copy(self) -> Reading:
         """The same reading with arrays of its own."""
-        return _copied(self, arrays_in(self))
+        own = _copied(self, arrays_in(self))
+        own.names = self.names
+        return own
 
     def __getitem__(self, unit: str | int | slice | np.ndarray | None) -> Reading:
         """One unit by its name or index, whose quantities have no unit axis then; or some units.
 
         Views, except of an array of indices. Raises `topology.UnknownNameError` for a name that no
-        unit has; it suggests the nearest.
+        unit of the reading has; it suggests the nearest.
         """
-        at = self.topology.index(unit) if isinstance(unit, str) else unit
+        names, at = self.names or self.topology.unit_names, unit
+        if isinstance(unit, str):
+            at = find_unit(unit, self.topology.name, names)
         own = object.__new__(Reading)
+        own.topology = self.topology
+        own.names = tuple(np.atleast_1d(np.array(names, object)[at]).ravel())
         for name, array in arrays_in(self).items():
             setattr(own, name, array[..., at])
         return own
@@ -337,7 +349,10 @@ class State(_Wanted):
         """The same state with writable arrays and contacts of its own."""
         contacts: list[Contact] | None = if_wanted(self, "contacts")
         kept = None if contacts is None else [contact.copy() for contact in contacts]
-        return self.owned(self.units.copy(), arrays_in(self), kept)
+        own = self.owned(self.units.copy(), arrays_in(self), kept)
+        if self.poses is not None:
+            own.poses = self.poses[0].copy(), self.poses[1].copy()
+        return own
 
 
 def valid_share(topology: Topology, valid: np.ndarray) -> Any:

@@ -234,10 +234,15 @@ class Topology:
         UnknownNameError
             There is none; the message suggests the nearest name.
         """
-        try:
-            return self.unit_names.index(name)
-        except ValueError:
-            raise unknown_unit(name, self.name, self.unit_names) from None
+        return find_unit(name, self.name, self.unit_names)
+
+
+def find_unit(name: str, skin: str, names: tuple[str, ...]) -> int:
+    """Index of a unit among those of a skin, by name; see `Topology.index`."""
+    try:
+        return names.index(name)
+    except ValueError:
+        raise unknown_unit(name, skin, names) from None
 
 
 def seal(topology: Topology) -> None:

@@ -116,7 +116,7 @@ def new(
     if robot is not None:
         model = os.path.relpath(robot, file.parent)
         text += ROBOT.format(model=json_text.dumps(model))
-        found += _fingertips(robot)
+        found += _fingertips(robot, {one.name for one in found})
     stubs: dict[Path, str] = {}
     edge_m, first_id = -GAP_M, FIRST_ID
     for one in found:
@@ -165,12 +165,12 @@ def _patch(text: str) -> Proposal:
     return Proposal(found["name"], shape)
 
 
-def _fingertips(robot: Path) -> list[Proposal]:
-    """Patches on the fingertips of a model."""
+def _fingertips(robot: Path, taken: set[str]) -> list[Proposal]:
+    """Patches on the fingertips of a model, of other names than those that are taken."""
     from skin.robot.propose import proposed
     from topology.robot import read_model
 
-    return proposed(read_model(robot))
+    return proposed(read_model(robot), taken)
 
 
 def _extent(one: Proposal) -> tuple[int, float]:
@@ -194,14 +194,15 @@ def _line(item: tuple[str, Any]) -> str:
 
 
 def _tried(text: str, file: Path) -> Topology:
-    """The topology of a text, which is refused before anything is written."""
+    """The topology of a text, which is refused before anything is written; more units than its bus
+    carries are for the user to part, and `skin check` says so."""
     from skin.errors import OptionError
     from topology import TopologyError, load
 
     trial = file.with_name(f".{file.stem}.check.toml")
     try:
         trial.write_text(text, encoding="utf-8")
-        return load(trial, allow_no_calibration=True)
+        return load(trial, allow_no_calibration=True, allow_overload=True)
     except TopologyError as error:
         raise OptionError(str(error).replace(str(trial), str(file))) from None
     finally:

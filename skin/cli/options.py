@@ -251,8 +251,10 @@ def hints(
     found = [
         (untared, f"never been tared: skin tare {file}{now}"),
         (unknown, "no calibration: sigma holds the spread from unit to unit"),
-        *((lacking(topology, ~units), f"{channel!r} {CUT_OFF}")
-          for channel, units in clipped(topology).items()),
+        *(
+            (lacking(topology, ~units), f"{channel!r} {CUT_OFF}")
+            for channel, units in clipped(topology).items()
+        ),
         *more,
     ]
     return [

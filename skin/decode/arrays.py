@@ -96,7 +96,7 @@ class Results:
         own, values = object.__new__(Reading), self.values[: k.FORCE_PER_UT].copy()
         for name, row in rows.items():
             setattr(own, name, values[row])
-        own.status, own.valid = self.flags.copy(), self.valid.copy()
+        own.status, own.valid, own.names = self.flags.copy(), self.valid.copy(), None
         return own
 
 

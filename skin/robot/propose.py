@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
+import warnings
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +20,11 @@ __all__ = ["PITCH_M", "Proposal", "cylinder", "dome", "grid", "proposed"]
 
 PITCH_M = 0.012
 """Straight distance of neighbouring units: their films touch [paper: units of 12 mm]."""
+
+
+LEAST_M, MOST_M = 0.001, 0.5
+"""Smallest and largest sizes of a fingertip [assumed: models in millimetres are beyond]."""
+LONGEST_NAME = 40
 
 
 class Proposal(NamedTuple):
@@ -52,17 +60,18 @@ def dome(radius_m: float) -> dict[str, str | float | int]:
     return {"kind": "dome", "radius_m": _rounded(radius_m), "rings": rings, "pitch_m": pitch_m}
 
 
-def proposed(robot: RobotModel) -> list[Proposal]:
+def proposed(robot: RobotModel, taken: Collection[str] = ()) -> list[Proposal]:
     """A patch for each fingertip: a link with shapes, beyond which no other link has any.
 
     The largest shape for contacts of the link decides: a sphere, the end of a capsule or an
     ellipsoid gets a dome, a cylinder half of its side, a box or a mesh its largest face. Which side
-    of a finger touches things, no model says: the pose is to be looked at.
+    of a finger touches things, no model says: the pose is to be looked at. Patches are named after
+    their links, and otherwise than those `taken`.
 
     Raises
     ------
     OptionError
-        No link has a shape that a patch fits on.
+        No link has a shape that a patch fits on, or one is no fingertip by its size.
     LibraryError, SkinError
         A mesh cannot be read.
     """
@@ -73,11 +82,18 @@ def proposed(robot: RobotModel) -> list[Proposal]:
         while above >= 0:
             inner.add(above)
             above = robot.parent[above]
-    found = []
+    found, names = list[Proposal](), {*taken}
     for link in sorted(shaped - inner):
         sized = [(_size(geom), geom) for geom in link_geoms(robot, link, visual=False)]
         _, largest = max(sized, key=lambda one: one[0])
-        found.append(_on_shape(robot.link_names[link], largest))
+        one = _on_shape(robot.link_names[link], largest)
+        name = same = one.name
+        for number in itertools.count(2):
+            if name not in names:
+                break
+            name = f"{same}_{number}"
+        names.add(name)
+        found.append(one._replace(name=name))
     if not found:
         raise OptionError(f"--robot: {robot.path}: must have links with shapes; got none")
     return found
@@ -85,6 +101,7 @@ def proposed(robot: RobotModel) -> list[Proposal]:
 
 def _on_shape(link: str, geom: Geom) -> Proposal:
     """The patch on a shape of a link."""
+    _check_size(link, geom)
     turn, middle = np.array(geom.rotation).reshape(3, 3), np.array(geom.xyz)
     away = middle if np.linalg.norm(middle) > 1e-6 else turn[:, 2]
     away = away / np.linalg.norm(away)  # from the joint to the tip
@@ -118,6 +135,27 @@ def _on_shape(link: str, geom: Geom) -> Proposal:
     return _placed(link, shape, reason, outward, np.cross(outward, across), place)
 
 
+def _check_size(link: str, geom: Geom) -> None:
+    """Refuse shapes that are no fingertip."""
+    sizes = np.array(geom.size)
+    if geom.kind == "mesh":
+        low, high = _bounds(geom)
+        sizes = 0.5 * (high - low)
+    radius = {
+        "sphere": sizes[0],
+        "ellipsoid": min(sizes),
+        "capsule": sizes[0],
+        "cylinder": sizes[0],
+    }
+    least, length = radius.get(geom.kind, LEAST_M), 2.0 * max(sizes)
+    got = f"{length:g} m" if length > MOST_M else f"{least:g} m"
+    if not LEAST_M <= least <= length <= MOST_M:
+        raise OptionError(
+            f"--robot: link {link!r}: a fingertip must be {LEAST_M:g} m in radius at least and "
+            f"{MOST_M:g} m long at most; got a {geom.kind} of {got} (lengths of models are metres)"
+        )
+
+
 def _placed(
     link: str, shape: dict[str, str | float | int], reason: str, outward: np.ndarray,
     along: np.ndarray, place: np.ndarray,
@@ -125,8 +163,10 @@ def _placed(
     """A patch whose z points outward and whose y is along a direction across it."""
     y = along / np.linalg.norm(along)
     axes = np.column_stack([np.cross(y, outward), y, outward])
-    angles = Rotation.from_matrix(axes).as_euler("xyz", degrees=True)
-    name = re.sub(r"[^A-Za-z0-9_.-]", "_", link)
+    with warnings.catch_warnings():  # an upright side: roll and yaw turn about one axis
+        warnings.filterwarnings("ignore", "Gimbal lock")
+        angles = Rotation.from_matrix(axes).as_euler("xyz", degrees=True)
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", link).lstrip(".-")[:LONGEST_NAME] or "tip"
     return Proposal(name, shape, reason, link, tuple(map(_rounded, place)),
                     tuple(round(float(angle), 2) + 0.0 for angle in angles))  # fmt: skip
 

@@ -22,12 +22,14 @@ SHOWN = 6
 
 
 class Fingers:
-    """The parts of a skin: its patches, those on one frame or link together."""
+    """The parts of a skin, by names that `State.patch` knows: its patches, those on one frame or
+    link together."""
 
     def __init__(self, topology: Topology) -> None:
         patches = topology.patch_names
         carried = zip(topology.patch_frames or patches, patches, strict=True)
-        of_patch = np.array([patch if frame == "skin" else frame for frame, patch in carried])
+        alone = {"skin", *patches}
+        of_patch = np.array([patch if frame in alone else frame for frame, patch in carried])
         self.names = list(dict.fromkeys(of_patch.tolist()))
         self._units = [np.flatnonzero(of_patch[topology.patch] == name) for name in self.names]
 

@@ -44,7 +44,7 @@ class Growing:
 
 def told(state) -> dict[str, bytes]:
     """All that a state says, as bytes."""
-    said = {name: if_wanted(state.units, name) for name in Reading.__slots__[:-1]}
+    said = {name: if_wanted(state.units, name) for name in Reading.__slots__[:-2]}
     said |= {name: getattr(state, name) for name in OF_STATE}
     for k, contact in enumerate(state.contacts):
         said |= {f"{k}.{name}": getattr(contact, name) for name in OF_CONTACT}

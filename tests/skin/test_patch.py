@@ -64,6 +64,24 @@ def test_units_are_found_by_name(states):
         _ = state.units["left/r0c9"]
 
 
+def test_parts_of_a_reading_know_the_names_of_their_own_units(states):
+    state = states[-1]
+    pad = state.patch("right").units
+    for part in (pad, pad.copy(), pad[2:], pad[pad.valid]):
+        np.testing.assert_array_equal(part["right/r0c2"].force, state.units["right/r0c2"].force)
+        assert part.names is not None
+        assert repr(part).startswith("<Reading: ")
+    assert pad.names == tuple(state.patch("right").unit_names)
+    with pytest.raises(UnknownNameError, match="left/r0c0"):
+        _ = pad["left/r0c0"]
+
+
+def test_a_copy_moves_on_its_own(states):
+    other = states[-1].copy()
+    other.poses[0][:] = 7.0
+    assert not (states[-1].poses[0] == 7.0).any()
+
+
 def test_patches_of_one_link_are_one_part():
     with skin.open("gripper", simulate=True, pace=False) as gripper:
         state = next(iter(gripper))

@@ -293,14 +293,19 @@ def test_a_shell_can_complete_commands_and_options(capsys):
     subprocess.run(["bash", "-n"], input=text, check=True, text=True)
 
 
+NO_ANSI = "PYTHON_TYRO_ANSI_CODES"
+"""What `main` sets where NO_COLOR is: other tests in this process may have called it so."""
+
+
 def test_help_has_no_colour_where_none_is_wanted():
     code = "import sys; from skin.cli import main; main(['run', '--help'])"
     pty = f"import pty; pty.spawn([{sys.executable!r}, '-c', {code!r}])"
     for given, has_colour in (({}, True), ({"NO_COLOR": "1"}, False)):
-        where = {k: v for k, v in os.environ.items() if k != "NO_COLOR"} | {"TERM": "xterm"} | given
+        own = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", NO_ANSI)}
         done = subprocess.run(
-            [sys.executable, "-c", pty], check=True, capture_output=True, env=where
-        )
+            [sys.executable, "-c", pty], check=True, capture_output=True,
+            env=own | {"TERM": "xterm"} | given,
+        )  # fmt: skip
         assert (b"\x1b[" in done.stdout) == has_colour
 
 
