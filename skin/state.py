@@ -150,7 +150,8 @@ class Reading(_Wanted):
         Views, except of an array of indices. Raises `topology.UnknownNameError` for a name that no
         unit of the reading has; it suggests the nearest.
         """
-        names, at = self.names or self.topology.unit_names, unit
+        names: tuple[str, ...] = self.names or self.topology.unit_names
+        at: Any = unit
         if isinstance(unit, str):
             at = find_unit(unit, self.topology.name, names)
         own = object.__new__(Reading)
