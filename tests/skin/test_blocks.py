@@ -54,7 +54,7 @@ def compare(log, **options):
             untracked = if_wanted(state, "untracked")
             assert (None if block.untracked is None else block.untracked[t]) == untracked
             same(block.totals[t], np.array(list(vars(state.counters).values())))
-            for name in Reading.__slots__[:-1]:
+            for name in Reading.__slots__[:-2]:
                 same(getattr(block.units, name), if_wanted(state.units, name), t)
             for name in ("wrench", "wrench_sigma", "centroid", "centroid_covariance", "label",
                          "slip", "sampled_ns"):  # fmt: skip

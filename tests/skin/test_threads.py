@@ -52,7 +52,7 @@ def test_a_skin_closed_within_a_send_ends():
 
 def values_of(state):
     """All that a state says, as plain values."""
-    units = {name: if_wanted(state.units, name) for name in state.units.__slots__[:-1]}
+    units = {name: if_wanted(state.units, name) for name in state.units.__slots__[:-2]}
     contacts = [
         (repr(contact.record), contact.units.copy(), contact.path, contact.impact,
          contact.vibration, contact.unit_names)

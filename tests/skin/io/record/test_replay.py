@@ -50,7 +50,7 @@ def same(live, replayed):
     for one, other, names in (
         (live, replayed, ("wrench", "wrench_sigma", "centroid", "centroid_covariance", "label",
                           "slip")),
-        (live.units, replayed.units, live.units.__slots__[:-1]),
+        (live.units, replayed.units, live.units.__slots__[:-2]),
     ):  # fmt: skip
         for name in names:
             a, b = if_wanted(one, name), if_wanted(other, name)
