@@ -75,13 +75,11 @@ def clipped(topology: Topology) -> dict[str, np.ndarray]:
         k.BZ: (film, film),
     }
     for channel, ends in read.items():
-        (first, last), (low, high) = (
-            _counts(topology, channel, *ends),
-            rails[k.CHANNEL_NAMES[channel]],
-        )
+        name = k.CHANNEL_NAMES[channel]
+        (first, last), (low, high) = _counts(topology, channel, *ends), rails[name]
         beyond = topology.wired[channel] & ~topology.counts_only & ((first < low) | (last > high))
         if beyond.any():
-            found[k.CHANNEL_NAMES[channel]] = beyond
+            found[name] = beyond
     return found
 
 
