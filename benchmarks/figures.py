@@ -209,7 +209,7 @@ SENTENCES = (
              ("slip: caught_before_gross", "slip: latency_ms_first_median", "slip: false_alarm_hold_rate/upper")),
     Sentence("The grip control drops {:.1%} of 300 simulated objects of unknown weight and friction, and holds them with a median margin of {:.0%} above the force that just holds.",
              ("behaviours: grip/dropped_rate/rate", "behaviours: grip/margin_median")),
-    Sentence("{:.0%} of the wrench components lie within one sigma (68 % if sigma is right). In {:.1%} of the runs the wrench is exactly 0 ± 0 while something presses: very light loads remain unseen.",
+    Sentence("{:.0%} of the wrench components lie within one sigma (68 % if sigma is right). In {:.1%} of the runs the wrench is exactly 0 ± 0 while something presses.",
              ("trust: wrench_coverage/all/share", "trust: wrench_coverage/silent/rate")),
     Sentence("On real readings of another sensor (eFlesh), without training, the slip detector alarms in {:.0%} of the recordings in which a person pulls, and in {:.0%} of those in which the thing is only held: it does not replace a test on your own hand.",
              ("recorded: pulls/slip/pulled/rate", "recorded: pulls/slip/held/rate")),
