@@ -61,7 +61,8 @@ class Block:
     contact_slot : ndarray, shape (k,), int32
         A number that each contact keeps while it lasts; another one may have it later.
     label : ndarray, shape (t, n), int32
-        Contact of each unit, counted within its cycle, -1 for none.
+        Contact of each unit, counted within its cycle; -1 for none, -2 for one beyond the
+        capacity.
     slip : ndarray, shape (t, n), int32
         `skin.contact.record.UnitSlip` of each unit.
     sampled_ns : ndarray, shape (t, n), int64

@@ -207,6 +207,7 @@ class Skin(Attachable):
         SkinError
             A bus did not accept the frame; the others did.
         """
+        self._require_open("configure")
         frame = pack(command, node, value)
         deaf = []
         for i, (bus, end) in enumerate(zip(self.topology.buses, self.transports, strict=True)):
@@ -239,6 +240,7 @@ class Skin(Attachable):
         SkinError
             An array of another shape, a position that is not finite, or no rotation.
         """
+        self._require_open("move")
         self.pipeline.move(position, rotation)
 
     def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
@@ -261,6 +263,7 @@ class Skin(Attachable):
             No such joint, the wrong number of coordinates, one that is not finite, or one outside
             its limits. No joint has moved then.
         """
+        self._require_open("move_joints")
         joints = self.joints
         joints.move(q)
         self.pipeline.move(*joints.unit_poses, joints.q)
@@ -284,6 +287,7 @@ class Skin(Attachable):
         OptionError
             It is not a rotation.
         """
+        self._require_open("turn")
         self.pipeline.turn(attitude)
 
     @cached_property
@@ -401,10 +405,14 @@ class Skin(Attachable):
         BusClosedError
             A bus is unplugged.
         """
-        if self._closed:
-            raise SkinError("iter(skin): must be an open skin; got one that is closed")
+        self._require_open("iter(skin)")
         self.pipeline.warmup()
         return self._states()
+
+    def _require_open(self, method: str) -> None:
+        """Raise SkinError where the skin is closed."""
+        if self._closed:
+            raise SkinError(f"{method}: must be an open skin; got one that is closed")
 
     def _states(self) -> Iterator[State]:
         """States of the cycles; the generator outlives this iterator."""

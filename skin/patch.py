@@ -128,14 +128,14 @@ class Patch:
     @cached_property
     def _wrench(self) -> tuple[np.ndarray, np.ndarray]:
         """Wrench and covariance, skin frame."""
-        state = self.state
-        touching = state.label[self.index] >= 0
-        if touching.any():
-            wrenches, _ = self._of_units(self.index[touching & state.units.valid[self.index]])
-            return wrenches.sum(axis=1), np.sum(
-                [one.wrench_covariance for one in self.contacts], axis=0
-            )
-        wrenches, noise = self._of_units(self.index[state.units.valid[self.index]])
+        state, valid = self.state, self.index[self.state.units.valid[self.index]]
+        label = state.label[valid]
+        if (label != -1).any():
+            wrenches, _ = self._of_units(valid[label != -1])
+            _, without_identity = self._of_units(valid[label < -1])
+            tracked = [one.wrench_covariance for one in self.contacts]
+            return wrenches.sum(axis=1), np.sum([without_identity, *tracked], axis=0)
+        wrenches, noise = self._of_units(valid)
         rest = wrenches.sum(axis=1)
         larger = np.maximum(np.abs(rest) / np.sqrt(np.maximum(np.diag(noise), 1e-300)), 1.0)
         return np.zeros(6), noise * np.outer(larger, larger)

@@ -218,8 +218,8 @@ class State(_Wanted):
     contacts : list of Contact
         Contacts with their identities, oldest first; see `skin.contact.contact.Contact`.
     label : ndarray, shape (n,), int32
-        Contact of each unit, as an index of the contacts, -1 for none; present with any feature of
-        the array.
+        Contact of each unit, as an index of the contacts; -1 for none, -2 for one beyond the
+        capacity. Present with any feature of the array.
     slip : ndarray, shape (n,), int32
         `skin.contact.record.UnitSlip` of each unit.
     overruns : int
@@ -240,8 +240,7 @@ class State(_Wanted):
         sigmas. Present with any feature of the array.
     untracked : int
         Contacts beyond the capacity (see `skin.options.Options`), the lightest: they are part of
-        the wrench, but not of `contacts`, and their units have no label. Present with any feature
-        of the array.
+        the wrench, but not of `contacts`. Present with any feature of the array.
     """
 
     cycle: int
@@ -283,7 +282,7 @@ class State(_Wanted):
         units = self.units
         parts = [f"{units.status.size} units"]
         if (label := if_wanted(self, "label")) is not None:
-            parts.append(f"{np.count_nonzero(label >= 0)} touched")
+            parts.append(f"{np.count_nonzero(label != -1)} touched")
         if (contacts := if_wanted(self, "contacts")) is not None:
             parts.append(f"{len(contacts)} contact" + "s" * (len(contacts) != 1))
         if untracked := if_wanted(self, "untracked"):
@@ -305,7 +304,7 @@ class State(_Wanted):
         from skin.notebook import map_svg, with_map
 
         normal, valid = force[2], np.asarray(self.units.valid, bool)
-        touched = normal > 0.0 if label is None else label >= 0
+        touched = normal > 0.0 if label is None else label != -1
         most = float(np.nan_to_num(normal)[valid].max(initial=0.0))
         return with_map(repr(self), map_svg(self.topology, normal, valid, touched), most)
 

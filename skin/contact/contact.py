@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["Contact", "Kept"]
 
 
-HIDDEN = {name for name, one in vars(Fields).items() if isinstance(one, Field) and not one.__doc__}
+APART = {name for name, one in vars(Fields).items() if isinstance(one, Field) and not one.leaves}
+"""Fields for kernels, and details."""
 
 
 class Kept(NamedTuple):
@@ -61,8 +62,8 @@ class Contact(Fields):
             raise no_attribute(self, name)
 
     def __dir__(self) -> list[str]:
-        """What users read: without the fields for kernels alone."""
-        return [name for name in super().__dir__() if name not in HIDDEN]
+        """What every output has; `skin.contact.record.Fields` has details beyond these."""
+        return [name for name in super().__dir__() if name not in APART]
 
     def __init__(
         self, kept: Kept, slot: int, shocks: Shocks | None, names: Sequence[str] | None

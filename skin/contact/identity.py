@@ -32,6 +32,7 @@ from skin.contact.record import (
     RESUMED,
     SILENT,
     SPLIT,
+    UNTRACKED,
 )
 
 __all__ = ["EARLY", "SAME", "find_contacts", "find_contacts_python", "join", "remember",
@@ -190,8 +191,8 @@ def join(loaded, model, data):
 
 @jitable
 def _drop_lightest(parts, data):
-    """Remove the lightest cluster, of equal ones the last: its units get label -1 and come last, so
-    that the next ones move up."""
+    """Remove the lightest cluster, of equal ones the last: its units get the label UNTRACKED and
+    come last, so that the next ones move up."""
     units, lists, members = data.units, data.lists, data.members
     lightest, least = 0, np.inf
     for part in range(parts):
@@ -203,7 +204,7 @@ def _drop_lightest(parts, data):
     begin, end, last = lists[lightest]["begin"], lists[lightest + 1]["begin"], lists[parts]["begin"]
     for at in range(begin, end):
         lists[at]["queue"] = members[at]
-        data.label[members[at]] = -1
+        data.label[members[at]] = UNTRACKED
     for at in range(end, last):
         members[at - end + begin] = members[at]
         data.label[members[at]] -= 1

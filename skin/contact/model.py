@@ -231,7 +231,7 @@ class ContactData(NamedTuple):
     """Data of a cycle, and persistent state."""
 
     units: np.ndarray  # (n,), UNIT
-    label: np.ndarray  # (n,), int32: contact of the unit, counted along `present`; -1 for none
+    label: np.ndarray  # (n,), int32: contact of the unit, counted along `present`; -1, UNTRACKED
     slip: np.ndarray  # (n,), int32: `UnitSlip`
     members: np.ndarray  # (n,), int32: units of the contacts: [record begin:record end]
     lists: np.ndarray  # (n + 1,), LIST

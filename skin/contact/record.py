@@ -107,6 +107,8 @@ class SlipState(IntEnum):
 OUT, OPEN, BRIDGE, SILENT = map(int, UnitKind)
 FREE, PRESENT, ABSORBED, LOST = map(int, TrackState)
 BORN, RESUMED, MERGED, SPLIT = map(int, Event)
+UNTRACKED = -2
+"""Label of units in a contact beyond the capacity."""
 WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION, NOISY, UNSEEN = map(int, Flag)
 
 

@@ -89,7 +89,8 @@ class ContactStream:
         All contacts together in the last cycle, always the same object; identity, path, arm and
         slip are empty.
     label, unit_slip : ndarray, shape (n,), int32
-        Contact of each unit, as an index of the contacts, -1 for none; `UnitSlip` of each unit.
+        Contact of each unit, as an index of the contacts, -1 for none, -2 for one beyond the
+        capacity; `UnitSlip` of each unit.
     records : ndarray, shape (s + 1,), CONTACT
         One of each slot, and the total.
     shocks : Shocks or None

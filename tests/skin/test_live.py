@@ -356,6 +356,15 @@ def test_a_closed_skin_is_no_empty_one():
         iter(strip)
     strip.close()
     assert list(started) == [], "a loop that runs ends"
+    position, rotation = strip.topology.position, strip.topology.rotation
+    for method, given in (
+        (strip.move, (position, rotation)),
+        (strip.move_joints, ({},)),
+        (strip.turn, (np.eye(3),)),
+        (strip.configure, (Command.TARE,)),
+    ):
+        with pytest.raises(SkinError, match=f"{method.__name__}: must be an open skin"):
+            method(*given)
 
 
 class Pulled(MemoryTransport):

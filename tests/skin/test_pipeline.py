@@ -147,5 +147,8 @@ def test_contacts_beyond_the_capacity_are_counted():
         assert (len(state.contacts), state.untracked) == (3 - untracked, untracked)
         assert ("2 more without identity" in repr(state)) == (untracked == 2)
         assert state.copy().untracked == untracked
+        part = state.patch(palm.patch_names[0])  # the whole palm
+        np.testing.assert_allclose(part.wrench, state.wrench, 1e-5, 1e-6)
+        assert (part.wrench_sigma > 0.5 * state.wrench_sigma).all()
     with pytest.raises(OptionError, match=r"capacity: must be an integer from 1 to 4096; got 0"):
         Options(capacity=0)

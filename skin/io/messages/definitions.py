@@ -93,7 +93,7 @@ float32[] force_sigma     # 3 n; NaN where invalid
 float32[] temperature     # n, degree Celsius; NaN where invalid
 float32[] test_ratio      # n, field against its model, 1 is the limit; NaN where not checked
 uint16[] status           # n, flags; 0 is a good reading
-int32[] contact           # n, index of the contacts, -1 for none
+int32[] contact           # n, index of the contacts; -1 none, -2 beyond the capacity
 bool whole                # all units that may touch are heard; false if nothing is summed
 f3t_msgs/Contact[] contacts""",
     "f3t_msgs/msg/SkinLayout": """\
