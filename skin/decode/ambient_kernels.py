@@ -15,7 +15,7 @@ import numpy.typing as npt
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
-from skin.decode.functions import read, rows_of, write
+from skin.decode.functions import read, rows_from, rows_of, write
 from skin.decode.records import LANES
 
 __all__ = [
@@ -217,10 +217,10 @@ def _axial(z, unit, memory, j):
 
 
 @jitable
-def _average(unit, memory, data, first, size, slow_s):
+def _average(unit, memory, data, rows, first, size, slow_s):
     """Low-passes of every unit, which restart after it could not be used, and who is loaded."""
     assume_noalias()
-    field, displacement = rows_of(data.field_ut, first), rows_of(data.displacement_mm, first)
+    field, displacement = rows_from(rows[0], first), rows_from(rows[1], first)
     here = slice(first, first + size)
     status, temperature, dt_s = data.status[here], data.temperature[here], data.elapsed_s[0]
     long_ut, marks = memory["long_ut"], memory["marks"]
@@ -332,7 +332,7 @@ def _pool(data):
 
 
 @jitable
-def _vote(unit, memory, body, refused, data, first, size):
+def _vote(unit, memory, body, refused, field, size):
     """Add up what the units of a block measure of the field of their body, but those that have one
     of the refused marks.
 
@@ -340,7 +340,7 @@ def _vote(unit, memory, body, refused, data, first, size):
     (Geman-McClure weights): a unit that lies persistently does not count.
     """
     assume_noalias()
-    field, long_ut, marks = rows_of(data.field_ut, first), memory["long_ut"], memory["marks"]
+    long_ut, marks = memory["long_ut"], memory["marks"]
     turn, told, information = unit["skin_chip"], body["told"], body["information"]
     pressed = voters = 0.0
     told_x = told_y = told_z = xx = xy = xz = yy = yz = zz = laterals = 0.0
@@ -504,7 +504,7 @@ def _follow(unit, memory, size, dt_s, slow_s, period_s):
 
 
 @jitable
-def _compose(unit, memory, now, data, first, size):
+def _compose(unit, memory, now, field, out, size):
     """What is to be taken off the next cycle's counts, and how well that is known.
 
     The residue of a unit with the axis n is the variance of a lateral axis, (tr P - nᵀ P n) / 2.
@@ -514,7 +514,6 @@ def _compose(unit, memory, now, data, first, size):
     Bz²) does, in which the field of the last cycle stands for that of the next [derived].
     """
     assume_noalias()
-    field, out = rows_of(data.field_ut, first), rows_of(data.taken, first)
     turn, unmap = unit["skin_chip"], unit["inverse_map"]
     zero, taken, covariance = memory["zero"], memory["taken"], now["covariance_ut2"]
     bx, by, bz = now["field_ut"][0], now["field_ut"][1], now["field_ut"][2]
@@ -550,6 +549,8 @@ def update_python(model, data):
     """
     assume_noalias()
     slow_s, dt_s, disturbed = model.slow_s, data.elapsed_s[0], LOADED if model.near_votes else NEAR
+    rows = rows_of(data.field_ut), rows_of(data.displacement_mm)
+    taken = rows_of(data.taken)
     for r in range(data.runs.size):
         run = data.runs[r]
         run["load"] = run["weight"] = run["near_load"] = run["near_weight"] = 0.0
@@ -562,7 +563,7 @@ def update_python(model, data):
     for b in range(model.blocks.size):
         block = model.blocks[b]
         first, size = block["first"], block["size"]
-        _average(model.units[b], data.memory[b], data, first, size, slow_s)
+        _average(model.units[b], data.memory[b], data, rows, first, size, slow_s)
     _mark_near(model, data)
     for b in range(model.blocks.size):
         block = model.blocks[b]
@@ -573,7 +574,8 @@ def update_python(model, data):
         block = model.blocks[b]
         body, first, size = data.bodies[block["body"]], block["first"], block["size"]
         refused = data.runs[block["run"]]["refused"] | body["refused"]
-        _vote(model.units[b], data.memory[b], body, refused, data, first, size)
+        field = rows_from(rows[0], first)
+        _vote(model.units[b], data.memory[b], body, refused, field, size)
     for g in range(data.bodies.size):
         _filter(data.bodies[g], dt_s, FAST_OF_SLOW * slow_s)
     for b in range(model.blocks.size):
@@ -584,7 +586,8 @@ def update_python(model, data):
             if memory["marks"][j] & LIES != 0:
                 data.status[first + j] |= ANOMALY
                 data.valid[first + j] = False
-        _compose(unit, memory, data.bodies[block["body"]]["now"], data, first, size)
+        now, field = data.bodies[block["body"]]["now"], rows_from(rows[0], first)
+        _compose(unit, memory, now, field, rows_from(taken, first), size)
 
 
 update = compiled(update_python, fastmath={"contract", "reassoc"}, allocates=False)

@@ -17,8 +17,8 @@ from numba.extending import overload
 from bus.compiled.jit import jitable
 
 __all__ = [
-    "OCTAVES_MAX", "Rows", "asin", "atan", "atan2", "exp2", "log2", "read", "rows_of", "sin_cos",
-    "sinc", "write",
+    "OCTAVES_MAX", "Rows", "asin", "atan", "atan2", "exp2", "log2", "read", "rows_from", "rows_of",
+    "sin_cos", "sinc", "write",
 ]  # fmt: skip
 
 OCTAVES_MAX = 24.0
@@ -43,9 +43,20 @@ class Rows(NamedTuple):
 
 
 @jitable
-def rows_of(values, first):
-    """Rows of an array of shape (r, n), from a unit on."""
-    return Rows(values.reshape(values.size), np.uintp(values.shape[1]), np.uintp(first))
+def rows_of(values):
+    """Rows of an array of shape (r, n): once a cycle, since numba calls a function for a reshape;
+    None for None."""
+    if values is None:
+        return None
+    return Rows(values.reshape(values.size), np.uintp(values.shape[1]), np.uintp(0))
+
+
+@jitable
+def rows_from(rows, first):
+    """The same rows from a unit on."""
+    if rows is None:
+        return None
+    return Rows(rows.values, rows.units, np.uintp(first))
 
 
 # places are unsigned, so that the compiler knows that none counts from the end of the array

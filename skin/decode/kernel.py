@@ -18,7 +18,7 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
-from skin.decode.functions import log2, read, rows_of, write
+from skin.decode.functions import log2, read, rows_from, rows_of, write
 from skin.decode.tangential import (
     EXTRAPOLATION,
     check_fields,
@@ -212,24 +212,15 @@ def write_flags(flag, limits, size, flags, valid):
 
 
 @jitable
-def background_of(values, first):
-    """Rows of a background, where there is one."""
-    if values is None:
-        return None
-    return rows_of(values, first)
-
-
-@jitable
-def decode_block(model, data, block, size, look, advance):
-    """All stages, for the units of a block. `look`: at units without load as well; `advance` as of
-    `decode`."""
+def decode_block(model, data, rows, block, size, look, advance):
+    """All stages, for the units of a block. `rows`: of counts, background and values; `look`: at
+    units without load as well; `advance` as of `decode`."""
     assume_noalias()
     wants, first = model.wants, block * LANES
     flag, tile, state = data.flag, data.tile[0], data.state[block]
     unit = model.coefficients[block if model.coefficients.size > 1 else 0]
     limits = model.limits[block if model.limits.size > 1 else 0]
-    counts = rows_of(data.counts, first)
-    background = background_of(data.background, first)
+    counts, background = rows_from(rows[0], first), rows_from(rows[1], first)
     here = slice(first, first + size)
     found = find_flags(counts, data.status[here], limits, size, flag)
     decode_temperatures(wants, unit, counts, size, state, tile, flag, advance)
@@ -243,7 +234,7 @@ def decode_block(model, data, block, size, look, advance):
             decode_unloaded(wants, unit, counts, background, size, tile, flag)
     if found & UNKNOWN != 0:
         hide(flag, UNKNOWN, tile)
-    show_rows(model.rows, tile, size, rows_of(data.values, first))
+    show_rows(model.rows, tile, size, rows_from(rows[2], first))
     write_flags(flag, limits, size, data.flags[here], data.valid[here])
 
 
@@ -277,14 +268,15 @@ def decode_python(model, data, phase, advance, missing):
             unit = model.coefficients[block if model.coefficients.size > 1 else 0]
             age(data.state[block]["film_lag"], unit["film_keep"], missing)
             age(data.state[block]["chip_lag"], unit["chip_keep"], missing)
+    rows = rows_of(data.counts), rows_of(data.background), rows_of(data.values)
     look = model.look_every > 0 and phase % model.look_every == 0
     for block in range(data.state.size):
         left = n - block * LANES
         # a whole block has nothing left over of its vectors, if the compiler knows
         if left < LANES:
-            decode_block(model, data, block, left, look, advance)
+            decode_block(model, data, rows, block, left, look, advance)
         else:
-            decode_block(model, data, block, LANES, look, advance)
+            decode_block(model, data, rows, block, LANES, look, advance)
 
 
 decode = compiled(decode_python, fastmath={"contract"}, allocates=False)
