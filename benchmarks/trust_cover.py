@@ -62,21 +62,27 @@ class Sample:
     true_centre: np.ndarray
 
 
-def samples(quick: bool, seed: int) -> list[Sample]:
-    """Of each shape, films as drawn and others, and ambient fields."""
+def samples(quick: bool, seed: int, *, tared: bool) -> list[Sample]:
+    """Of each shape, films as drawn and others, and ambient fields. `tared`: the user has said that
+    nothing touches the skin; else the skin has taken its zeros by itself, and the sigma of the
+    wrench has the even load that these may hide."""
     names, films = (QUICK, ("drawn",)) if quick else (SHAPES, tuple(FILMS))
     found: list[Sample] = []
     for session, (name, film, way) in enumerate(itertools.product(names, films, WAYS)):
         skin = skin_of(name, film=FILMS[film], bag=QUICK_BAG if quick else BAG)
         rng = np.random.default_rng((5, seed, session))
-        found += _session((session, name, film, way), skin, rng)
+        found += _session((session, name, film, way), skin, rng, tared)
     return found
 
 
-def _session(what: tuple[int, str, str, str], skin: Skin, rng: np.random.Generator) -> list[Sample]:
+def _session(
+    what: tuple[int, str, str, str], skin: Skin, rng: np.random.Generator, tared: bool
+) -> list[Sample]:
     """A skin is opened and touched `TOUCHES` times, by bodies in turn, with rests between."""
     session, name, film, way = what
     player, found = Player(skin.known, want={"wrench", "centroid", "contacts"}), []
+    if tared:
+        player.pipeline.retake_zeros()
     earth = np.zeros(3) if way == "no field" else EARTH_UT * direction(rng)
     still = skin.plant.counts(skin.resting(), rng, world_ut=earth[np.newaxis])
     for _ in player.play(still):
