@@ -1,6 +1,6 @@
 """Reading and writing of CAN logs, as batches of frames.
 
-Reading: candump (.log) and BLF (.blf) by compiled code; ASC, TRC, CSV, SQLite (.db) and MF4 through
+Reading: candump (.log) and BLF (.blf) by compiled code; ASC, TRC, CSV and SQLite (.db) through
 python-can. Writing: candump. Text formats and BLF are also read with an additional .gz, and candump
 is written so.
 """

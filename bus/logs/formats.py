@@ -25,11 +25,10 @@ READERS = {
     ".csv": "bus.logs.pythoncan:PythonCanReader",
     ".db": "bus.logs.pythoncan:PythonCanReader",
     ".log": "bus.logs.candump:CandumpReader",
-    ".mf4": "bus.logs.pythoncan:PythonCanReader",
     ".trc": "bus.logs.pythoncan:PythonCanReader",
 }
 """Module and class for each suffix, imported on first use."""
-_NEVER_PACKED = {".db", ".mf4"}
+_NEVER_PACKED = {".db"}
 _WRITTEN = (".log", ".log.gz")
 
 

@@ -49,7 +49,6 @@ BAD_FILES = {
     "other.csv": b"time,id\n1,2\n",
     "other.db": b"SQL",
     "other.trc": b"date\n",
-    "other.mf4": b"MDF     3.30"[4:],
     "relative.asc": b"date x\nbase hex  timestamps relative\n",
     "columns.csv": b"timestamp,arbitration_id,extended,remote,error,dlc,data\n1,2\n",
     "some.txt": b"",
