@@ -33,8 +33,6 @@ USED_ELSEWHERE = {
     "weigh": "public: a user fills what is held (examples/fig6_tea.py)",
     "local_wrench": "public: a user asks for the wrench on a finger in its own frame",
     "local_wrench_sigma": "public: the same",
-    "on_start": "bus/compiled/watch.py: numba calls it",
-    "on_end": "bus/compiled/watch.py: numba calls it",
 }
 """Names that nothing in the packages uses, and who does."""
 
