@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from bus.faults.injector import Injector
 from bus.faults.script import FaultScript, load_script
-from bus.faults.stages import Injector
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.state import BusState
 from bus.transport import Transport, TransportCounters
