@@ -167,12 +167,12 @@ class Skin(Attachable):
     @property
     def clocks(self) -> dict[str, dict[str, Any]]:
         """Source of the frame stamps of each bus, by its name: ``by`` is "interface" where it has a
-        clock of its own, else "kernel"; through python-can "driver" where its driver has, else
-        "host". ``error_ns``, one sigma of the map from the own clock to this host's, and its
-        ``drift_ppm``; ``steps`` counts how often one of the clocks was set."""
+        clock of its own, else "kernel"; "host" where python-can has no stamps of the kernel.
+        ``error_ns``, one sigma of the map from the own clock to this host's, and its ``drift_ppm``;
+        ``steps`` counts how often one of the clocks was set."""
         pairs = zip(self.topology.buses, self.transports, strict=True)
-        own = {bus.name: end.clock for bus, end in pairs}
-        return {name: c.report() if c else {"by": "kernel"} for name, c in own.items()}
+        return {bus.name: end.clock.report() if end.clock else {"by": end.stamped_by}
+                for bus, end in pairs}  # fmt: skip
 
     def realtime_ns(self, stamp_ns: int) -> int:
         """A stamp of a cycle on the system's clock: as it is now, or, without SYNC of this host, as

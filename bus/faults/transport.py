@@ -68,7 +68,8 @@ class FaultyTransport(Transport):
         if not isinstance(script, FaultScript):
             script = load_script(script, topology)
         self.inner = inner
-        self.clock, self.keeps_stamps = inner.clock, inner.keeps_stamps
+        self.clock, self.stamped_by = inner.clock, inner.stamped_by
+        self.keeps_stamps = inner.keeps_stamps
         self._inject = Injector(script, seed, topology, index=inner.index, clock=clock)
         self._receives = direction == "receive"
         self._heard = FrameBatch(1024)

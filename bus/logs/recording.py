@@ -76,7 +76,7 @@ class LoggedTransport(Transport):
         super().__init__(inner.index)
         self.inner, self._recording = inner, recording
         self.changes, self.clock = inner.changes, inner.clock
-        self.keeps_stamps = inner.keeps_stamps
+        self.stamped_by, self.keeps_stamps = inner.stamped_by, inner.keeps_stamps
 
     @property
     def counters(self) -> TransportCounters:
