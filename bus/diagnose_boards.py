@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bus.configure import node_numbers
 from bus.discover import Survey
 from bus.finding import Finding, hex_id, some
-from bus.heartbeat import FIRST_ID, PERIOD_S, heartbeat_nodes
+from bus.heartbeat import FIRST_ID, PERIOD_S, heartbeat_nodes, node_numbers
 from bus.serials import compare_serials, of_boards
 from topology.wire import LAYOUTS
 

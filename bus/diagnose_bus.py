@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bus.configure import node_numbers
 from bus.diagnose_boards import board_findings
 from bus.discover import STALE_CYCLES, Heard, Survey
 from bus.finding import Finding, frame_kind, hex_id, rates, some
-from bus.heartbeat import FIRST_ID, LAST_ID
+from bus.heartbeat import FIRST_ID, LAST_ID, node_numbers
 from bus.status import Status
 
 __all__ = ["LONG_SILENCE", "BusRules"]

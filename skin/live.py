@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from bus.configure import Command, pack
 from bus.errors import BusClosedError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs import Recording
@@ -186,38 +185,6 @@ class Skin(Attachable):
         if self._has_system_time:
             return stamp_ns
         return stamp_ns + time.time_ns() - self._stamp_ns()
-
-    def configure(self, command: Command, *, node: int = 0, value: int = 0) -> None:
-        """Send a command to the boards on all buses: tare, or answer every k-th SYNC only.
-
-        Boards that answer seldom are late in the cycles between, which then wait for the deadline.
-
-        Parameters
-        ----------
-        command : bus.configure.Command
-        node : int
-            Number of a board on its bus; 0 for all.
-        value : int
-            Of ``RATE``: the decimation.
-
-        Raises
-        ------
-        ValueError
-            No board can obey it.
-        SkinError
-            A bus did not accept the frame; the others did.
-        """
-        frame = pack(command, node, value)
-        deaf = []
-        for i, (bus, end) in enumerate(zip(self.topology.buses, self.transports, strict=True)):
-            if not end.send(frame):
-                deaf.append(bus.name)
-            elif self._recording is not None:
-                sent = frame.copy()
-                sent["bus"], sent["stamp_ns"] = i, self._stamp_ns()
-                self._recording.write(sent)
-        if deaf:
-            raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
 
     # -- patches that move -------------------------------------------------------------------------
 
