@@ -8,9 +8,9 @@ is written so.
 from __future__ import annotations
 
 from bus.logs.channels import buses_of
-from bus.logs.formats import open_writer, read, read_all, write
+from bus.logs.formats import read
 from bus.logs.reader import LogReader
 from bus.logs.recording import LoggedTransport, Recording
+from bus.logs.writer import LogWriter
 
-__all__ = ["LogReader", "LoggedTransport", "Recording", "buses_of", "open_writer",
-           "read", "read_all", "write"]  # fmt: skip
+__all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "read"]

@@ -12,7 +12,7 @@ import numpy as np
 from bus.errors import LogError
 from bus.frame import FrameBatch
 from bus.logs.channels import names_of
-from bus.logs.formats import open_writer
+from bus.logs.writer import LogWriter
 from bus.transport import Transport, TransportCounters
 from topology import Topology
 from topology.files import NO_KIND, check_over, check_path, named
@@ -42,7 +42,7 @@ class Recording:
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
         check_path("log", path, LogError)
         check_over(Path(path), NO_KIND)
-        self._writer = open_writer(path, channels=names_of(topology))
+        self._writer = LogWriter(path, channels=names_of(topology))
         self._lock = threading.Lock()
         self._is_closed = False
 

@@ -13,11 +13,11 @@ from bus import Packer
 from bus.dbc import dbc_text, write_dbc
 from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID
-from bus.logs import read_all
 from skin.cli import main
 from skin.sim.heartbeat import Heartbeats
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.dbc import Unpacker, by_cantools
+from tests.fixtures.logs import read_all
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, builtin, load
 

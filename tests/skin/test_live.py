@@ -14,7 +14,6 @@ import skin.sim
 import topology
 from bus import BusClosedError, FrameBatch
 from bus.frame import FRAME_DTYPE
-from bus.logs import read_all
 from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import SkinError
@@ -23,6 +22,7 @@ from skin.sim.node import SimulatedUnits
 from skin.state import WANTS
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of, over
+from tests.fixtures.logs import read_all
 
 STRIP = topology.load("strip")
 

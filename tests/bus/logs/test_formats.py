@@ -8,8 +8,8 @@ import pytest
 
 from bus import LogError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_FDF
-from bus.logs import read, read_all
-from tests.fixtures.logs import messages, records, rows, write_by_pythoncan
+from bus.logs import read
+from tests.fixtures.logs import messages, read_all, records, rows, write_by_pythoncan
 
 FIRST_NS = 1_700_000_000_000_000_000
 ROWS = [
