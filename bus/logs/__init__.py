@@ -10,7 +10,7 @@ from __future__ import annotations
 from bus.logs.channels import buses_of
 from bus.logs.formats import read
 from bus.logs.reader import LogReader
-from bus.logs.recording import LoggedTransport, Recording
+from bus.logs.recording import Recording
 from bus.logs.writer import LogWriter
 
-__all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "read"]
+__all__ = ["LogReader", "LogWriter", "Recording", "buses_of", "read"]
