@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import topology
-from bus.boards import Boards
+from bus.boards import Boards, compare_serials, of_boards
 from bus.codec import Packer
 from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID, LAYOUT
 from bus.logs import LogWriter
-from bus.serials import compare_serials, of_boards
 from skin.calibrate.bench.series import read_counts
 from skin.sim.bench import Lab, protocol
 
