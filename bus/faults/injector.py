@@ -164,7 +164,7 @@ class _Stage:
         """Rows that the fault hits."""
         fault = self.fault
         found = self.matches(frames)
-        time_s = 1e-9 * (times_ns.astype(np.float64) - self._origin_ns)
+        time_s = 1e-9 * (times_ns.astype(np.float64) - (self._origin_ns or 0))
         found &= time_s >= self._from_s
         if fault.to_s is not None:
             found &= time_s < fault.to_s
