@@ -140,15 +140,12 @@ class SimulatedUnits:
         """
         count = out.count
         for record in records[self._is_heard(records)]:
-            self._respond(record, out, bus)
+            with self._lock:
+                cycle = self._unwrapped(int(record["data"][0]), bus)
+                if self._sent[bus] >= 0:
+                    self._left_out[bus] += cycle - self._sent[bus] - 1
+                self._append(cycle, out, bus, int(record["stamp_ns"]))
         return out.count - count
-
-    def _respond(self, record: np.void, out: FrameBatch, bus: int) -> None:
-        with self._lock:
-            cycle = self._unwrapped(int(record["data"][0]), bus)
-            if self._sent[bus] >= 0:
-                self._left_out[bus] += cycle - self._sent[bus] - 1
-            self._append(cycle, out, bus, int(record["stamp_ns"]))
 
     def tick(self, cycle: int, out: FrameBatch, bus: int = 0, stamp_ns: int = 0) -> int:
         """Append the frames of a cycle of free-running units; returns their number."""
@@ -309,9 +306,9 @@ class SimulatedUnits:
         thread.start()
 
     def _answer(self, transport: Transport, out: FrameBatch, bus: int, records: np.ndarray) -> None:
-        for record in records[self._is_heard(records)]:
+        for i in np.flatnonzero(self._is_heard(records)):
             out.clear()
-            self._respond(record, out, bus)
+            self.respond(records[i : i + 1], out, bus)
             self._send(transport, out)
 
     def _send(self, transport: Transport, out: FrameBatch) -> None:

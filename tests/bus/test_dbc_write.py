@@ -157,9 +157,7 @@ def test_every_ready_made_topology_is_read(name):
         database = by_cantools(topology, index)
         ids = {m.frame_id for m in database.messages if m.name.find("heartbeat") < 0}
         assert {0x80} < ids
-        assert ids - {0x80} == set(
-            topology.frames.can_id[topology.frames.bus == index].tolist()
-        )
+        assert ids - {0x80} == set(topology.frames.can_id[topology.frames.bus == index].tolist())
         assert database.dbc.attributes["BusType"].value == ("CAN FD" if bus.fd else "CAN")
         assert database.dbc.attributes["Baudrate"].value == bus.bitrate
         if bus.fd:

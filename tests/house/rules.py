@@ -15,7 +15,6 @@ __all__ = ["prose_errors", "size_errors", "unused_errors"]
 FILE_LINES, FUNCTION_LINES = 700, 80
 
 USED_ELSEWHERE = {
-    "by_unit": "public: a user of bus.Assembler asks for the counters of each unit",
     "close_films": "public: a user asks which units feel films of other links",
     "noise_ratio": "public: a user asks how noisy the units of a contact are",
     "impact": "public: a user asks whether a contact was hit",
