@@ -25,12 +25,12 @@ import numpy as np
 
 import topology
 from bus.frame import FRAME_DTYPE, FrameBatch
-from bus.logs import read_all, write
 from bus.memory import MemoryTransport
 from bus.pythoncan import to_message
 from skin.io.bulk import decode_logs
 from skin.sim.node import SimulatedUnits
 from skin.sim.scenes.load import open_scene
+from tests.fixtures.logs import read_all, write
 
 SKIN, SCENE = "palm", "slide"
 ROUND = 1280

@@ -23,9 +23,9 @@ def crc16(data: bytes, crc: int = _CHECK) -> int:
     >>> hex(crc16(b"123456789"))
     '0x29b1'
     """
-    from bus import codec_kernels
+    from bus.codec_kernels import crc16_python
 
-    return int(codec_kernels.crc16(crc, np.frombuffer(data, np.uint8)[np.newaxis], 0, 0, len(data)))
+    return int(crc16_python(crc, np.frombuffer(data, np.uint8)[np.newaxis], 0, 0, len(data)))
 
 
 class Packer:

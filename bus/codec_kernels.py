@@ -7,13 +7,13 @@ channels.
 from __future__ import annotations
 
 import numpy as np
-from numba import from_dtype, typeof, types
+from numba import typeof, types
 
 from bus.compiled.jit import compiled, jitable
 from bus.frame import FD_BRS, FD_FDF, PAYLOAD, FrameViews
 from bus.table import BYTE_AT, EXPECTED, EXTENDED, SHIFT_MASK, SIGNAL, SWAPPED, Tables
 
-__all__ = ["TABLES", "crc16", "frame_crc", "pack", "unpack_frame"]
+__all__ = ["TABLES", "crc16_python", "frame_crc_python", "pack", "unpack_frame"]
 
 
 def _crc_tables() -> np.ndarray:
@@ -199,11 +199,6 @@ _codes_in = types.Array(types.uint8, 1, "A", readonly=True)
 # Without numba's run-time memory nothing can allocate, and references of arrays in a tuple are not
 # counted, which would cost several times the work itself. Functions that kernels call are inlined,
 # since a call would pass all fields of all arrays.
-crc16 = compiled(crc16_python, [_int(_int, _data_in, _int, _int, _int)])
-frame_crc = compiled(
-    frame_crc_python,
-    [_int(_data_in, _int, from_dtype(EXPECTED))],
-)
 unpack_frame = compiled(
     unpack_frame_python,
     [types.void(_data_in, _int, _int, TABLES, _counts, _codes)],

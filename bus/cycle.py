@@ -33,7 +33,7 @@ class FrameCounters:
     sync: int = 0
     heartbeat: int = 0
     configuration: int = 0
-    """Configuration by another host; this host's own frames that return are echoes."""
+    """Commands of another host to boards."""
     late: int = 0
     """Data frames of a cycle that was already closed."""
     repeated: int = 0

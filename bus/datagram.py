@@ -36,7 +36,8 @@ _FRAME_CHARGE = 768
 QUEUE_BYTES = 8 << 20
 """Requested receive buffer; the kernel doubles it. 20 000 frames, two seconds of a full bus."""
 PATIENCE_S = 0.01
-"""Longest wait for room in the transmit queue; ten frames of a full 1 Mbit/s bus go in 1.4 ms."""
+"""Longest wait of `send` for room in the transmit queue, after which it does not wait again until a
+frame is accepted; ten frames of a full 1 Mbit/s bus go in 1.4 ms."""
 _RETRY_S = 0.0002
 _BUSY = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
 _UNSENDABLE = (errno.EINVAL, errno.EMSGSIZE)
@@ -59,9 +60,6 @@ class DatagramTransport(Transport):
         Written to `bus` of every received frame.
     queue_bytes : int
         Requested receive buffer.
-    patience_s : float
-        Timeout of `send` while the interface accepts no frame. After a timeout, `send` does not
-        wait again until a frame is accepted.
 
     Attributes
     ----------
@@ -79,7 +77,6 @@ class DatagramTransport(Transport):
         index: int = 0,
         *,
         queue_bytes: int = QUEUE_BYTES,
-        patience_s: float = PATIENCE_S,
     ) -> None:
         super().__init__(index)
         self.name = name
@@ -91,7 +88,7 @@ class DatagramTransport(Transport):
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, RX_HARDWARE | RAW_HARDWARE)
         sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
         self.queue_frames = enlarge_queue(sock, queue_bytes) // _FRAME_CHARGE
-        self._patience_s = patience_s
+        self._patience_s = PATIENCE_S
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._polled = mmsg.pollfds(self._fd, self._wake)
         self._incoming, self._outgoing = mmsg.new_buffers(), mmsg.new_buffers()

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bus import configure
 from bus.frame import CAN_EFF
 from bus.heartbeat import FIELDS, FIRST_ID, LAYOUT, PERIOD_S, STATES, heartbeat_nodes
 from topology import CHANNELS, Signal, Topology, WireLayout
@@ -199,7 +198,7 @@ def _text(topology: Topology, index: int, messages: list[_Message]) -> str:
 
 
 def _messages(topology: Topology, index: int) -> list[_Message]:
-    """SYNC, data frames, heartbeats and configuration of a bus."""
+    """SYNC, data frames and heartbeats of a bus."""
     boards = _boards(topology, index)
     names = _Names()
     messages = []
@@ -218,10 +217,6 @@ def _messages(topology: Topology, index: int) -> list[_Message]:
         messages += _data(topology, first, k + 1, data_ms, prefixes, names)
     for node in heartbeat_nodes(topology, index):
         messages.append(_heartbeat(node, names))
-    configurable = configure.node_numbers(topology)[topology.frames.bus == index]
-    if configure.understands(topology, index) and (configurable > 0).any():
-        nodes = np.unique(configurable[configurable > 0]).tolist()
-        messages.append(_configuration([f"board_{node}" for node in nodes], names))
     return messages
 
 
@@ -316,16 +311,6 @@ def _heartbeat(node: int, names: _Names) -> _Message:
     signals = _of_fields(name, FIELDS, {"state": dict(enumerate(STATES))}, names)
     return _Message(name, FIRST_ID + node, LAYOUT.size, False, f"board_{node}", HOST,
                     f"Heartbeat of board_{node}", _whole_ms(1e3 * PERIOD_S), signals)  # fmt: skip
-
-
-def _configuration(boards: list[str], names: _Names) -> _Message:
-    name = names.message("configuration")
-    commands = {int(command): command.name.lower() for command in configure.Command}
-    values = {"command": commands, "node": {configure.ALL_NODES: "all"}}
-    signals = _of_fields(name, configure.FIELDS, values, names)
-    comment = "Command of the host to a board, or to all; reserved must be 0"
-    return _Message(name, configure.IDENTIFIER, configure.LAYOUT.size, False, HOST,
-                    ",".join(boards), comment, 0, signals)  # fmt: skip
 
 
 def _of_fields(

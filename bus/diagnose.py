@@ -11,10 +11,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from bus.diagnose_boards import other_serials
-from bus.diagnose_bus import LONG_SILENCE, BusRules
+from bus.diagnose_bus import LONG_SILENCE, BusRules, Finding, other_serials, some
 from bus.discover import Survey
-from bus.finding import Finding, some
 from bus.state import BusState
 from bus.status import Status
 from bus.transport import Transport

@@ -1,27 +1,80 @@
-"""The doctor's rules about one bus: silent, unknown, invalid and lost frames."""
+"""The doctor's rules about one bus: silent, unknown, invalid and lost frames; boards, and their
+serial numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
-from bus.configure import node_numbers
-from bus.diagnose_boards import board_findings
+from bus.boards import compare_serials, of_boards
 from bus.discover import STALE_CYCLES, Heard, Survey
-from bus.finding import Finding, frame_kind, hex_id, rates, some
-from bus.heartbeat import FIRST_ID, LAST_ID
+from bus.frame import CAN_EFF
+from bus.heartbeat import FIRST_ID, LAST_ID, PERIOD_S, heartbeat_nodes, node_numbers
 from bus.status import Status
+from topology import Bus
+from topology.wire import LAYOUTS
 
-__all__ = ["LONG_SILENCE", "BusRules"]
+__all__ = ["LONG_SILENCE", "BusRules", "Finding", "identities", "other_serials", "some"]
 
 Row = int | np.integer | np.ndarray
 
 LONG_SILENCE = 20
 """Consecutive cycles without a reading that are more than losses."""
 _RATE_TOLERANCE = 0.1
+PATIENCE_S = 2.5 * PERIOD_S
+"""Silence after which a heartbeat is missing."""
 _HEARTBEATS = range(FIRST_ID, LAST_ID + 1)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault or deviation.
+
+    Attributes
+    ----------
+    code : str
+        Kind of finding: "missing-unit", "silent-branch", …
+    severity : "error" or "warning"
+        An error costs readings now; a warning may.
+    subject : str
+        Bus, unit, identifier or host.
+    count : int
+        Occurrences: frames, units or cycles, as stated in the text.
+    text : str
+        Observation and expectation.
+    likely_cause : str
+        What to check first.
+    """
+
+    code: str
+    severity: Literal["error", "warning"]
+    subject: str
+    count: int
+    text: str
+    likely_cause: str
+
+    def __str__(self) -> str:
+        return f"{self.subject}: {self.text}. Likely cause: {self.likely_cause}"
+
+
+def hex_id(can_id: int) -> str:
+    return f"0x{can_id & ~CAN_EFF:08X}" if can_id & CAN_EFF else f"0x{can_id:03X}"
+
+
+def some(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def frame_kind(is_fd: bool) -> str:
+    return "CAN FD" if is_fd else "classic"
+
+
+def rates(bus: Bus) -> str:
+    data = "" if bus.data_bitrate is None else f" and {bus.data_bitrate / 1e6:g} Mbit/s for data"
+    return f"{bus.bitrate / 1e6:g} Mbit/s{data}"
 
 
 class BusRules:
@@ -402,3 +455,81 @@ class BusRules:
             where = "" if is_one else f", of {hit.size} of {self.rows.size} identifiers"
             yield Finding(code, "warning", subject, total, f"{total} {text}{where}",
                           one if is_one else many)  # fmt: skip
+
+
+def board_findings(survey: Survey, index: int, gone: np.ndarray) -> Iterator[Finding]:
+    """Everything about the boards of one bus.
+
+    Parameters
+    ----------
+    survey : Survey
+    index : int
+        Of the bus.
+    gone : ndarray, shape (f,), bool
+        Missing frames of this bus.
+    """
+    skin, seconds = survey.topology, float(survey.listened_s[index])
+    frames, on = skin.frames, f"bus {skin.buses[index].name!r}"
+    heard = {node: board for (bus, node), board in survey.boards.heard.items() if bus == index}
+    expected = heartbeat_nodes(skin, index)
+    layouts = frames.layout[(frames.bus == index) & (frames.part == 0)]
+    talking = set(node_numbers(skin)[frames.bus == index][~gone].tolist())
+
+    def named(node: int) -> str:
+        return f"node {node} ({hex_id(FIRST_ID + node)}) on {on}"
+
+    for node in sorted(talking.intersection(expected)):
+        # boards with frames of another project send heartbeats or not
+        if node not in heard and skin.layouts[layouts[node - 1]] not in LAYOUTS.values():
+            continue
+        since = seconds - (heard[node].last_s if node in heard else 0.0)
+        if since >= PATIENCE_S:
+            how = "has not come for the last" if node in heard else "never came in"
+            yield Finding(
+                "missing-heartbeat", "warning", named(node), 1,
+                f"its heartbeat {how} {since:.1f} s, though its data do",
+                "a firmware of which only the sampling still runs" if node in heard
+                else "another node number than the file's, or a firmware without heartbeats",
+            )  # fmt: skip
+    for node, board in sorted(heard.items()):
+        numbers = sorted(board.serials)
+        serials = ", ".join(map(str, numbers[:4])) + (", …" if len(numbers) > 4 else "")
+        if node not in expected:
+            yield Finding(
+                "unknown-board", "warning", named(node), board.heartbeats,
+                f"{some(board.heartbeats, 'heartbeat')} of a board that the file does not know "
+                f"(serial number {serials})",
+                "a board that is not in the file, or that has another node number",
+            )  # fmt: skip
+        if len(numbers) > 1:
+            yield Finding(
+                "duplicate-node", "error", named(node), len(numbers),
+                f"heartbeats with {len(numbers)} serial numbers ({serials})",
+                "two boards set to the same address",
+            )  # fmt: skip
+        if board.state == "fault":
+            yield Finding(
+                "board-fault", "error", named(node), board.heartbeats,
+                "the board reports a fault in its heartbeats",
+                "see the board's manual; its units may be wrong though their frames come",
+            )  # fmt: skip
+
+
+def identities(survey: Survey) -> dict[str, str]:
+    """Units whose serial number is in their calibration file and in heartbeats; and what is wrong
+    with it, if anything."""
+    skin = survey.topology
+    given = {name: serial for name, serial in zip(skin.unit_names, skin.serials, strict=False)}
+    heard = of_boards(skin, survey.boards)
+    return compare_serials(given, heard, given, "the calibration file")
+
+
+def other_serials(survey: Survey) -> Iterator[Finding]:
+    """Units with the calibration of another unit."""
+    for name, wrong in identities(survey).items():
+        if wrong:
+            yield Finding(
+                "other-serial", "error", name, 1, wrong,
+                "boards that were exchanged, or set to each other's address: its readings are "
+                "decoded with the constants of another unit",
+            )  # fmt: skip

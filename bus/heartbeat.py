@@ -13,12 +13,15 @@ import numpy as np
 
 from topology import Topology
 
-__all__ = ["FIELDS", "FIRST_ID", "LAST_ID", "LAYOUT", "PERIOD_S", "STATES", "heartbeat_nodes"]
+__all__ = ["COMMAND_ID", "FIELDS", "FIRST_ID", "LAST_ID", "LAYOUT", "PERIOD_S", "STATES",
+           "heartbeat_nodes", "node_numbers"]  # fmt: skip
 
 FIRST_ID = 0x700
 """The heartbeat of node k has the identifier FIRST_ID + k."""
 LAST_ID = 0x7DF
-"""The last identifier of a heartbeat; configuration has the next one."""
+"""The last identifier of a heartbeat."""
+COMMAND_ID = 0x7E0
+"""Kept free for commands of a host to its boards, which are counted and not read."""
 
 PERIOD_S = 1.0
 
@@ -54,3 +57,21 @@ def heartbeat_nodes(topology: Topology, bus: int) -> list[int]:
         for node, frame in enumerate(boards, 1)
         if not topology.layouts[frames.layout[frame]].counts_only and FIRST_ID + node not in taken
     ]
+
+
+def node_numbers(topology: Topology) -> np.ndarray:
+    """Number of the board that sends each data frame, counted on its bus.
+
+    Returns
+    -------
+    ndarray, shape (f,), int
+        Order of `Topology.frames`; -1 for a sensor of another kind, which is no such board.
+    """
+    frames = topology.frames
+    nodes = np.empty(len(frames), int)
+    for bus in range(len(topology.buses)):
+        here = frames.bus == bus
+        nodes[here] = np.cumsum(frames.part[here] == 0)
+    foreign = np.array([layout.counts_only for layout in topology.layouts], bool)
+    nodes[foreign[frames.layout]] = -1
+    return nodes

@@ -2,8 +2,8 @@
 
 The system calls are symbols of the C library, which only machine code can call: the functions that
 call them have no Python version. Code that can run in Python is separate (`finish_records_python`,
-`stage`): it converts the kernel's structures into records, and back. ctypes is not used, since its
-addresses would prevent caching by numba.
+`stage_python`): it converts the kernel's structures into records, and back. ctypes is not used,
+since its addresses would prevent caching by numba.
 
 Frames are rows of FRAME_DTYPE, seen as words of int64, shape (m, 10) (`bus.frame.as_words`). The
 kernel writes its `struct canfd_frame` from the second word of a row on. A call moves up to BATCH
@@ -189,7 +189,7 @@ def _errno():
     return carray(_errno_place(), 1)[0]
 
 
-_long, _void = types.int64, types.void
+_long = types.int64
 _rows, _flat = types.int64[:, ::1], types.int64[::1]
 _rows_in = types.Array(types.int64, 2, "C", readonly=True)
 _buffers = typeof(new_buffers())
@@ -278,7 +278,6 @@ def _send(fd, first, count, words, buffers):
     return taken
 
 
-stage = compiled(stage_python, [_void(_long, _long, _rows_in, _buffers)])
 _received = _long(_long, _flat, _long, _long, _long, _long, _rows, _buffers)
 wait = compiled(_wait, [_long(_flat, _long)])
 receive = compiled(_receive, [_received])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from bus.linux import has_batches
 from bus.transport import Transport
 from topology import Bus
@@ -11,7 +9,7 @@ from topology import Bus
 __all__ = ["open_transport"]
 
 
-def open_transport(bus: Bus, index: int = 0, *, filters: np.ndarray | None = None) -> Transport:
+def open_transport(bus: Bus, index: int = 0) -> Transport:
     """Open one bus of a topology by its `interface`.
 
     `memory` is in-process, `socketcan` the batch reader of Linux; others, and `socketcan` without
@@ -22,9 +20,6 @@ def open_transport(bus: Bus, index: int = 0, *, filters: np.ndarray | None = Non
     bus : Bus
     index : int
         Written to `bus` of every received frame.
-    filters : ndarray, shape (k, 2), uint32, optional
-        Identifiers and masks that the kernel lets through, from `bus.socketcan.filters`; other
-        transports receive all frames.
 
     Raises
     ------
@@ -38,7 +33,7 @@ def open_transport(bus: Bus, index: int = 0, *, filters: np.ndarray | None = Non
     if bus.interface == "socketcan" and has_batches():
         from bus.socketcan import SocketCanTransport
 
-        return SocketCanTransport(bus, index, filters=filters)
+        return SocketCanTransport(bus, index)
     from bus.pythoncan import PythonCanTransport
 
     return PythonCanTransport(bus, index=index)

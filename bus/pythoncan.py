@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bus.clock import DriverClock
 from bus.errors import BusClosedError, BusOpenError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.state import BusState
@@ -63,9 +62,8 @@ _SAMPLE_POINT, _DATA_SAMPLE_POINT = 80.0, 75.0
 class PythonCanTransport(Transport):
     """One end of a bus, through python-can.
 
-    Configuration files and environment variables have no effect, only the topology. Time stamps are
-    those of the driver, with the precision of a float of seconds (0.2 µs), mapped to this host's
-    clock; those of arrival until the map is known, and where the driver has no clock.
+    Configuration files and environment variables have no effect, only the topology. Where the
+    driver has no stamps of the kernel, frames have the time at which they are read.
 
     Parameters
     ----------
@@ -88,7 +86,7 @@ class PythonCanTransport(Transport):
         # echo by default.
         self._knows_echoes = bus.interface != "socketcan"
         self._mark = secrets.token_hex(8) if bus.interface in _UNMARKED_ECHOES else None
-        self.clock = self._own_clock = None if bus.interface in _KERNEL_STAMPS else DriverClock()
+        self.stamped_by = "kernel" if bus.interface in _KERNEL_STAMPS else "host"
         self._error_mask = _EFF_MASK if bus.interface in _LINUX_ERRORS else 0
         self._descriptor = self._can.fileno() if bus.interface == "socketcan" else -1
         _enlarge(self._can)
@@ -106,7 +104,7 @@ class PythonCanTransport(Transport):
         until = time.monotonic() + timeout_s
         wait_s = min(timeout_s, _SLICE_S) if timeout_s > 0 else 0.0
         view, stamps = batch.records.view(np.uint8).data, batch.records["stamp_ns"]
-        clock = self._own_clock
+        is_late = self.stamped_by == "host"
         while batch.room:
             message = self._receive(wait_s, batch.count > start)
             if message is not None:
@@ -114,9 +112,8 @@ class PythonCanTransport(Transport):
                 if self._is_echo(message):
                     continue
                 from_message(message, view, batch.count, self.index, self._error_mask)
-                if clock is not None:
-                    driver_ns = round(message.timestamp * 1e9)
-                    stamps[batch.count] = clock.stamp(driver_ns, time.time_ns())
+                if is_late:
+                    stamps[batch.count] = time.time_ns()
                 batch.count += 1
                 continue
             remaining_s = until - time.monotonic()

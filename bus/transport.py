@@ -7,6 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -67,11 +68,14 @@ class Transport(ABC):
         The last CHANGES_KEPT changes of `state`, oldest first. The caller may remove them.
     clock : ClockModel or None
         From the interface's own clock to the kernel's, for interfaces that may have one.
+    stamped_by : str
+        What stamps frames otherwise: "kernel", or "host", when they are read.
     keeps_stamps : bool
         Whether frames arrive with the stamps of their senders: such a bus carries simulated time.
     """
 
     clock: ClockModel | None = None
+    stamped_by: Literal["kernel", "host"] = "kernel"
     keeps_stamps: bool = False
 
     def __init__(self, index: int = 0) -> None:

@@ -7,7 +7,6 @@ standard error; ``logging.getLogger("skin").setLevel("ERROR")`` keeps both away.
 
 from __future__ import annotations
 
-import atexit
 import functools
 import logging
 import os
@@ -15,8 +14,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable
-from contextlib import ExitStack
-from threading import Thread, Timer
+from threading import Thread
 from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
@@ -24,16 +22,10 @@ if TYPE_CHECKING:
 
 __all__ = ["announce", "compile_calls", "terminal"]
 
-PATIENCE_S = 1.0
-"""Compile time before the first message. [assumed]"""
 CELLS = 24
 """Of the bar. [assumed]"""
-BEGUN = "f3t-skin: compiling kernels for this machine, once …"
 
 _log = logging.getLogger("skin")
-_watching = ExitStack()
-"""For the lifetime of the process."""
-atexit.register(_watching.close)
 
 
 def compile_calls(calls: Iterable[tuple[Any, ...]]) -> Thread:
@@ -99,22 +91,16 @@ def terminal() -> TextIO | None:
     return file if file is not None and file.isatty() and not os.environ.get("NO_COLOR") else None
 
 
-@functools.cache
 def announce() -> None:
-    """Say, once in this process, that a kernel is being compiled when one takes long."""
-    from bus.compiled.watch import watch
+    """Say that kernels will be compiled, where none is kept yet: for what compiles as it goes."""
+    from bus.compiled import cache
 
-    timers: list[Timer] = []
-
-    def begun(_kernel: str) -> None:
-        timers.append(timer := Timer(PATIENCE_S, _say_begun))
-        timer.daemon = True
-        timer.start()
-
-    _watching.enter_context(watch(begun, lambda _kernel: timers.pop().cancel()))
+    folder = cache.folder()
+    if folder is None or next(folder.iterdir(), None) is None:
+        _say_begun()
 
 
 @functools.cache
 def _say_begun() -> None:
     """Once in this process, whichever way comes first."""
-    _log.warning(BEGUN)
+    _log.warning("f3t-skin: compiling kernels for this machine, once …")

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from bus.configure import Command, pack
 from bus.errors import BusClosedError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs import Recording
@@ -167,12 +166,12 @@ class Skin(Attachable):
     @property
     def clocks(self) -> dict[str, dict[str, Any]]:
         """Source of the frame stamps of each bus, by its name: ``by`` is "interface" where it has a
-        clock of its own, else "kernel"; through python-can "driver" where its driver has, else
-        "host". ``error_ns``, one sigma of the map from the own clock to this host's, and its
-        ``drift_ppm``; ``steps`` counts how often one of the clocks was set."""
+        clock of its own, else "kernel"; "host" where python-can has no stamps of the kernel.
+        ``error_ns``, one sigma of the map from the own clock to this host's, and its ``drift_ppm``;
+        ``steps`` counts how often one of the clocks was set."""
         pairs = zip(self.topology.buses, self.transports, strict=True)
-        own = {bus.name: end.clock for bus, end in pairs}
-        return {name: c.report() if c else {"by": "kernel"} for name, c in own.items()}
+        return {bus.name: end.clock.report() if end.clock else {"by": end.stamped_by}
+                for bus, end in pairs}  # fmt: skip
 
     def realtime_ns(self, stamp_ns: int) -> int:
         """A stamp of a cycle on the system's clock: as it is now, or, without SYNC of this host, as
@@ -186,39 +185,6 @@ class Skin(Attachable):
         if self._has_system_time:
             return stamp_ns
         return stamp_ns + time.time_ns() - self._stamp_ns()
-
-    def configure(self, command: Command, *, node: int = 0, value: int = 0) -> None:
-        """Send a command to the boards on all buses: tare, or answer every k-th SYNC only.
-
-        Boards that answer seldom are late in the cycles between, which then wait for the deadline.
-
-        Parameters
-        ----------
-        command : bus.configure.Command
-        node : int
-            Number of a board on its bus; 0 for all.
-        value : int
-            Of ``RATE``: the decimation.
-
-        Raises
-        ------
-        ValueError
-            No board can obey it.
-        SkinError
-            A bus did not accept the frame; the others did.
-        """
-        self._require_open("configure")
-        frame = pack(command, node, value)
-        deaf = []
-        for i, (bus, end) in enumerate(zip(self.topology.buses, self.transports, strict=True)):
-            if not end.send(frame):
-                deaf.append(bus.name)
-            elif self._recording is not None:
-                sent = frame.copy()
-                sent["bus"], sent["stamp_ns"] = i, self._stamp_ns()
-                self._recording.write(sent)
-        if deaf:
-            raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
 
     # -- patches that move -------------------------------------------------------------------------
 

@@ -14,7 +14,6 @@ import topology as topology_package
 from bus.logs import Recording
 from bus.open import open_transport
 from bus.transport import Transport
-from skin.compiling import announce
 from skin.errors import (
     MOST_SEED,
     OptionError,
@@ -93,7 +92,6 @@ def open(
     check_flag("pace", pace)
     if seed is not None:
         check_number("seed", seed, 0, MOST_SEED, whole=True)
-    announce()
     with ExitStack() as undo:
         scene = _scene(loaded, simulate, seed, sync)
         pipeline = _pipeline(loaded, options, scene)

@@ -78,7 +78,7 @@ class RingBuffer:
         except OSError as error:
             raise SkinError(f"ring buffer: must be {size} bytes of memory; got {error}") from error
         self._written = np.frombuffer(memory, np.int64, 1)
-        self._read, self._calls = np.frombuffer(memory, np.int64, 2, offset=LINE)[:, np.newaxis]
+        self._read = np.frombuffer(memory, np.int64, 1, offset=LINE)
         self._records = np.frombuffer(memory, self.dtype, slots, offset=2 * LINE)
         self._barrier = Lock()
 
@@ -93,15 +93,6 @@ class RingBuffer:
     def waiting(self) -> int:
         """Records written and not yet read."""
         return int(self._written[0] - self._read[0])
-
-    @property
-    def calls(self) -> int:
-        """Number of calls by the reader, for the writer to poll."""
-        return int(self._calls[0])
-
-    def call(self) -> None:
-        """Signal the writer; the meaning is up to the two."""
-        self._calls[0] += 1
 
     @property
     def records(self) -> np.ndarray:

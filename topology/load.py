@@ -31,7 +31,7 @@ _MODEL = 'a model of a robot: a topology file names it ([robot] model = "{file}"
 _LOG = "a recording or log, which `skin replay {file}` plays"
 OTHER_KINDS = {
     **dict.fromkeys((".urdf", ".xml", ".mjcf"), _MODEL),
-    **dict.fromkeys((".mcap", ".log", ".blf", ".asc", ".trc", ".mf4"), _LOG),
+    **dict.fromkeys((".mcap", ".log", ".blf", ".asc", ".trc"), _LOG),
 }
 """What a file of another suffix is, and where it is used."""
 

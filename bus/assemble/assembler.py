@@ -74,7 +74,6 @@ class Assembler:
         self.deadline_ns = max(1, round(seconds * 1e9))
 
         table = FrameTable(topology)
-        self._units = table.units
         self._memory = new_memory(topology, table, stale_cycles)
         self._state = self._memory.state[0]
         self._shown = new_shown(topology.n)
@@ -164,18 +163,6 @@ class Assembler:
             Order of `Topology.frames`. Kinds that do not apply to data frames are 0.
         """
         return self._memory.tallies[:, _KINDS.index(kind)].copy()
-
-    def by_unit(self, kind: str) -> np.ndarray:
-        """Running totals of one kind over all frames that carry each unit.
-
-        Returns
-        -------
-        ndarray, shape (n,), int64
-        """
-        frame, slot = np.nonzero(self._units >= 0)
-        totals = np.zeros(self._shown.age.size, np.int64)
-        np.add.at(totals, self._units[frame, slot], self.by_frame(kind)[frame])
-        return totals
 
     def feed(self, frames: np.ndarray) -> Iterator[RawCycle]:
         """Take frames, in the order of the bus, and yield every cycle as it closes.

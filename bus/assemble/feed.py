@@ -27,8 +27,8 @@ from bus.assemble.memory import (
 )
 from bus.codec_kernels import frame_crc_python, read_bits
 from bus.compiled.jit import compiled, jitable
-from bus.configure import IDENTIFIER as CONFIGURATION_ID
 from bus.frame import CAN_ERR, CAN_RTR, ECHO, FD_FDF, PAYLOAD
+from bus.heartbeat import COMMAND_ID
 from bus.heartbeat import FIRST_ID as FIRST_HEARTBEAT
 from bus.heartbeat import LAST_ID as LAST_HEARTBEAT
 
@@ -185,7 +185,7 @@ def feed_python(row, views, tables, memory, shown):
                     return row + 1
             elif FIRST_HEARTBEAT <= can_id <= LAST_HEARTBEAT:
                 totals[Outcome.HEARTBEAT.value] += 1
-            elif can_id == CONFIGURATION_ID:
+            elif can_id == COMMAND_ID:
                 totals[Outcome.CONFIGURATION.value] += 1
             else:
                 totals[Outcome.FOREIGN.value] += 1

@@ -167,7 +167,7 @@ _AnyFault = (
     Drop | Kill | Delay | Corrupt | Truncate | Freeze | Gain | Offset | Stuck | Babble | Duplicate
     | Error
 )  # fmt: skip
-_NEEDS_TOPOLOGY = Freeze | Duplicate | Gain | Offset | Stuck
+NEEDS_TOPOLOGY = Freeze | Duplicate | Gain | Offset | Stuck
 
 
 class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -241,7 +241,7 @@ def problems(
         if isinstance(fault, Babble) and fault.id in fault.ids:
             yield i, "id", "", _must("none of ids, whose frames it follows", fault.id)
         if topology is None:
-            needs = fault.__struct_config__.tag if isinstance(fault, _NEEDS_TOPOLOGY) else None
+            needs = fault.__struct_config__.tag if isinstance(fault, NEEDS_TOPOLOGY) else None
             for key, got in (("kind", needs), ("units", list(fault.units)), ("bus", fault.bus)):
                 if got:
                     yield i, key, "", _must("without need of a topology: none is given", show(got))

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from bus.faults.injector import Injector
 from bus.faults.script import FaultScript, load_script
-from bus.faults.stages import Injector
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.state import BusState
 from bus.transport import Transport, TransportCounters
@@ -68,7 +68,8 @@ class FaultyTransport(Transport):
         if not isinstance(script, FaultScript):
             script = load_script(script, topology)
         self.inner = inner
-        self.clock, self.keeps_stamps = inner.clock, inner.keeps_stamps
+        self.clock, self.stamped_by = inner.clock, inner.stamped_by
+        self.keeps_stamps = inner.keeps_stamps
         self._inject = Injector(script, seed, topology, index=inner.index, clock=clock)
         self._receives = direction == "receive"
         self._heard = FrameBatch(1024)

@@ -24,7 +24,7 @@ MOST_CHANNELS = 1024
 NAME = re.compile(r"[!-~]{1,63}")
 """Name of the channels of every log."""
 NUMBERED = re.compile(r"(?:can|vcan|slcan)?(\d{1,2})")
-FIRST = {".asc": 1, ".blf": 1, ".mf4": 1, ".trc": 1}
+FIRST = {".asc": 1, ".blf": 1, ".trc": 1}
 """Number of can0 in the formats that number their channels and have no names."""
 HOW = "--map FILE_CHANNEL=BUS, in Python channels={...}, names the bus of a channel"
 

@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from bus.errors import LogError
-from bus.frame import FrameBatch
 from bus.logs.channels import names_of
-from bus.logs.formats import open_writer
-from bus.transport import Transport, TransportCounters
+from bus.logs.writer import LogWriter
 from topology import Topology
 from topology.files import NO_KIND, check_over, check_path, named
 
-__all__ = ["LoggedTransport", "Recording"]
+__all__ = ["Recording"]
 
 
 class Recording:
@@ -42,7 +40,7 @@ class Recording:
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
         check_path("log", path, LogError)
         check_over(Path(path), NO_KIND)
-        self._writer = open_writer(path, channels=names_of(topology))
+        self._writer = LogWriter(path, channels=names_of(topology))
         self._lock = threading.Lock()
         self._is_closed = False
 
@@ -60,49 +58,3 @@ class Recording:
             self._is_closed = True
             with named(self._writer.path):
                 self._writer.close()
-
-
-class LoggedTransport(Transport):
-    """A transport that records the frames of another one.
-
-    Parameters
-    ----------
-    inner : Transport
-        Source and destination of frames; closed with this one.
-    recording : Recording
-    """
-
-    def __init__(self, inner: Transport, recording: Recording) -> None:
-        super().__init__(inner.index)
-        self.inner, self._recording = inner, recording
-        self.changes, self.clock = inner.changes, inner.clock
-        self.keeps_stamps = inner.keeps_stamps
-
-    @property
-    def counters(self) -> TransportCounters:
-        """Those of the inner transport."""
-        return self.inner.counters
-
-    def fileno(self) -> int:
-        """That of the inner transport."""
-        return self.inner.fileno()
-
-    def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
-        """Append waiting frames to `batch`; see `Transport.receive`."""
-        taken = self.inner.receive(batch, timeout_s)
-        self.state = self.inner.state
-        if taken:
-            self._recording.write(batch.frames[batch.count - taken :])
-        return taken
-
-    def send(self, records: np.ndarray) -> int:
-        """Send frames, in order; accepted ones are recorded."""
-        taken = self.inner.send(records)
-        sent = np.array(records[:taken])
-        sent["bus"] = self.index
-        self._recording.write(sent)
-        return taken
-
-    def close(self) -> None:
-        """Close the inner transport."""
-        self.inner.close()

@@ -11,6 +11,7 @@ import numpy as np
 
 from bus.errors import LogError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, FD_FDF, FRAME_DTYPE, FrameBatch
+from bus.logs.formats import suffix_of
 from topology.files import named
 
 __all__ = ["LogWriter"]
@@ -31,7 +32,7 @@ class LogWriter:
     Parameters
     ----------
     path : path
-        An existing file is overwritten; compressed if it ends in .gz.
+        Ends in .log, or in .log.gz and is compressed; an existing file is overwritten.
     channels : sequence of str, optional
         Name of the interface of each bus; by default can0, can1, …
 
@@ -39,6 +40,11 @@ class LogWriter:
     ----------
     count : int
         Frames written.
+
+    Raises
+    ------
+    LogError
+        Another suffix.
     """
 
     def __init__(
@@ -47,6 +53,7 @@ class LogWriter:
         *,
         channels: Sequence[str] | None = None,
     ) -> None:
+        packed = suffix_of(path, (".log", ".log.gz")) == ".log.gz"
         self.path = Path(path)
         self.count = 0
         names = [f"can{i}" for i in range(256)] if channels is None else list(channels)
@@ -58,8 +65,8 @@ class LogWriter:
                     f"channels[{i}]: must be a name of 1 to {_NAME_BYTES - 1} bytes without "
                     f"blanks; got {name!r}"
                 )
-        packed = self.path.suffix.lower() == ".gz"
-        self._file = gzip.open(self.path, "wb") if packed else self.path.open("wb")
+        with named(self.path):
+            self._file = gzip.open(self.path, "wb") if packed else self.path.open("wb")
 
     def __enter__(self) -> LogWriter:
         return self
@@ -90,10 +97,6 @@ class LogWriter:
                 lines = self._lines(records[first : first + _PIECE])
                 self._file.write("".join(lines).encode())
         self.count += records.size
-
-    def flush(self) -> None:
-        """Pass all data to the operating system, so that they survive a crash of this process."""
-        self._file.flush()
 
     def close(self) -> None:
         """Write the rest and close the file; may be called twice."""

@@ -46,7 +46,7 @@ def check(
     Exits with 1 if something is, if a bus cannot carry its cycle rate, or if units are nearer to
     each other than their magnets allow. If the file is wrong, exits with 2, after every problem
     with its line. DBC files are named after the skin and the bus (palm-main.dbc), and hold SYNC,
-    the data frames with their scales, heartbeats and configuration.
+    the data frames with their scales, heartbeats.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def decode(
     map: options.Map = (),
     json: options.Json = False,
 ) -> int:
-    """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …), and what `skin run` has recorded.
+    """Decode recorded CAN logs (candump, BLF, ASC, TRC, …), and what `skin run` has recorded.
 
     Each log gives three tables, with the columns of docs/reference/columns.md in every format: a
     row for each cycle, in FILE itself; for each contact in a cycle, in FILE.contacts; for each

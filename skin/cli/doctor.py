@@ -43,7 +43,7 @@ def doctor(
     is well, and with 1 if there are findings.
     """
     from bus.diagnose import diagnose
-    from bus.diagnose_boards import identities
+    from bus.diagnose_bus import identities
     from bus.discover import Survey
     from bus.logs import buses_of, read
     from skin.compiling import announce

@@ -17,7 +17,6 @@ from skin.cli.table import end
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
-    from bus.logs import Recording
     from bus.transport import Transport
     from skin.sim.node import Served, SimulatedUnits
     from topology import Topology
@@ -54,7 +53,7 @@ def sim(
     truth
         write down the truth about every cycle
     record
-        write a new log of what the buses carry (.log, .log.gz)
+        write a new log of a scene on `--bus memory` (.log, .log.gz)
     """
     from bus.logs import Recording
     from skin.compiling import announce
@@ -71,6 +70,9 @@ def sim(
         raise OptionError("--truth: must be given with a scene; got none")
     loaded = options.load(file, bus)
     is_fast = _is_inside(file, loaded, scene)
+    if record is not None and not is_fast:
+        raise OptionError("--record: must be absent on a bus that others reach, where `skin run` "
+                          f"or candump records it; got {record}")  # fmt: skip
     announce()
     with ExitStack() as opened:
         script = None
@@ -82,17 +84,17 @@ def sim(
             watched = played if truth is None else opened.enter_context(Recorder(played, truth))
             nodes = SimulatedUnits(loaded, watched, history=0)
         options.note_scene(nodes.scene)
-        log = None
-        if record is not None:  # whose buses are named as in the file, wherever they are
-            log = opened.enter_context(closing(Recording(record, options.load(file))))
         if is_fast:
             from skin.sim.scenes.fast import play
 
+            log = None
+            if record is not None:  # whose buses are named as in the file, wherever they are
+                log = opened.enter_context(closing(Recording(record, options.load(file))))
             lasts_s = played.seconds if seconds is None else seconds
             print(f"{loaded.n} units on no bus, {lasts_s:g} s", file=sys.stderr, flush=True)
             served, injected = play(nodes, lasts_s, script, log)
         else:
-            served, injected = _serve(opened, nodes, seconds, script, log)
+            served, injected = _serve(opened, nodes, seconds, script)
     report = {
         "topology": loaded.name, "units": loaded.n, **asdict(served), "scene": scene,
         "truth": str(truth) if truth is not None and served.cycles else None,
@@ -123,19 +125,15 @@ def _serve(
     nodes: SimulatedUnits,
     seconds: float | None,
     script: FaultScript | None,
-    log: Recording | None,
 ) -> tuple[Served, list[dict[str, int]]]:
     """On real buses, for any host."""
     from bus.faults import FaultyTransport
-    from bus.logs import LoggedTransport
     from bus.open import open_transport
 
     topology = nodes.topology
     ends: list[Transport] = [
         opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
     ]
-    if log is not None:
-        ends = [LoggedTransport(end, log) for end in ends]
     faulty = [] if script is None else [
         FaultyTransport(
             end, script, topology=topology, direction="send", clock=partial(nodes.time_ns, i)

@@ -45,13 +45,11 @@ def tare(
     from skin.calibrate.files import calibration_files
     from skin.calibrate.tare import chosen
     from skin.calibrate.tare import tare as take
-    from skin.compiling import announce
     from skin.errors import OptionError, ScanError
     from skin.physics.stencil import neighbours_at_rest
     from skin.sim.scenes.script import SceneFile
 
     options.check_seconds(seconds)
-    announce()
     loaded = options.load(file, bus, allow_no_calibration=True)
     if simulate and output is None and not loaded.in_process:
         raise OptionError(

@@ -16,7 +16,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from bus.codec import Packer
-from bus.configure import IDENTIFIER, understands
 from bus.frame import ECHO, FrameBatch
 from bus.memory import MemoryTransport
 from bus.transport import Transport
@@ -27,7 +26,6 @@ from skin.sim.sampled import SampledScene
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import SceneFile
-from skin.sim.settings import BoardSettings
 from skin.sim.truth import Scene, Truth
 from skin.sim.unit import UnitSimulator
 from topology import Topology
@@ -52,10 +50,6 @@ class Served:
     """Frames that the buses refused."""
     skipped: int = 0
     """Cycles of free-running units that were skipped because this machine was late."""
-    configured: int = 0
-    """Configuration frames that were executed."""
-    refused: int = 0
-    """Those that were not: an unknown command, or an invalid value or board."""
 
 
 class SimulatedUnits:
@@ -63,8 +57,8 @@ class SimulatedUnits:
 
     Cycle `c` is the instant c / cycle rate of the scene, on every bus; on a bus with SYNC it is the
     unwrapped counter of the SYNC. All data frames of a bus answer a SYNC, in the order of their
-    priority, with its counter as their sequence number. Boards execute configuration frames
-    (`bus.configure`).
+    priority, with its counter as their sequence number; a count of the board's own leaves out
+    cycles without a SYNC.
 
     Parameters
     ----------
@@ -99,9 +93,12 @@ class SimulatedUnits:
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self._failures: list[Exception] = []
-        self._settings = BoardSettings(topology, self.units.lowest, self.units.highest)
-        self._understands = [understands(topology, bus) for bus in range(len(topology.buses))]
         self._sent = [-1] * len(topology.buses)
+        self._left_out = [0] * len(topology.buses)
+        own = np.array([layout.sequence == "own" for layout in topology.layouts])
+        frames = topology.frames
+        self._counts_own = [own[frames.layout[frames.bus == bus]]
+                            for bus in range(len(topology.buses))]  # fmt: skip
         self._synced = topology.sync_id is not None
 
     # -- truth -------------------------------------------------------------------------------------
@@ -142,23 +139,13 @@ class SimulatedUnits:
             Index of the bus.
         """
         count = out.count
-        for record in records[self._is_heard(records, bus)]:
-            self._respond(record, out, bus)
-        return out.count - count
-
-    def _respond(self, record: np.void, out: FrameBatch, bus: int) -> None:
-        with self._lock:
-            if self._understands[bus] and record["id"] == IDENTIFIER:
-                self._configure(record, bus)
-            else:
+        for record in records[self._is_heard(records)]:
+            with self._lock:
                 cycle = self._unwrapped(int(record["data"][0]), bus)
+                if self._sent[bus] >= 0:
+                    self._left_out[bus] += cycle - self._sent[bus] - 1
                 self._append(cycle, out, bus, int(record["stamp_ns"]))
-
-    def _configure(self, record: np.void, bus: int) -> None:
-        recent = self._sampled.recent(self._sent[bus])
-        is_taken = self._settings.obey(record, bus, self._sent[bus], recent)
-        self.served.configured += is_taken
-        self.served.refused += not is_taken
+        return out.count - count
 
     def tick(self, cycle: int, out: FrameBatch, bus: int = 0, stamp_ns: int = 0) -> int:
         """Append the frames of a cycle of free-running units; returns their number."""
@@ -167,12 +154,11 @@ class SimulatedUnits:
             self._append(cycle, out, bus, stamp_ns)
         return out.count - count
 
-    def _is_heard(self, records: np.ndarray, bus: int) -> np.ndarray:
-        """Mask of SYNC and configuration frames."""
-        sync_id = self.topology.sync_id
-        heard = (records["id"] == IDENTIFIER) & self._understands[bus]
-        if sync_id is not None:
-            heard |= (records["id"] == sync_id) & (records["length"] >= 1)
+    def _is_heard(self, records: np.ndarray) -> np.ndarray:
+        """Mask of SYNCs of others."""
+        if not self._synced:
+            return np.zeros(records.size, bool)
+        heard = (records["id"] == self.topology.sync_id) & (records["length"] >= 1)
         return heard & ((records["origin"] & ECHO) == 0)
 
     def _unwrapped(self, counter: int, bus: int) -> int:
@@ -189,7 +175,13 @@ class SimulatedUnits:
     def _append(self, cycle: int, out: FrameBatch, bus: int, stamp_ns: int) -> None:
         counts = self._sampled.counts(cycle)
         self.served.cycles, since = self._sampled.cycles, max(0, cycle - self._sampled.first)
-        self._settings.pack(self._packer, counts, out, cycle=cycle, bus=bus, stamp_ns=stamp_ns)
+        first = out.count
+        self._packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)
+        if self._left_out[bus] and self._counts_own[bus].any():
+            again, own = self.batch(bus), self._counts_own[bus]
+            sequence = (cycle - self._left_out[bus]) & 0xFF
+            self._packer(counts, again, sequence=sequence, stamp_ns=stamp_ns, bus=bus)
+            out.frames[first:][own] = again.frames[own]
         self._sent[bus] = cycle
         self._heartbeats.append(since, out, bus=bus, stamp_ns=stamp_ns)
 
@@ -314,14 +306,12 @@ class SimulatedUnits:
         thread.start()
 
     def _answer(self, transport: Transport, out: FrameBatch, bus: int, records: np.ndarray) -> None:
-        for record in records[self._is_heard(records, bus)]:
+        for i in np.flatnonzero(self._is_heard(records)):
             out.clear()
-            self._respond(record, out, bus)
+            self.respond(records[i : i + 1], out, bus)
             self._send(transport, out)
 
     def _send(self, transport: Transport, out: FrameBatch) -> None:
-        if not out.count:  # a configuration frame has no answer, or no board is due
-            return
         taken = transport.send(out.frames)
         with self._lock:
             self.served.frames += taken
@@ -368,9 +358,7 @@ class SimulatedUnits:
             self._send(transport, out)
             cycle += 1
             heard.clear()
-            transport.receive(heard)
-            out.clear()
-            self.respond(heard.frames, out, bus)
+            transport.receive(heard)  # nothing is asked of them: their queue stays empty
 
 
 def played(topology: Topology, scene: Any, seed: int | None = None) -> Scene:

@@ -58,11 +58,6 @@ class SampledScene:
         # a cycle that all buses skipped: the scene is past it
         return self._counts.get(cycle, self._counts[self.cycle])
 
-    def recent(self, last: int) -> np.ndarray:
-        """Stored counts of the cycles that end with `last`, shape (m, c, n)."""
-        stored = [counts for number, counts in self._counts.items() if number <= last]
-        return np.array(stored)
-
     def truth_at(self, cycle: int) -> Truth:
         """Truth of a stored cycle; SkinError for others."""
         if cycle in self.truths:

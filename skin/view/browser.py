@@ -47,12 +47,11 @@ class View(WorkerSink):
         timing = getattr(source, "timing", None)
         self._ring = RingBuffer(snapshot_dtype(topology, pipeline.contact_capacity), SLOTS)
         self.snapshots = Snapshots(self._ring, pipeline, timing, getattr(source, "transports", ()))
-        self._calls, self._tares, self._zeros = 0, 0, _summary(pipeline)
+        self._tares, self._moves, self._zeros = 0.0, 0.0, _summary(pipeline)
         joints = () if topology.robot is None else topology.robot.joint_names
         with NamedTemporaryFile() as file:  # memory of both processes, even when it has no name
-            # what browsers ask for: how often to tare, and joints
-            self._asked = np.memmap(file, float, "w+", shape=1 + len(joints))
-            self._asked[1:] = self._q = np.full(len(joints), np.nan)
+            # what browsers ask for: how often to tare, how often to move, and the joints
+            self._asked = np.asarray(np.memmap(file, float, "w+", shape=2 + len(joints)))
             self.address: str = self.start("skin.view.process", self._ring, {
                 "host": host, "port": port, "topology": packed(topology),
                 "is_live": timing is not None, "asked": file.name,
@@ -60,11 +59,9 @@ class View(WorkerSink):
 
     def frames(self, frames: np.ndarray) -> None:
         """Before frames are decoded: move the joints as sliders were moved; see `Sink.frames`."""
-        if self._ring.calls != self._calls:
-            self._calls, q = self._ring.calls, self._asked[1:].copy()
-            if q.size and np.isfinite(q).all() and not np.array_equal(q, self._q):
-                self._q = q
-                self._source.move_joints(q)
+        if self._asked[1] != self._moves:
+            self._moves = self._asked[1]
+            self._source.move_joints(self._asked[2:].copy())
 
     def state(self, state: State) -> None:
         """Take a snapshot when due, within the skin's loop; see `Sink.state`."""
@@ -72,9 +69,9 @@ class View(WorkerSink):
             return
         self.lost = self.snapshots.missed
         self.look()
-        pipeline, tares = self.pipeline, int(self._asked[0])
-        if tares != self._tares:
-            self._tares = tares
+        pipeline = self.pipeline
+        if self._asked[0] != self._tares:
+            self._tares = self._asked[0]
             pipeline.retake_zeros()
             self._zeros = _summary(pipeline)
         elif (zeros := _summary(pipeline)) != self._zeros:

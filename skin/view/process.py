@@ -33,7 +33,7 @@ class Viewer(Service):
     reads_to_end = False
 
     def __init__(self, end: WorkerEnd) -> None:
-        self._end, asked = end, end.request
+        asked = end.request
         self._topology = topology = unpacked(asked["topology"])
         self._server = open_server(asked["host"], asked["port"], topology.name)
         self.address = address_of(asked["host"], self._server.get_port())
@@ -115,11 +115,10 @@ class Viewer(Service):
             elif request == "top" and self._scene is not None:
                 self._scene.look_from_top(of.camera)
             elif request == "joints":
-                self._asked[1:] = of
-                self._end.ring.call()
+                self._asked[2:] = of
+                self._asked[1] += 1
             elif request == "tare":
                 self._asked[0] += 1
-                self._end.ring.call()
                 panel.report_tare("requested: touch nothing for two seconds")
         return is_changed
 

@@ -22,7 +22,6 @@ from typing import NamedTuple
 import numpy as np
 
 import topology
-from bus.compiled.watch import watch
 from bus.errors import FaultScriptError, LogError
 from bus.faults.script import load_script
 from bus.logs import read
@@ -31,6 +30,7 @@ from skin.physics.stencil import Stencil
 from skin.sim.scenes import names as scenes
 from skin.sim.scenes.load import load_scene
 from tests.attack.mutations import mutated
+from tests.fixtures.compiling import watch
 from tests.fixtures.logs import blf_container, blf_file, can_message
 
 __all__ = ["FINE", "Kind", "attack", "kinds", "outcome"]

@@ -335,7 +335,6 @@ def test_every_missing_frame_is_counted_where_it_is_missing(layout, missing):
         parts.append(cycle_frames(small, number))
     run(assembler, *parts)
     assert assembler.by_frame("lost").tolist() == [0, sum(missing), 0]
-    assert assembler.by_unit("lost").tolist() == [0, sum(missing), 0]
     assert assembler.counters.lost == sum(missing)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bus import Assembler
 from bus.diagnose import diagnose
-from bus.diagnose_boards import identities
+from bus.diagnose_bus import identities
 from bus.discover import Survey
 from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
 from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, STATES, heartbeat_nodes

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 from bus import datagram, mmsg
-from bus.clock import LEAST, SEGMENT_NS, ClockModel, DriverClock
+from bus.clock import LEAST, SEGMENT_NS, ClockModel
 from bus.datagram import DatagramTransport
 from bus.frame import FrameBatch
 
@@ -141,91 +141,3 @@ def test_the_kernel_takes_the_wish_for_hardware_stamps_and_stamps_all_the_same()
         batch = FrameBatch(4)
         assert transport.receive(batch, 1.0) == 1
         assert not transport.clock.ready
-
-
-# -- clocks of drivers, frame by frame -------------------------------------------------------------
-
-EPOCH_NS = 1_795_000_000 * 10**9
-
-
-def stamped(clock, driver_s, seconds=8.0, *, units=4, hz=250.0, late_s=3e-4, set_s=None):
-    """Late stamps of frames that arrive late, by what the driver says at a time: their errors and
-    steps in ms, and the times."""
-    rng, heard = np.random.default_rng(7), 0.0
-    stamps, times = [], []
-    for k in range(round(seconds * hz)):
-        for unit in range(units):
-            t = k / hz + 1e-4 * unit
-            heard = max(heard, t + rng.exponential(late_s))
-            ahead = 0.0 if set_s is None or t < 4.0 else set_s
-            now_ns = EPOCH_NS + round(1e9 * (heard + ahead))
-            stamps.append(clock.stamp(round(1e9 * driver_s(t)), now_ns))
-            times.append(EPOCH_NS + round(1e9 * (t + ahead)))
-            assert stamps[-1] <= now_ns
-    return 1e-6 * (np.array(stamps) - times), 1e-6 * np.diff(stamps)
-
-
-def wrapping(bits, tick_s, begin):
-    """A counter, as seconds, that begins at a share of its range."""
-    return lambda t: int((t + begin * 2**bits * tick_s) / tick_s) % 2**bits * tick_s
-
-
-@pytest.mark.parametrize(
-    ("driver_s", "steps"),
-    [
-        (wrapping(32, 1e-6, 1 - 1 / 4295), 0),  # gs_usb
-        (wrapping(32, 1e-7, 0.99), 0),
-        (wrapping(32, 1e-9, 0.5), 0),
-        (wrapping(24, 1e-6, 0.9), 0),
-        (wrapping(32, 1e-4, 1 - 1e-5), 0),  # CANalyst-II
-        (lambda t: 1.7e9 + t, 0),  # since 1970, as another clock
-        (lambda t: 5.0 + 1.0002 * t, 0),
-        (lambda t: 100.0 + t - 30.0 * (t > 3.0), 1),  # is set back
-        (lambda t: 100.0 + t + 1000.0 * (t > 3.0), 1),  # is set ahead
-        (lambda t: 100.0 + t if t < 3.0 else t - 2.999, 1),  # loses its power
-    ],
-)
-def test_the_clock_of_a_driver_is_unwrapped_and_mapped(driver_s, steps):
-    clock = DriverClock()
-    error, step = stamped(clock, driver_s)
-    assert clock.report()["by"] == "driver"
-    assert clock.steps == steps
-    assert step.min() >= 0.0
-    coarse = 0.1 if driver_s.__closure__ else 0.0  # ticks of at most 0.1 ms
-    assert abs(error[-8000 // 4 :]).max() < 0.02 + coarse
-    assert abs(error).max() < 10 * 0.3 + coarse, "arrival, at the worst"
-
-
-@pytest.mark.parametrize(
-    "driver_s",
-    [
-        lambda t: 0.0,
-        lambda t: float(int(1.7e9 + t)),  # whole seconds
-        lambda t: int(100 * t) / 100 + 5.0,
-        lambda t: 1000.0 * t + 5.0,  # milliseconds that are called seconds
-        lambda t: 0.001 * t + 5.0,
-        lambda t: 1e3 + 7919.0 * t * 1e3 % 100.0,  # no clock at all
-    ],
-)
-def test_what_is_no_clock_leaves_the_times_of_arrival(driver_s):
-    clock = DriverClock()
-    error, step = stamped(clock, driver_s)
-    assert clock.report() == {"by": "host"}
-    assert step.min() >= 0.0
-    assert error.min() >= 0.0
-    assert error.max() < 10 * 0.3
-
-
-@pytest.mark.parametrize("set_s", [1000.0, -1000.0])
-def test_a_host_that_is_set_is_followed(set_s):
-    clock = DriverClock()
-    error, _ = stamped(clock, lambda t: 5.0 + t, set_s=set_s)
-    assert clock.steps == 1
-    assert abs(error[-2000:]).max() < 0.02
-
-
-@pytest.mark.parametrize("hz", [100.0, 250.0])
-def test_a_lone_board_at_an_exact_rate_is_no_coarse_clock(hz):
-    clock = DriverClock()
-    stamped(clock, lambda t: 5.0 + t, units=1, hz=hz)
-    assert clock.report()["by"] == "driver"

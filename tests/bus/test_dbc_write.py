@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bus import Packer, configure
+from bus import Packer
 from bus.dbc import dbc_text, write_dbc
 from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID
-from bus.logs import read_all
 from skin.cli import main
 from skin.sim.heartbeat import Heartbeats
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.dbc import Unpacker, by_cantools
+from tests.fixtures.logs import read_all
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, builtin, load
 
@@ -147,27 +147,6 @@ def test_heartbeats_and_sync_decode_to_what_boards_say():
     assert database.get_message_by_name("SYNC").frame_id == 0x80
 
 
-def test_configuration_decodes_to_what_the_host_tells_boards():
-    for database in (by_cantools(load("palm")), by_cantools(load("strip"))):
-        message = database.get_message_by_frame_id(0x7E0)
-        assert (message.name, message.senders, message.is_fd) == ("configuration", ["host"], False)
-        assert (message.send_type, message.cycle_time or 0) == ("Triggered", 0)
-        assert message.signals[0].receivers == [
-            f"board_{k + 1}" for k in range(len(boards_of(database)))
-        ]
-        for frame, said in (
-            (configure.pack(configure.Command.RATE, node=3, value=500), ("rate", 3, 500, 0)),
-            (configure.pack(configure.Command.TARE), ("tare", "all", 0, 0)),
-        ):
-            decoded = message.decode(frame["data"][0, :8].tobytes())
-            assert tuple(decoded.values()) == said
-            assert list(decoded) == [f"configuration_{name}" for name, _ in configure.FIELDS]
-
-
-def boards_of(database):
-    return [node for node in database.nodes if node.name.startswith("board_")]
-
-
 # -- attributes -----------------------------------------------------------------------------------
 
 
@@ -177,10 +156,8 @@ def test_every_ready_made_topology_is_read(name):
     for index, bus in enumerate(topology.buses):
         database = by_cantools(topology, index)
         ids = {m.frame_id for m in database.messages if m.name.find("heartbeat") < 0}
-        assert {0x80, 0x7E0} < ids
-        assert ids - {0x80, 0x7E0} == set(
-            topology.frames.can_id[topology.frames.bus == index].tolist()
-        )
+        assert {0x80} < ids
+        assert ids - {0x80} == set(topology.frames.can_id[topology.frames.bus == index].tolist())
         assert database.dbc.attributes["BusType"].value == ("CAN FD" if bus.fd else "CAN")
         assert database.dbc.attributes["Baudrate"].value == bus.bitrate
         if bus.fd:
@@ -288,9 +265,9 @@ def test_the_command_writes_says_what_and_ends_with_json(tmp_path, capsys):
     assert main(["check", "palm", "--dbc", str(tmp_path), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["dbc"] == [
-        {"path": str(tmp_path / "palm-main.dbc"), "bus": "main", "messages": 28, "signals": 570}
+        {"path": str(tmp_path / "palm-main.dbc"), "bus": "main", "messages": 27, "signals": 566}
     ]
     assert main(["check", "palm", "--dbc", str(tmp_path)]) == 0
     table = capsys.readouterr().out.splitlines()
     assert table[-2].split() == ["bus", "messages", "signals", "path"]
-    assert table[-1].split() == ["main", "28", "570", str(tmp_path / "palm-main.dbc")]
+    assert table[-1].split() == ["main", "27", "566", str(tmp_path / "palm-main.dbc")]

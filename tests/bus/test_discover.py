@@ -14,7 +14,7 @@ from bus.diagnose import MOST_REPORTED, diagnose, swapped_buses
 from bus.discover import Survey, listen
 from bus.faults import FaultScript, FaultyTransport, Injector
 from bus.faults import script as kinds
-from bus.faults.payload import Payloads
+from bus.faults.injector import Payloads
 from bus.frame import CAN_EFF, CAN_ERR, ECHO, FD_FDF, FRAME_DTYPE
 from bus.transport import Transport
 from skin.sim.node import SimulatedUnits
@@ -180,10 +180,8 @@ def _changed(skin, **changes):
 def _renumbered(skin, records):
     """The same frames with sequence numbers that count on without a gap."""
     payloads, out = Payloads(skin, 0), records.copy()
-    f = payloads.find(out[:1])
     for n in range(out.size):
-        payloads.read(out[n : n + 1], f)
-        payloads.write(out[n : n + 1], f, n - int(out["data"][n, 0]))
+        payloads.rewrite(out[n : n + 1], lambda *given: given[-1], n - int(out["data"][n, 0]))
     return out
 
 

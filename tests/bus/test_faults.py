@@ -349,12 +349,6 @@ def test_a_delayed_frame_comes_with_the_first_traffic_after_its_time():
     assert late["stamp_ns"][2] == 10**9 + 2500
 
 
-def test_held_frames_are_bounded():
-    records = np.repeat(frame(0x100, stamp_ns=1), 70_000)
-    out, _ = inject(kinds.Delay(delay_s=1.0), records)
-    assert out.size == 70_000 - 65_536
-
-
 @given(st.binary(max_size=64), st.integers(0, 64), st.integers(0, 255), st.integers(0, 2**32 - 1))
 def test_no_frame_of_any_content_raises(data, length, origin, can_id):
     record = frame(can_id, data, stamp_ns=-(2**63), origin=origin)

@@ -2,6 +2,7 @@
 
 import errno
 import sys
+import time
 import types
 
 import can
@@ -335,3 +336,11 @@ def test_no_configuration_file_has_a_say(tmp_path, monkeypatch):
     with PythonCanTransport(bus) as a, PythonCanTransport(bus) as b:
         a.send(join(frame(1, b"x")))
         assert receive(b, 1)["id"].tolist() == [1]
+
+
+def test_frames_without_stamps_of_the_kernel_have_the_time_at_which_they_are_read(fake):
+    with fake(message(1)) as transport:
+        before_ns = time.time_ns()
+        (stamp_ns,) = receive(transport, 1)["stamp_ns"].tolist()
+        assert transport.stamped_by == "host"
+        assert before_ns <= stamp_ns <= time.time_ns()

@@ -15,7 +15,6 @@ __all__ = ["prose_errors", "size_errors", "unused_errors"]
 FILE_LINES, FUNCTION_LINES = 700, 80
 
 USED_ELSEWHERE = {
-    "by_unit": "public: a user of bus.Assembler asks for the counters of each unit",
     "close_films": "public: a user asks which units feel films of other links",
     "noise_ratio": "public: a user asks how noisy the units of a contact are",
     "impact": "public: a user asks whether a contact was hit",
@@ -33,8 +32,6 @@ USED_ELSEWHERE = {
     "weigh": "public: a user fills what is held (examples/fig6_tea.py)",
     "local_wrench": "public: a user asks for the wrench on a finger in its own frame",
     "local_wrench_sigma": "public: the same",
-    "on_start": "bus/compiled/watch.py: numba calls it",
-    "on_end": "bus/compiled/watch.py: numba calls it",
 }
 """Names that nothing in the packages uses, and who does."""
 

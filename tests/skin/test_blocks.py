@@ -7,12 +7,12 @@ import pytest
 
 import skin
 from bus.frame import FRAME_DTYPE
-from bus.logs import write
 from skin.blocks import CLOSED_BY
 from skin.contact.record import CONTACT
 from skin.state import Reading, if_wanted
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write
 
 WANT = ("temperature", "force", "sigma", "wrench", "centroid", "contacts", "slip")
 

@@ -1,32 +1,25 @@
-"""What is said while kernels are compiled: nothing, unless it takes long."""
+"""What is said while kernels are compiled."""
 
 from __future__ import annotations
 
 import io
 import logging
 import re
-import time
 
 import pytest
-from numba.core import event
 
-from bus.compiled import warm
+from bus.compiled import cache, warm
 from skin import compiling
-from tests.fixtures.patience import LONG_S
 
 LINE = "f3t-skin: compiling kernels for this machine, once …"
 
 
 @pytest.fixture(autouse=True)
-def fresh(monkeypatch, caplog):
-    monkeypatch.setattr(compiling, "PATIENCE_S", 0.1)
+def fresh(caplog):
     caplog.set_level(logging.INFO, "skin")
-    for once in (compiling.announce, compiling._say_begun):
-        once.cache_clear()
+    compiling._say_begun.cache_clear()
     yield
-    compiling._watching.close()
-    for once in (compiling.announce, compiling._say_begun):
-        once.cache_clear()
+    compiling._say_begun.cache_clear()
 
 
 @pytest.fixture
@@ -47,39 +40,16 @@ class Terminal(io.StringIO):
         return True
 
 
-class Kernel:
-    """What numba's events carry."""
-
-    def py_func(self):
-        """A kernel."""
-
-
-def compiles(seconds):
-    with event.trigger_event("numba:compile", data={"dispatcher": Kernel()}):
-        time.sleep(seconds)
-
-
-def until(condition):
-    end = time.monotonic() + LONG_S
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.005)
-    assert condition()
-
-
-def test_a_quick_kernel_is_not_worth_a_word(monkeypatch, caplog):
-    monkeypatch.setattr(compiling, "PATIENCE_S", LONG_S)  # quick on any machine
+def test_what_compiles_as_it_goes_is_announced_once_where_nothing_is_kept(
+    monkeypatch, caplog, tmp_path
+):
+    monkeypatch.setattr(cache, "folder", lambda: tmp_path)
+    (tmp_path / "kernel.nbi").touch()
     compiling.announce()
-    compiles(0.0)
-    time.sleep(0.2)
     assert caplog.messages == []
-
-
-def test_a_long_compilation_is_announced_while_it_goes_on_and_once(caplog):
+    (tmp_path / "kernel.nbi").unlink()
     compiling.announce()
-    with event.trigger_event("numba:compile", data={"dispatcher": Kernel()}):
-        compiles(0.0)
-        until(lambda: caplog.messages)
-    compiles(0.3)
+    compiling.announce()
     assert caplog.messages == [LINE]
 
 
@@ -95,15 +65,6 @@ def test_a_log_has_two_lines(two_jobs, monkeypatch, caplog):
     begun, done = caplog.messages
     assert begun == LINE
     assert re.fullmatch(r"f3t-skin: compiled in \d+\.\d+ s", done)
-
-
-def test_what_this_process_compiles_first_is_not_announced_again(two_jobs, monkeypatch, caplog):
-    monkeypatch.setattr("sys.stderr", io.StringIO())
-    compiling.announce()
-    with event.trigger_event("numba:compile", data={"dispatcher": Kernel()}):
-        until(lambda: caplog.messages)
-    compiling.compile_calls([]).join()
-    assert caplog.messages.count(LINE) == 1
 
 
 def test_a_terminal_has_a_bar_that_goes_when_all_is_compiled(two_jobs, monkeypatch):

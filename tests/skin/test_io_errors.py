@@ -16,7 +16,6 @@ import topology
 from bus.assemble import Assembler
 from bus.dbc import write_dbc
 from bus.frame import FrameBatch
-from bus.logs import write
 from skin.calibrate.tare import tare
 from skin.errors import SkinError
 from skin.io.bulk import decode_logs
@@ -30,6 +29,7 @@ from skin.sim.scenes.record import Recorder
 from skin.sim.truth import Truth
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.failing_disk import FailingDisk
+from tests.fixtures.logs import write
 
 STRIP = topology.load("strip")
 CYCLES = 300
@@ -88,7 +88,6 @@ WRITERS = {
     "table.parquet": tables(".parquet"),
     "truth.npz": truth,
     "dbc": lambda run, path: write_dbc(STRIP, path.parent),
-    "frames.log": lambda run, path: write(path, run[0]),
 }
 
 

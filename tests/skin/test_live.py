@@ -13,9 +13,7 @@ import skin
 import skin.sim
 import topology
 from bus import BusClosedError, FrameBatch
-from bus.configure import IDENTIFIER, Command
 from bus.frame import FRAME_DTYPE
-from bus.logs import read_all
 from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import SkinError
@@ -24,6 +22,7 @@ from skin.sim.node import SimulatedUnits
 from skin.state import WANTS
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of, over
+from tests.fixtures.logs import read_all
 
 STRIP = topology.load("strip")
 
@@ -210,40 +209,6 @@ def test_host_that_is_slow_leaves_out_syncs_and_counts_them(periods):
         assert strip.counters.lost == 0
 
 
-def test_what_boards_are_told_is_recorded(tmp_path):
-    log = tmp_path / "told.log"
-    with over(STRIP, SimulatedUnits(STRIP).in_process(), pace=False, deadline_s=0.001,
-              record=log) as strip:  # fmt: skip
-        states = iter(strip)
-        for _ in range(3):
-            next(states)
-        strip.configure(Command.RATE, value=1)
-        for _ in range(3):
-            next(states)
-    frames = read_all(log)
-    (told,) = np.flatnonzero(frames["id"] == IDENTIFIER)
-    assert frames["data"][told, :3].tolist() == [Command.RATE, 0, 1]
-    assert 3 <= np.count_nonzero(frames["id"][:told] == strip.topology.sync_id) <= 4
-    decoded = skin.decode_log("strip", log)
-    assert len(list(decoded)) == 6
-    assert decoded.faults == []
-    assert decoded.counters.configuration == 1
-
-
-def test_boards_obey_the_host():
-    nodes = SimulatedUnits(STRIP)
-    with over(STRIP, nodes.in_process(), pace=False, deadline_s=0.001) as strip:
-        states = iter(strip)
-        next(states)
-        strip.configure(Command.RATE, value=2)
-        answered = [bool(next(states).units.valid.all()) for _ in range(6)]
-        assert answered.count(True) == 3
-        assert all(a != b for a, b in itertools.pairwise(answered))
-        assert nodes.served.configured > 0
-        with pytest.raises(ValueError, match="value: must be 1 to 65535"):
-            strip.configure(Command.RATE, value=0)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -361,7 +326,6 @@ def test_a_closed_skin_is_no_empty_one():
         (strip.move, (position, rotation)),
         (strip.move_joints, ({},)),
         (strip.turn, (np.eye(3),)),
-        (strip.configure, (Command.TARE,)),
     ):
         with pytest.raises(SkinError, match=f"{method.__name__}: must be an open skin"):
             method(*given)
@@ -508,8 +472,6 @@ def test_a_bus_that_takes_no_frames_is_counted_and_told():
         for _ in range(3):
             next(states)
         assert strip.timing.unsent == 3
-        with pytest.raises(SkinError, match=r"configure: must be taken by every bus; got no room"):
-            strip.configure(Command.RATE, value=2)
 
 
 def test_the_stamp_of_a_sync_is_its_end_on_the_wire():

@@ -11,11 +11,11 @@ import pytest
 import bus
 import skin
 import topology
-from bus.logs import write
 from bus.memory import MemoryTransport
 from skin.errors import OptionError
 from skin.offline import prefetch
 from tests.fixtures.live import frames_of, over
+from tests.fixtures.logs import write
 
 
 @pytest.fixture(scope="module")

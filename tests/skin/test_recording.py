@@ -72,20 +72,11 @@ def test_logs_of_the_commands_are_decoded_as_they_are(command, tmp_path, capsys)
     assert report["faults"] == []
 
 
-@pytest.mark.long
-def test_simulated_units_on_a_bus_record_what_it_carries(tmp_path):
-    loaded = topology.load("strip")
+def test_simulated_units_on_a_bus_that_others_reach_record_nothing(tmp_path, capsys):
     log = tmp_path / "sim.log"
-    served = loaded.on(interface="virtual", channel="recorded")
-    on_bus = ["--bus", "virtual:recorded", "--seconds", "2.0", "--record", str(log)]
-    stop = threading.Thread(target=main, args=(["sim", "strip", *on_bus],))
-    stop.start()
-    with skin.open(served, pace=True) as strip:
-        for state in strip:
-            if state.cycle == 400 or (state.cycle > 20 and state.units.valid.all()):
-                break
-    stop.join()
-    assert any(state.units.valid.all() for state in skin.decode_log(loaded, log))
+    assert main(["sim", "strip", "--bus", "virtual:recorded", "--record", str(log)]) == 2
+    assert "--record: must be absent on a bus that others reach" in capsys.readouterr().err
+    assert not log.exists()
 
 
 def test_names_of_channels_follow_the_topology():

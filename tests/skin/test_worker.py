@@ -73,15 +73,6 @@ def test_both_ends_see_the_same_memory(ring: RingBuffer) -> None:
     assert ring.waiting == 0
 
 
-def test_the_reader_calls_for_the_writer_without_a_word(ring: RingBuffer) -> None:
-    other = RingBuffer(DTYPE, 7, os.dup(ring.fd))
-    assert ring.calls == 0
-    put(ring, 5)
-    for _ in range(3):
-        other.call()
-    assert (ring.calls, other.calls, ring.waiting) == (3, 3, 1)
-
-
 def test_what_is_told_is_not_waited_for(worker: Worker) -> None:
     worker.ask("total")
     assert worker.send("sleep", seconds=0.0)

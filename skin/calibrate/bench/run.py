@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bus.serials import compare_serials
+from bus.boards import compare_serials
 from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.check import Score, owner_of, score
 from skin.calibrate.bench.faults import find_faults

@@ -14,10 +14,9 @@ import numpy as np
 from scipy.signal import correlate, correlation_lags
 
 from bus.assemble import Assembler
-from bus.boards import Boards
+from bus.boards import Boards, of_boards
 from bus.cycle import RawCycle
 from bus.logs import buses_of, read
-from bus.serials import of_boards
 from bus.status import INVALID, Status
 from skin.arrow import arrow_for
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording

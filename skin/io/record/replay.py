@@ -21,7 +21,6 @@ from bus.errors import LogError
 from bus.frame import FRAME_DTYPE
 from bus.logs.formats import READERS
 from bus.logs.reader import existing
-from skin.compiling import announce
 from skin.errors import OptionError, check_number
 from skin.io.messages.definitions import FRAMES, POSES, STATE, decode, encode, header
 from skin.io.messages.of_skin import state_message
@@ -124,7 +123,6 @@ def replay(
             setup = dataclasses.replace(setup, topology=given)
     if options:
         setup = dataclasses.replace(setup, options=dataclasses.replace(setup.options, **options))
-    announce()
     return Replay(recorded, setup, speed, compares=setup is ran)
 
 

@@ -20,7 +20,7 @@ KERNEL = """
 import json
 import numpy as np
 from bus.compiled import cache
-from bus.compiled.watch import watch
+from tests.fixtures.compiling import watch
 from tests.bus.compiled.small import twice
 named = []
 with watch(named.append):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bus.compiled.jit import bound, compiled, direct
-from bus.compiled.watch import watch
+from tests.fixtures.compiling import watch
 
 
 def scale_python(x, factor, out):

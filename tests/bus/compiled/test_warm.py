@@ -9,8 +9,8 @@ import pytest
 
 from bus.compiled import cache
 from bus.compiled.warm import Job, jobs_of, side_by_side
-from bus.compiled.watch import watch
 from tests.bus.compiled.small import twice
+from tests.fixtures.compiling import watch
 
 pytestmark = pytest.mark.skipif(
     bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="kernels are interpreted"

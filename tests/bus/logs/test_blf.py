@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bus import FRAME_DTYPE, LogError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO
-from bus.logs import blf, read, read_all
+from bus.logs import blf, read
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.logs import (
     CHANNELS,
@@ -21,6 +21,7 @@ from tests.fixtures.logs import (
     blf_object,
     can_message,
     frames,
+    read_all,
     rows,
     write_by_pythoncan,
 )

@@ -1,18 +1,15 @@
 """The formats read through python-can, and the choice among all by suffix."""
 
-import datetime
 import gzip
 import os
 import sqlite3
 
-import can
-import numpy as np
 import pytest
 
 from bus import LogError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_FDF
-from bus.logs import pythoncan, read, read_all
-from tests.fixtures.logs import CHANNELS, messages, records, rows, write_by_pythoncan
+from bus.logs import read
+from tests.fixtures.logs import messages, read_all, records, rows, write_by_pythoncan
 
 FIRST_NS = 1_700_000_000_000_000_000
 ROWS = [
@@ -127,77 +124,18 @@ def test_damage_ends_a_log_behind_what_is_whole(name, content, wrong, tmp_path):
     assert wrong in str(log.damage)
 
 
-@pytest.mark.parametrize(
-    ("does", "got"),
-    [
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "the end of the process that "
-         "reads it, signal SIGSEGV"),
-        ("import os; os._exit(3)", "the end of the process that reads it, status 3"),
-        ("while True: pass", "more computing than whole files take"),
-    ],
-)  # fmt: skip
-def test_a_library_that_crashes_or_hangs_is_an_error_of_the_file(does, got, tmp_path, monkeypatch):
-    (tmp_path / "can.py").write_text(f"print('noise', flush=True)\n{does}\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(pythoncan, "_SECONDS", 0.5)
-    path = tmp_path / "some.trc"
-    path.write_text(TRC)
-    with pytest.raises(LogError) as raised:
-        read_all(path)
-    assert str(raised.value) == f"{path}: must be a whole .trc log; got: {got}"
-
-
-def write_mf4(path, found):
-    """Write MF4 by python-can; its frames begin with the present."""
-    pytest.importorskip("asammdf", reason="needs asammdf: pip install 'f3t-skin[mdf]'")
-    now_ns = int(datetime.datetime.now().timestamp()) * 10**9
-    found["stamp_ns"] += now_ns - int(found["stamp_ns"].min())
-    with can.MF4Writer(path) as writer:
-        for message in messages(found):
-            message.channel = int(message.channel.removeprefix("can"))
-            writer(message)
-
-
-@pytest.mark.filterwarnings("default")  # asammdf's own
-def test_mf4_is_read_with_all_its_kinds(tmp_path):
-    wanted = records(
-        (0, 0x123, 3, 0, 0, 0, b"\1\2\3"),
-        (1_000_000, 0x123 | CAN_RTR, 5, 0, ECHO, 1, b""),
-        (2_000_000, CAN_ERR | 0x24, 8, 0, 0, 2, bytes(range(8))),
-        (3_000_000, 0x1ABCDEF | CAN_EFF, 64, FD_FDF | FD_BRS, ECHO, 0, bytes(range(64))),
-        *((5_000_000 + i, i, 1, 0, 0, i % 3, bytes([i % 251])) for i in range(2000)),
-    )
-    path = tmp_path / "some.mf4"
-    write_mf4(path, wanted)
-    found = read_all(path, buses=CHANNELS, batch=64)
-    assert (np.abs(found["stamp_ns"] - wanted["stamp_ns"]) < 1000).all()
-    found["stamp_ns"] = wanted["stamp_ns"]
-    assert rows(found) == rows(wanted)
-    path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(LogError, match=r"must be a whole \.mf4 log; got: "):
-        read_all(path)
-
-
-def test_mf4_without_asammdf_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "asammdf", None)
-    path = tmp_path / "some.mf4"
-    path.write_bytes(b"MDF     4.10")
-    with pytest.raises(LogError, match=r"pip install 'f3t-skin\[mdf\]'"):
-        read_all(path)
-
-
 def test_a_batch_that_is_full_is_given_at_once(tmp_path):
     path = tmp_path / "some.csv"
     write_by_pythoncan(path, records(*ROWS * 5))
     assert [len(batch) for batch in read(path, batch=4)] == [4, 4, 4, 3]
     batches = iter(read(path, batch=1))
     assert len(next(batches)) == 1
-    batches.close()  # ends the process that reads
+    batches.close()
     with pytest.raises(ValueError, match="batch: must be at least 1 frame; got 0"):
         read(path, batch=0)
 
 
-@pytest.mark.parametrize("suffix", [".log", ".blf", ".asc", ".log.gz", ".db", ".mf4"])
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".asc", ".log.gz", ".db"])
 def test_what_is_no_regular_file_is_refused_at_once(suffix, tmp_path):
     pipe = tmp_path / f"pipe{suffix}"
     os.mkfifo(pipe)

@@ -11,9 +11,16 @@ import numpy as np
 import pytest
 
 from bus import FRAME_DTYPE, LogError
-from bus.logs import blf, open_writer, read, read_all
+from bus.logs import LogWriter, blf, read
 from bus.logs.candump_kernels import EXPECTED as CANDUMP_EXPECTED
-from tests.fixtures.logs import BAD_LINES, blf_container, blf_file, blf_object, can_message
+from tests.fixtures.logs import (
+    BAD_LINES,
+    blf_container,
+    blf_file,
+    blf_object,
+    can_message,
+    read_all,
+)
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "messages" / "logs.txt"
 TWO = can_message(1) + can_message(2)
@@ -49,7 +56,6 @@ BAD_FILES = {
     "other.csv": b"time,id\n1,2\n",
     "other.db": b"SQL",
     "other.trc": b"date\n",
-    "other.mf4": b"MDF     3.30"[4:],
     "relative.asc": b"date x\nbase hex  timestamps relative\n",
     "columns.csv": b"timestamp,arbitration_id,extended,remote,error,dlc,data\n1,2\n",
     "some.txt": b"",
@@ -78,8 +84,8 @@ def test_every_message_is_the_one_that_was_looked_at(tmp_path, monkeypatch):
     told.append(damage(Path("some.log"), b"(1.0) can0 123#11\n", buses={"can1": 0}))
     for act in (
         lambda: read("none.log"),
-        lambda: open_writer("some.asc"),
-        lambda: open_writer("some.lgo"),
+        lambda: LogWriter("some.asc"),
+        lambda: LogWriter("some.lgo"),
         lambda: _write(length=9),
         lambda: _write(flags=4, id=1 << 30),
         lambda: _write(bus=9),
@@ -98,5 +104,5 @@ def _write(**fields):
     record = np.zeros(1, FRAME_DTYPE)
     for name, value in fields.items():
         record[name] = value
-    with open_writer("written.log", channels=["can0"]) as writer:
+    with LogWriter("written.log", channels=["can0"]) as writer:
         writer.write(record)

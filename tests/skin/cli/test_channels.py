@@ -12,12 +12,11 @@ import pytest
 import skin
 import topology
 from bus.errors import ChannelError
-from bus.logs import write
 from skin.calibrate.bench.series import read_counts
 from skin.cli import main
 from skin.errors import OptionError, ScanError
 from tests.fixtures.live import frames_of
-from tests.fixtures.logs import write_blf
+from tests.fixtures.logs import write, write_blf
 
 CYCLES = 60
 STRIP = (Path(topology.__file__).parent / "builtin" / "strip.toml").read_text()

@@ -13,13 +13,13 @@ import pytest
 
 import skin
 import topology
-from bus.logs import write
 from bus.memory import MemoryTransport
 from skin.cli import COMMANDS, main
 from skin.cli.calibrate import SUBCOMMANDS
 from skin.sim.node import SimulatedUnits
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write
 
 
 def last_json(capsys):

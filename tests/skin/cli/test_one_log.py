@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import skin
-from bus.logs import write
 from skin.cli import main
 from skin.io.bulk import decode_logs
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
 

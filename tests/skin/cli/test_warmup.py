@@ -12,8 +12,8 @@ import pytest
 
 import skin
 from bus.compiled import cache
-from bus.compiled.watch import watch
 from skin.cli import main
+from tests.fixtures.compiling import watch
 from tests.fixtures.topology import PAIR
 
 ROOT = Path(skin.__file__).parent.parent
@@ -53,7 +53,7 @@ def test_a_start_finds_all_that_was_compiled_for_it(tmp_path, capsys):
     assert main(["warmup", "palm", "--json"]) == 0
     capsys.readouterr()
     with_record = subprocess.run(
-        [sys.executable, "-c", "import sys; from bus.compiled.watch import watch\n"
+        [sys.executable, "-c", "import sys; from tests.fixtures.compiling import watch\n"
          "from skin.cli import main\ncompiled = []\n"
          "with watch(compiled.append):\n    status = main(sys.argv[1:])\n"
          "assert not compiled, compiled\nsys.exit(status)",

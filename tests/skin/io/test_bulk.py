@@ -19,12 +19,12 @@ import pytest
 import skin
 import topology
 from bus.errors import ChannelError, LogError
-from bus.logs import write
 from skin.cli import main
 from skin.errors import OptionError
 from skin.io.bulk import decode_logs
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write
 from tests.fixtures.patience import LONG_S
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")

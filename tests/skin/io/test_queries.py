@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import skin
-from bus.logs import write
 from skin.io.bulk import WANT, decode_logs
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write
 
 TEXT = (Path(__file__).parents[3] / "docs" / "guides" / "bulk.md").read_text("utf-8")
 SLIPS, HEAVY, HOT, FAULTS, HOURLY = re.findall(r"```sql\n(.*?)\n```", TEXT, re.DOTALL)

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus.assemble import Assembler
-from bus.configure import Command, pack
 from bus.errors import BusClosedError
 from bus.frame import CAN_ERR, ECHO, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
@@ -22,9 +20,7 @@ from skin.errors import SkinError
 from skin.sim.node import Served, SimulatedUnits
 from skin.sim.sampled import RECENT
 from skin.sim.scenes.load import open_scene
-from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
-from skin.sim.unit import UnitSimulator
 from tests.fixtures.datagram import datagram_pair
 from tests.fixtures.patience import LONG_S
 from topology import Topology, load
@@ -154,88 +150,6 @@ def test_there_is_no_truth_before_the_first_cycle() -> None:
         _ = SimulatedUnits(PALM).truth
     with pytest.raises(SkinError, match=r"\(none\); got 0"):
         SimulatedUnits(PALM).truth_at(0)
-
-
-# -- configuration ---------------------------------------------------------------------------------
-
-
-def cycles_of(nodes: SimulatedUnits, first: int, last: int) -> list[np.ndarray]:
-    """Counts of SYNCs `first` to `last` - 1 as a host sees them."""
-    assembler, out, seen = Assembler(nodes.topology), FrameBatch(256), []
-    for number in range(first, last):
-        out.clear()
-        nodes.respond(sync(number), out)
-        for frames in (sync(number), out.frames):
-            seen += [cycle.counts.copy() for cycle in assembler.feed(frames)]
-    return seen
-
-
-def test_tare_makes_rest_of_what_is_and_leaves_bz() -> None:
-    """Units whose rest has drifted by 50 Hz and 400 µT, under a host that does not know it."""
-    drifted = {
-        name: PALM.parameters[name] + by
-        for name, by in [
-            ("frequency_rest_hz", 50.0), ("hall_offset_x_ut", 400.0), ("hall_offset_z_ut", 300.0)
-        ]
-    }  # fmt: skip
-    units = UnitSimulator(
-        replace(PALM, parameters={**PALM.parameters, **drifted}), seed=1, noise=False
-    )
-    at_rest = type("Rest", (), {"units": units, "at": lambda self, t: Truth.at_rest(64, 25.0)})()
-    nodes, still = SimulatedUnits(PALM, at_rest), FrameBatch(4)
-    before = cycles_of(nodes, 0, 20)[-1]
-    assert nodes.respond(pack(Command.TARE, node=2), still) == 0
-    after = cycles_of(nodes, 20, 22)[-1]
-    physical = after * PALM.scale + PALM.offset
-    told = PALM.frames.units[1][PALM.frames.units[1] >= 0]
-    rest = PALM.parameters["frequency_rest_hz"]
-    assert np.all(np.abs(physical[1, told] - rest[told]) <= PALM.scale[1, told])
-    assert np.all(np.abs(physical[2:4, told]) <= PALM.scale[2:4, told])
-    others = np.delete(np.arange(64), told)
-    np.testing.assert_array_equal(after[:, others], before[:, others])
-    np.testing.assert_array_equal(after[[0, 4, 5]], before[[0, 4, 5]])
-    assert (nodes.served.configured, nodes.served.refused) == (1, 0)
-
-
-def test_a_tare_moves_no_count_off_its_rail() -> None:
-    units = UnitSimulator(PALM, noise=False)
-    settings = BoardSettings(PALM, units.lowest, units.highest)
-    at_rest = units.counts(Truth.at_rest(64, 25.0))
-    assert settings.obey(pack(Command.TARE)[0], 0, 0, at_rest[np.newaxis] + np.int16(100))
-    tared = settings.counts(at_rest)
-    np.testing.assert_array_equal(at_rest[1:5] - tared[1:5], [[100] * 64] * 3 + [[0] * 64])
-    for rail in (units.lowest, units.highest):
-        np.testing.assert_array_equal(settings.counts(rail.astype(np.int16)), rail)
-
-
-@pytest.mark.parametrize("divider", [1, 2, 5])
-def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
-    nodes, out = SimulatedUnits(PALM), FrameBatch(64)
-    nodes.respond(pack(Command.RATE, node=3, value=divider), out)
-    for cycle in range(20):
-        out.clear()
-        nodes.respond(sync(cycle), out)
-        ids = data_frames(out.frames)["id"].tolist()
-        assert (PALM.frames.can_id[2] in ids) == (cycle % divider == 0)
-        assert len(ids) == 12 + (cycle % divider == 0)
-        assert ids == sorted(ids)
-
-
-def test_what_boards_do_not_know_is_ignored_and_counted() -> None:
-    nodes, plain, out, expected = (
-        SimulatedUnits(PALM),
-        SimulatedUnits(PALM),
-        FrameBatch(64),
-        FrameBatch(64),
-    )
-    unknown, elsewhere, later = pack(Command.TARE), pack(Command.RATE, 99, 2), pack(Command.TARE)
-    unknown["data"][0, 0], later["data"][0, 6] = 77, 1
-    for record in (unknown, elsewhere, later):
-        assert nodes.respond(record, out) == 0
-    assert (nodes.served.configured, nodes.served.refused) == (0, 3)
-    nodes.respond(sync(0), out)
-    plain.respond(sync(0), expected)
-    assert out.frames.tobytes() == expected.frames.tobytes()
 
 
 # -- transports ------------------------------------------------------------------------------------

@@ -133,8 +133,8 @@ def test_joints_that_a_slider_asks_for_move_the_units():
     with skin.open("gripper", simulate=True, pace=False) as gripper, show(gripper, port=0) as view:
         states = iter(gripper)
         before = next(states).poses[0].copy()
-        view._asked[1:] = 0.5 * gripper.joints.robot.upper  # as its process does
-        view._ring.call()
+        view._asked[2:] = 0.5 * gripper.joints.robot.upper  # as its process does
+        view._asked[1] += 1
         next(states)
         assert gripper.joints.q.tolist() == (0.5 * gripper.joints.robot.upper).tolist()
         assert np.abs(next(states).poses[0] - before).max() > 1e-3

@@ -14,7 +14,7 @@ import pytest
 import topology
 from bus.codec import Packer
 from bus.frame import FrameBatch
-from bus.logs import open_writer
+from bus.logs import LogWriter
 from skin.calibrate.bench.run import calibrate_bench
 from skin.calibrate.bench.series import read_counts
 from skin.calibrate.files import read_calibration
@@ -219,7 +219,7 @@ def test_a_log_of_the_bus_gives_the_counts_of_a_table(bench, tmp_path):
     path = protocol(("tare",), 0.2)
     counts = lab.counts(path)
     skin, packer, batch = lab.nominal, Packer(lab.nominal), FrameBatch(4)
-    with open_writer(tmp_path / "run.log") as log:
+    with LogWriter(tmp_path / "run.log") as log:
         for k, cycle in enumerate(counts):
             batch.clear()
             stamp_ns = round(1e9 * path.time_s[k]) + 10**9

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import topology
-from bus.boards import Boards
+from bus.boards import Boards, compare_serials, of_boards
 from bus.codec import Packer
 from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID, LAYOUT
-from bus.logs import open_writer
-from bus.serials import compare_serials, of_boards
+from bus.logs import LogWriter
 from skin.calibrate.bench.series import read_counts
 from skin.sim.bench import Lab, protocol
 
@@ -30,7 +29,7 @@ def test_the_log_of_a_bus_tells_the_serial_numbers_of_its_boards(tmp_path):
     skin, batch = Lab(2).nominal, FrameBatch(8)
     counts = Lab(2).counts(protocol(("tare",), 0.1))
     packer = Packer(skin)
-    with open_writer(tmp_path / "run.log") as log:
+    with LogWriter(tmp_path / "run.log") as log:
         for k, cycle in enumerate(counts[:20]):
             batch.clear()
             stamp_ns = 10**9 + k * 20_000_000

@@ -9,10 +9,10 @@ import pytest
 
 import skin
 import topology
-from bus.logs import write
 from skin.options import Options
 from skin.pipeline import Pipeline
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write
 
 
 @pytest.fixture(scope="package")

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import skin
-from bus.logs import write
 from skin.cli import main
 from skin.contact.record import QUANTITIES, Event
 from skin.io.export import columns, write_tables
 from skin.io.export.columns import CYCLES
 from skin.io.messages.definitions import fields_of
 from tests.fixtures.live import frames_of
+from tests.fixtures.logs import write
 
 CYCLES_OF_LOG = 350
 FORMATS = ("parquet", "csv", "npz")

@@ -13,12 +13,12 @@ import pytest
 import skin
 import topology
 from bus.assemble import Assembler
-from bus.logs import read_all
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.io.export.lerobot import Dataset, Frame
 from skin.io.export.lerobot_files import statistics, together
 from skin.io.export.provenance import calibration_hashes
 from skin.options import Options
+from tests.fixtures.logs import read_all
 
 pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
 image_library = pytest.importorskip("PIL.Image", reason="Pillow is not installed")

@@ -225,7 +225,7 @@ def test_what_is_no_recording_and_no_log_is_said_to_be_none(name, tmp_path):
         skin.replay(tmp_path / name)
     assert str(raised.value) == (
         f"{tmp_path / name}: must be a recording (.mcap) or a log (.asc, .blf, .csv, .db, .log, "
-        f".mf4, .trc); got {Path(name).suffix or 'no suffix'!r}"
+        f".trc); got {Path(name).suffix or 'no suffix'!r}"
     )
 
 
