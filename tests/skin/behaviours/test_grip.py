@@ -256,6 +256,16 @@ def test_a_release_is_gentle_and_ends_open():
     assert grips[-1] < 0.1
 
 
+def test_a_release_goes_on_by_five_periods_at_most_where_states_come_late():
+    pinch, control = held()
+    control.release()
+    before_n = control.wanted_n
+    pinch.state.stamp_ns += 1_000_000_000
+    pinch.go(control, PERIOD_S)
+    assert control.phase is Phase.RELEASING
+    assert control.wanted_n == pytest.approx(before_n - 5.0 * 5.0 * PERIOD_S)
+
+
 def test_a_hand_that_moves_unevenly_is_not_probed():
     pinch = Pinch()
     control = GripControl(pinch.topology, pinch)

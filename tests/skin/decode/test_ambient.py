@@ -64,6 +64,16 @@ def test_units_that_lie_do_not_count(lie_ut):
     assert bias.max() < 8.0  # the plain mean is a quarter of the lie off
 
 
+def test_a_unit_that_lies_all_at_once_counts_as_five_sigma():
+    """By hand: the covariance over the variance of a reading, times five of its sigma."""
+    ambient, world = settled(apart(8, 250.0), noise=False)
+    before_ut, sigma_ut = ambient.field_ut, world.skin.parameters["field_noise_ut"][2]
+    world.stray_ut[0, 2] = 2000.0
+    look(ambient, world.cycle(ambient.background))
+    moved_ut = np.linalg.norm(ambient.field_ut - before_ut)
+    assert moved_ut == pytest.approx(5.0 * ambient.covariance_ut2[0, 0, 0] / sigma_ut, rel=0.05)
+
+
 def test_too_few_unloaded_units_hold_the_field_and_say_so():
     skin = apart(8, 250.0)
     ambient, world = settled(skin)

@@ -64,11 +64,11 @@ def test_drift_under_a_press_is_made_up_for_after_it():
 
 
 def test_what_may_have_drifted_under_a_press_silences_no_unit_after_it():
-    """14 Hz at a Hertz a minute, on half of the units: by itself it would be a light touch."""
+    """10 Hz at a Hertz a minute, on half of the units: by itself it would be a light touch."""
     ambient, world = begun()
     pressed = np.arange(UNITS) < UNITS // 2
     world.drop_hz[pressed] = 300.0
-    creep(world, ambient, 840.0, drift=1.0 * pressed)
+    creep(world, ambient, 600.0, drift=1.0 * pressed)
     assert ambient.voters.tolist() == [UNITS // 2]
     world.drop_hz[:] = 0.0
     world.run(ambient, 3.0)
