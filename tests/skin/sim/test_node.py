@@ -258,6 +258,39 @@ def test_attached_units_without_sync_send_at_their_own_pace() -> None:
     assert nodes.served.skipped > 0 or np.all(np.diff(sequence) % 16 == 1)
 
 
+class Slow:
+    """A bus that takes ten and a half periods of the units for each batch."""
+
+    def __init__(self, period_s: float, batches: int) -> None:
+        self.now_s, self.period_s, self.batches = 0.0, period_s, batches
+        self.sequence: list[int] = []
+        self.done = threading.Event()
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def send(self, frames: np.ndarray) -> int:
+        if not self.done.is_set():
+            self.sequence.append(field(data_frames(frames)[0]["data"], 59, 4))
+            self.now_s += 10.5 * self.period_s
+        if len(self.sequence) == self.batches:
+            self.done.set()
+        return len(frames)
+
+    def receive(self, out: FrameBatch) -> int:
+        return 0
+
+
+def test_units_on_a_machine_that_is_late_leave_out_the_cycles_that_are_over(monkeypatch) -> None:
+    slow, nodes = Slow(1.0 / STRIP.cycle_rate_hz, 5), SimulatedUnits(free_running(STRIP))
+    monkeypatch.setattr("skin.sim.node.time", slow)
+    nodes.attach([slow])
+    assert slow.done.wait(LONG_S)
+    nodes.close()
+    assert slow.sequence == [0, 10, 21 % 16, 31 % 16, 42 % 16]
+    assert nodes.served.skipped >= 9 + 10 + 9 + 10
+
+
 def four_buses(folder: Path) -> Topology:
     """Eight units on each of four buses, at 1 kHz."""
     lines = ["format = 1", 'name = "four"', "cycle_rate_hz = 1000", "sync_id = 0x080"]
@@ -324,6 +357,16 @@ def test_a_bus_that_lags_answers_its_own_cycles_and_does_not_run_ahead(behind: i
         assert {field(r["data"], 0, 8) for r in data_frames(out.frames)} == {cycle & 0xFF}
         out.clear()
     assert nodes.served.cycles == 3 + behind
+
+
+def test_a_bus_whose_first_sync_comes_late_joins_the_others() -> None:
+    nodes, out = SimulatedUnits(HAND, seed=1), FrameBatch(64)
+    for cycle in range(3):
+        nodes.respond(sync(cycle), out, 0)
+        out.clear()
+    nodes.respond(sync(1), out, 1)
+    assert {field(r["data"], 0, 8) for r in data_frames(out.frames)} == {1}
+    assert nodes.served.cycles == 3
 
 
 def test_a_bus_that_was_silent_while_others_went_around_is_with_them_again() -> None:
