@@ -97,6 +97,19 @@ def test_too_few_unloaded_units_hold_the_field_and_say_so():
     assert np.sqrt(ambient.residue_ut2[0]) < 10.0
 
 
+def test_the_field_of_before_a_touch_is_as_uncertain_as_it_is_old():
+    """At 10 Hz one is kept each half second and gone back to after another: 0.9 s in cycle 605. A
+    field wanders by 400 µT²/s, and by 833 µT² times the square of the time as the robot turns."""
+    ambient, world = settled(apart(8), noise=False, seconds=60.4)
+    expected = ambient.covariance_ut2[0, 0, 0]
+    world.drop_hz[:] = 200.0
+    world.run(ambient, 0.1)
+    assert ambient.voters.tolist() == [0]
+    for added in (0.9 * (400.0 + 833.0 * 0.9), 0.1 * (400.0 + 2.0 * 833.0 * 0.9)):
+        expected += added / 2500.0 * (2500.0 - expected)
+    assert ambient.covariance_ut2[0, 0, 0] == pytest.approx(expected, rel=0.01)
+
+
 def test_parts_that_move_apart_have_a_field_each():
     skin = topology.load("hand").exact()
     body = np.array([skin.patch_frames[patch] for patch in skin.patch])
