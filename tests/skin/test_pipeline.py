@@ -167,7 +167,5 @@ def test_an_attitude_is_that_of_each_body_as_it_has_moved(monkeypatch):
 
 
 def test_a_silent_unit_may_bear_no_more_than_its_range():
-    pipeline = Pipeline(STRIP, OPTIONS)
-    np.testing.assert_array_equal(
-        pipeline.contacts.model.poses["most"], STRIP.parameters["normal_max_n"]
-    )
+    most = Pipeline(STRIP, OPTIONS).contacts.model.poses["most"]
+    np.testing.assert_array_equal(most, STRIP.parameters["normal_max_n"])

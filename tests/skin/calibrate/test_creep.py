@@ -116,13 +116,10 @@ def test_terms_that_are_faster_than_the_samples_are_the_mean_of_the_others_and_s
 
 def test_a_load_that_rises_evenly_for_long_bears_its_rate_times_the_time_of_each_term():
     """The closed form of the integral; an hour is too long for the exponentials of one stretch."""
-    weights, times_s = np.array([0.08, 0.05, 0.06]), np.array([0.1, 2.0, 20.0])
-    names = [f"normal_creep_{what}[{k}]" for what in ("relative", "s") for k in range(3)]
-    known = dict(zip(names, zip([*weights, *times_s], [0.0] * 6, strict=True), strict=True))
-    fit = CreepFit(as_fit(known), 1.0, 0.0, (True,) * 3, (), 0.0)
+    known = {str(k): (value, 0.0) for k, value in enumerate([*WEIGHTS, *TIMES_S])}
+    fit = CreepFit(as_fit(known), 1.0, 0.0, (), (), 0.0)
     time_s = np.arange(0.0, 3600.0, 0.05)
-    faded = -np.expm1(-time_s / times_s[:, np.newaxis])
-    expected = 0.02 * (weights * times_s) @ faded
+    expected = 0.02 * (WEIGHTS * TIMES_S) @ -np.expm1(-time_s / TIMES_S[:, np.newaxis])
     np.testing.assert_allclose(unrelaxed(fit, time_s, 0.02 * time_s), expected, rtol=1e-9)
 
 
