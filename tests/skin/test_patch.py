@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -103,6 +104,28 @@ def test_a_patch_with_silent_units_is_not_whole(states):
     assert not state.patch("left").whole
     assert state.patch("left").coverage == pytest.approx(15 / 16)
     assert state.patch("right").whole
+
+
+def test_what_untouched_units_read_together_beyond_their_noise_is_in_sigma(states):
+    """0.03 N of each of 16 units, of 0.01 N of noise: 0.48 N may be there, and no more aside."""
+    state = states[0].copy()
+    state.units.force[:2], state.units.force[2], state.units.force_sigma[:] = 0.0, 0.03, 0.01
+    pad = state.patch("left")
+    assert not pad.contacts
+    pressed = np.abs(state.poses[1][:, 2, pad.index[0]])
+    np.testing.assert_allclose(pad.wrench_sigma[:3], 0.04 + 0.44 * pressed, rtol=1e-5)
+
+
+def test_a_unit_that_is_never_heard_is_not_missed_and_counts_by_its_area(states):
+    state = states[0].copy()
+    unit = state.patch("left").index[3]
+    others = np.arange(state.topology.n) != unit
+    state.units.valid[unit], state.whole = False, False
+    area = np.where(others, 1e-4, 3e-4)
+    state.topology = dataclasses.replace(state.topology, enabled=others, area=area)
+    assert state.patch("left").whole
+    assert state.patch("left").coverage == pytest.approx(15 / 18)
+    assert state.coverage == pytest.approx(31 / 34)
 
 
 def test_what_is_not_there_names_the_nearest(states):

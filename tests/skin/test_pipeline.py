@@ -152,3 +152,23 @@ def test_contacts_beyond_the_capacity_are_counted():
         assert (part.wrench_sigma > 0.5 * state.wrench_sigma).all()
     with pytest.raises(OptionError, match=r"capacity: must be an integer from 1 to 4096; got 0"):
         Options(capacity=0)
+
+
+def test_an_attitude_is_that_of_each_body_as_it_has_moved(monkeypatch):
+    gripper = topology.load("gripper")
+    pipeline, found = Pipeline(gripper, Options(want="force")), {}
+    monkeypatch.setattr(
+        pipeline.decoder.ambient, "turn", lambda attitude, body: found.update({body: attitude})
+    )
+    quarter, half = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.diag([1, -1, -1])
+    rotation, right = gripper.rotation.copy(), gripper.patch == 1
+    rotation[..., right] = np.einsum("ab,bcn->acn", quarter, rotation[..., right])
+    pipeline.move(gripper.position, rotation)
+    pipeline.turn(half)
+    np.testing.assert_allclose(found[0], half, atol=1e-12)
+    np.testing.assert_allclose(found[1], half @ quarter, atol=1e-12)
+
+
+def test_a_silent_unit_may_bear_no_more_than_its_range():
+    most = Pipeline(STRIP, OPTIONS).contacts.model.poses["most"]
+    np.testing.assert_array_equal(most, STRIP.parameters["normal_max_n"])

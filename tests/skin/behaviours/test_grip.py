@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from skin.behaviours.grip import GripControl, GripParameters, Phase
+from skin.contact.record import SlipState
 from skin.errors import OptionError
 from tests.fixtures.cases import long_after_first
 from tests.skin.behaviours.pinch import PERIOD_S, Pinch
@@ -65,6 +67,20 @@ def test_after_a_pull_the_grip_is_what_it_was():
     pinch.pull_n = 0.0
     pinch.go(control, 2.0)
     assert pinch.go(control, 0.5).mean() == pytest.approx(before_n, rel=0.05)
+
+
+def test_two_alarms_of_a_slide_double_the_grip():
+    """By 1.4 each; the second counts once the gripper has had 0.04 s to answer the first."""
+    pinch = Pinch()
+    control = GripControl(pinch.topology, pinch, GripParameters(probe=False))
+    pinch.go(control, 2.0)
+    before_n = control.wanted_n
+    sliding = SimpleNamespace(id=1, slip=SlipState.GROSS, onset_s=0.0, load=3.0, arm=0.01)
+    pinch.state.contacts = [sliding]
+    pinch.go(control, 0.036)
+    assert control.wanted_n == pytest.approx(1.4 * before_n, rel=0.05)
+    pinch.go(control, 0.012)
+    assert control.wanted_n == pytest.approx(1.4 * 1.4 * before_n, rel=0.05)
 
 
 def test_no_more_than_the_most_is_asked_for_and_that_is_told():
@@ -237,6 +253,15 @@ def test_a_release_is_gentle_and_ends_open():
     assert control.phase is Phase.OPEN
     assert pinch.is_open
     assert grips[-1] < 0.1
+
+
+def test_a_release_goes_on_by_five_periods_at_most_where_states_come_late():
+    pinch, control = held()
+    control.release()
+    before_n = control.wanted_n
+    pinch.state.stamp_ns += 1_000_000_000
+    pinch.go(control, PERIOD_S)
+    assert control.wanted_n == pytest.approx(before_n - 5.0 * 5.0 * PERIOD_S)
 
 
 def test_a_hand_that_moves_unevenly_is_not_probed():

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import topology
-from skin.calibrate.creep import fit_creep
+from skin.calibrate.creep import CreepFit, fit_creep, unrelaxed
 from skin.calibrate.files import write_calibration
+from skin.calibrate.fit import as_fit
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError, ScanError
 from skin.sim.mechanics.viscoelastic import Prony
@@ -111,6 +112,15 @@ def test_terms_that_are_faster_than_the_samples_are_the_mean_of_the_others_and_s
     elastic = fit_creep(*recording(Prony((1,), (), ()), 100.0, 0.5))
     np.testing.assert_array_equal(elastic.weights, 0.0)
     assert elastic.fit["normal_creep_sigma_relative"] > 0.02
+
+
+def test_a_load_that_rises_evenly_for_long_bears_its_rate_times_the_time_of_each_term():
+    """The closed form of the integral; an hour is too long for the exponentials of one stretch."""
+    known = {str(k): (value, 0.0) for k, value in enumerate([*WEIGHTS, *TIMES_S])}
+    fit = CreepFit(as_fit(known), 1.0, 0.0, (), (), 0.0)
+    time_s = np.arange(0.0, 3600.0, 0.05)
+    expected = 0.02 * (WEIGHTS * TIMES_S) @ -np.expm1(-time_s / TIMES_S[:, np.newaxis])
+    np.testing.assert_allclose(unrelaxed(fit, time_s, 0.02 * time_s), expected, rtol=1e-9)
 
 
 BROKEN = {

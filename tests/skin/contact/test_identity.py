@@ -76,6 +76,12 @@ def test_a_unit_counts_a_thousandth_beside_one_that_a_lost_contact_has_owned(hea
     assert units.record(returns)["event"] == Event.RESUMED
 
 
+def test_of_two_contacts_that_bear_alike_the_older_one_speaks_for_both():
+    units = Units(1, 3)
+    assert units.see(10, 0, 10, cycles=60) == {1: [0], 2: [2]}
+    assert units.see(10, 4, 10) == {1: [0, 1, 2]}
+
+
 @pytest.mark.parametrize(("cycles", "settled"), [(10, False), (11, True)])
 def test_a_contact_outlives_being_absorbed_once_it_has_settled(cycles, settled):
     units = Units(1, 3, settle_ns=4e7)

@@ -64,6 +64,16 @@ def test_units_that_lie_do_not_count(lie_ut):
     assert bias.max() < 8.0  # the plain mean is a quarter of the lie off
 
 
+def test_a_unit_that_lies_all_at_once_counts_as_five_sigma():
+    """By hand: the covariance over the variance of a reading, times five of its sigma."""
+    ambient, world = settled(apart(8, 250.0), noise=False)
+    before_ut, sigma_ut = ambient.field_ut, world.skin.parameters["field_noise_ut"][2]
+    world.stray_ut[0, 2] = 2000.0
+    look(ambient, world.cycle(ambient.background))
+    moved_ut = np.linalg.norm(ambient.field_ut - before_ut)
+    assert moved_ut == pytest.approx(5.0 * ambient.covariance_ut2[0, 0, 0] / sigma_ut, rel=0.05)
+
+
 def test_too_few_unloaded_units_hold_the_field_and_say_so():
     skin = apart(8, 250.0)
     ambient, world = settled(skin)
@@ -85,6 +95,19 @@ def test_too_few_unloaded_units_hold_the_field_and_say_so():
     world.run(ambient, 3.0)
     assert np.abs(ambient.field_ut + EARTH).max() < 25.0
     assert np.sqrt(ambient.residue_ut2[0]) < 10.0
+
+
+def test_the_field_of_before_a_touch_is_as_uncertain_as_it_is_old():
+    """At 10 Hz one is kept each half second and gone back to after another: 0.9 s in cycle 605. A
+    field wanders by 400 µT²/s, and by 833 µT² times the square of the time as the robot turns."""
+    ambient, world = settled(apart(8), noise=False, seconds=60.4)
+    expected = ambient.covariance_ut2[0, 0, 0]
+    world.drop_hz[:] = 200.0
+    world.run(ambient, 0.1)
+    assert ambient.voters.tolist() == [0]
+    for added in (0.9 * (400.0 + 833.0 * 0.9), 0.1 * (400.0 + 2.0 * 833.0 * 0.9)):
+        expected += added / 2500.0 * (2500.0 - expected)
+    assert ambient.covariance_ut2[0, 0, 0] == pytest.approx(expected, rel=0.01)
 
 
 def test_parts_that_move_apart_have_a_field_each():

@@ -80,6 +80,21 @@ def test_a_field_is_an_anomaly_beyond_its_tolerance(part, estimator):
             assert (reading.valid == (not odd)).all()
 
 
+def test_a_steady_miss_is_an_anomaly_beyond_what_noise_leaves_in_the_mean():
+    """A low-pass over 50 readings, of whose noise step / (2 - step) of the variance is left."""
+    noise_ut, step = 400.0, -np.expm1(-1.0 / 50.0)
+    skin = with_parameters(row_of(UNITS), **EXACT | {"field_noise_ut": noise_ut})
+    sigmas = norm.isf(0.5 * 0.25 / (UNITS * 86400.0))
+    left_ut2 = sigmas**2 * step / (2.0 - step) * noise_ut**2
+    most = np.sqrt(0.02**2 + (300.0**2 + left_ut2) / whole_ut(skin) ** 2)
+    for times, odd in ((0.97, False), (1.03, True)):
+        raw = counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, UNITS), gain=1.0 + times * most)
+        decoder = Decoder(skin, None, dtype="float64", sweeps=0, ambient=False)
+        reading = decoder(np.repeat(raw[np.newaxis], 250, axis=0))
+        assert not (reading.status[:2] & Status.MAGNETIC_ANOMALY).any()
+        assert ((reading.status[-1] & Status.MAGNETIC_ANOMALY != 0) == odd).all()
+
+
 CRESTS = {
     # parameters; share of the crest, at which the field and its sigma reach it
     "noise": ({"field_noise_ut": 400.0}, lambda m0: 1.0 - 400.0 / m0),

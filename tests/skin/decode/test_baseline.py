@@ -63,6 +63,18 @@ def test_drift_under_a_press_is_made_up_for_after_it():
     assert np.abs(load_hz(ambient, world)).max() < 0.3 * SIGMA_HZ
 
 
+def test_what_may_have_drifted_under_a_press_silences_no_unit_after_it():
+    """10 Hz at a Hertz a minute, on half of the units: by itself it would be a light touch."""
+    ambient, world = begun()
+    pressed = np.arange(UNITS) < UNITS // 2
+    world.drop_hz[pressed] = 300.0
+    creep(world, ambient, 600.0, drift=1.0 * pressed)
+    assert ambient.voters.tolist() == [UNITS // 2]
+    world.drop_hz[:] = 0.0
+    world.run(ambient, 3.0)
+    assert ambient.voters.tolist() == [UNITS]
+
+
 @long_after_first("rate_hz_per_min", [0.5, -0.5, 0.9])
 def test_drift_of_unloaded_units_is_followed(rate_hz_per_min):
     ambient, world = begun()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 
@@ -11,9 +12,12 @@ import pytest
 import skin
 import topology
 from skin.cli import main
+from skin.decode.density import contraction_of
 from skin.errors import TooDenseError
 from skin.physics.stencil import Stencil
+from skin.physics.stray import powers
 from tests.fixtures.cases import long_after_first
+from tests.skin.decode.test_crosstalk import made_up, plane
 
 BUS = """
 format = 1
@@ -87,3 +91,19 @@ def test_a_stencil_of_blocked_units_names_one():
     close = topology.Topology(**{**vars(close), "rotation": tilted})
     with pytest.raises(TooDenseError, match=r"palm/r\dc\d: must keep its chip clear of its neig"):
         Stencil.of(close)
+
+
+def test_a_sweep_leaves_of_a_pair_what_each_adds_at_the_other_over_its_own_slope():
+    """By hand: 1e-3 (1 + 2 H) of the strength per mm, over k M0(H); the most of five depths."""
+    pair, exponents = plane(1, 2), powers(2)
+    stencil, added = made_up(pair, 2), np.zeros((2, 3, len(exponents)))
+    for axis, (i, j) in enumerate(((1, 0), (0, 1))):
+        for depth, slope in ((0, 1e-3), (1, 2e-3)):
+            added[:, axis, (exponents == (i, j, depth)).all(axis=1)] = slope
+    stencil = dataclasses.replace(stencil, coefficients=added)
+    p, depth = pair.parameters, np.linspace(0.0, 2.0, 5)
+    steep = p["field_wavenumber_rad_per_mm"] * p["field_amplitude_ut"]
+    steep = steep[0] * np.exp(0.72 * (depth - p["field_reference_mm"][0]))
+    share = 1e-3 * (1.0 + 2.0 * depth) * np.sqrt(stencil.strength.prod()) / steep
+    assert contraction_of(pair, stencil) == pytest.approx(share.max(), rel=1e-6)
+    assert share.argmax() == 2

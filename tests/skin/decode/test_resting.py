@@ -16,6 +16,8 @@ from skin.calibrate.film import fit_crest, fit_film, map_field, misfit_sigma
 from skin.calibrate.fit import as_fit, rms
 from skin.calibrate.tare import tare
 from skin.decode.decoder import Decoder
+from skin.decode.resting import axial_at_rest, share_shown
+from skin.physics.stencil import Stencil
 from tests.fixtures.bench import dealt
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import strokes, with_parameters
@@ -132,3 +134,30 @@ def test_a_tare_without_bz_measures_nothing_along_z(skin):
     assert np.isnan(found.axial_rest_ut).all()
     assert not found.applied().parameters["axial_rest_sigma_ut"].any()
     assert np.isfinite(found.offset_ut).all()
+
+
+TARED = {
+    # what a tare reads, and its sigma; what is taken, and its variance: theory says 100 and 30 µT
+    "not measured": (130.0, 0.0, 100.0, 900.0),
+    "nearly too far off": (345.0, 40.0, 188.2, 576.0),
+    "not believed": (355.0, 40.0, 100.0, 900.0),
+}
+
+
+@pytest.mark.parametrize("case", TARED)
+def test_theory_and_tare_weigh_by_their_variances_within_five_sigma_of_both(case):
+    read_ut, sigma_ut, taken_ut, left_ut2 = TARED[case]
+    known = with_parameters(square(1), axial_rest_ut=read_ut, axial_rest_sigma_ut=sigma_ut)
+    found = axial_at_rest(known, np.array([100.0]), np.array([900.0]))
+    assert np.ravel(found) == pytest.approx([taken_ut, left_ut2])
+
+
+def test_a_tare_shows_by_which_share_all_films_add_otherwise_than_as_drawn():
+    """Its square, over that before; the shape leaves a tenth; one without news leaves it all."""
+    palm = shape_of("palm")
+    stencil = Stencil.of(palm)
+    rest_ut = stencil.rest_ut[2]
+    prior = np.mean(stencil.rest_sigma_ut[2] ** 2) / np.mean(rest_ut**2)
+    for share, sigma_ut, left in ((-0.2, 1.0, 0.04 / prior), (0.0, 1.0, 0.1), (0.0, 1e6, 1.0)):
+        tared = {"axial_rest_ut": (1.0 + share) * rest_ut, "axial_rest_sigma_ut": sigma_ut}
+        assert share_shown(with_parameters(palm, **tared), stencil) == pytest.approx(left, rel=0.01)

@@ -86,6 +86,18 @@ def test_frequency(source, estimator):
     assert np.abs(found["theta"]).max() < 1e-3 * np.abs(found["tangential"]).min()
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_depth_that_is_not_known_leaves_the_stiffness_by_depth_open(estimator):
+    """By hand: 0.6 N at 1.2 mm, a fifth more per mm, 0.1 mm; beside what the length leaves open."""
+    sigma = {}
+    for gain in (0.0, 0.2):
+        skin, raw = pose(silent(frequency_noise_hz=90.0, shear_gain_per_mm=gain), depth=1.4)
+        sigma[gain] = sigma_of(skin, raw, estimator)["tangential"]
+    softer = 1.0 + 0.2 * (1.4 - 2.0)
+    expected = np.hypot(softer * sigma[0.0], 0.6 * 0.2 * 0.1)
+    np.testing.assert_allclose(sigma[0.2], expected, rtol=0.003)
+
+
 FIELD = {
     "steps": ({}, {BX: 60.0, BY: 20.0}, {BX: 60.0 * STEP, BY: 20.0 * STEP}),
     "map": (

@@ -88,6 +88,10 @@ def test_a_finished_log_is_left_out_and_reported_again(logs, tmp_path):
     assert seen == first["logs"]
     began = column(out, "contacts", "slip_began")
     assert sum(one["slips"] for one in seen) == np.count_nonzero(began) > 0
+    force = [column(out, "cycles", f"wrench.{axis}") for axis in ("fx", "fy", "fz")]
+    assert max(one["peak_force_n"] for one in seen) == pytest.approx(
+        np.linalg.norm(force, axis=0).max()
+    )
     again = decode_logs("palm", [torn, logs[1]], out)
     assert (first["decoded"], again["unchanged"]) == (2, 2)
     assert again["faults"] == first["faults"]

@@ -7,6 +7,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -172,6 +173,25 @@ def test_attached_units_without_sync_send_at_their_own_pace() -> None:
     assert nodes.served.skipped > 0 or np.all(np.diff(sequence) % 16 == 1)
 
 
+def test_units_on_a_machine_that_is_late_leave_out_the_cycles_that_are_over(monkeypatch) -> None:
+    """It takes ten and a half periods for each."""
+    nodes, done = SimulatedUnits(free_running(STRIP)), threading.Event()
+    seen: list[int] = []
+
+    def tick(cycle: int, *_: object) -> None:
+        seen.append(cycle)
+        if len(seen) == 5:
+            done.set()
+
+    late = SimpleNamespace(monotonic=lambda: 10.5 / STRIP.cycle_rate_hz * len(seen))
+    monkeypatch.setattr("skin.sim.node.time", late)
+    monkeypatch.setattr(nodes, "tick", tick)
+    nodes.attach([MemoryTransport.pair()[1]])
+    assert done.wait(LONG_S)
+    nodes.close()
+    assert seen[:5] == [0, 10, 21, 31, 42]
+
+
 def four_buses(folder: Path) -> Topology:
     """Eight units on each of four buses, at 1 kHz."""
     lines = ["format = 1", 'name = "four"', "cycle_rate_hz = 1000", "sync_id = 0x080"]
@@ -238,6 +258,16 @@ def test_a_bus_that_lags_answers_its_own_cycles_and_does_not_run_ahead(behind: i
         assert {field(r["data"], 0, 8) for r in data_frames(out.frames)} == {cycle & 0xFF}
         out.clear()
     assert nodes.served.cycles == 3 + behind
+
+
+def test_a_bus_whose_first_sync_comes_late_joins_the_others() -> None:
+    nodes, out = SimulatedUnits(HAND, seed=1), FrameBatch(64)
+    for cycle in range(3):
+        nodes.respond(sync(cycle), out, 0)
+        out.clear()
+    nodes.respond(sync(1), out, 1)
+    assert {field(r["data"], 0, 8) for r in data_frames(out.frames)} == {1}
+    assert nodes.served.cycles == 3
 
 
 def test_a_bus_that_was_silent_while_others_went_around_is_with_them_again() -> None:
