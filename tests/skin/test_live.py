@@ -67,9 +67,7 @@ def test_a_bus_within_the_process_that_need_not_wait_has_a_time_of_its_own():
 
 
 def test_state_follows_the_truth():
-    with skin.open(
-        "palm", simulate=True, pace=False, options=skin.Options(dtype="float64")
-    ) as palm:
+    with skin.open("palm", simulate=True, pace=False) as palm:
         state = take(palm, 400)[-1]
         truth = palm.nodes.truth
         assert truth.contact.any()

@@ -16,6 +16,8 @@ from bus.compiled.watch import watch
 from skin.cli import main
 from tests.fixtures.topology import PAIR
 
+pytestmark = pytest.mark.usefixtures("machine_code")
+
 ROOT = Path(skin.__file__).parent.parent
 ON_SOCKETS = """
 import json, sys
