@@ -18,8 +18,8 @@ from bus.processors import processors
 
 ROOT = Path(__file__).parents[2]
 SHARED_OUT = ("--ignore=tests/vcan", "-n", str(processors() + 1), "--dist", "loadfile")
-"""Of all tests but those on a vcan, which share one guest. The tests of a file share what they make,
-and so a worker. One worker more than processors: a fifth of the time of tests is waiting
+"""Of all tests but those on a vcan, which share one guest. The tests of a file share what they
+make, and so a worker. One worker more than processors: a fifth of the time of tests is waiting
 [measured]."""
 WARM = """
 import itertools
