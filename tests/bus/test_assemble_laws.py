@@ -1,4 +1,4 @@
-"""Laws of the assembler, over drawn streams: the obvious reference, and any frames whatever."""
+"""Laws of the assembler, over any frames."""
 
 from dataclasses import asdict, fields
 
@@ -14,53 +14,11 @@ from tests.fixtures.bus import (
     PERIOD_NS,
     SYNC_ID,
     TWO_PARTS,
-    data_frames,
     frame,
     join,
     make_topology,
     name_of,
-    sync,
 )
-from tests.naive.assemble import assemble
-
-
-@st.composite
-def streams(draw):
-    """Draw SYNCs and frames of three units: lost, twice, late by up to nine cycles, and one of them
-    silent for up to forty."""
-    small = make_topology(units=3)
-    events = []
-    silent = range(first := draw(st.integers(0, 9)), first + draw(st.integers(0, 40)))
-    for i in range(draw(st.integers(1, 25)) + len(silent)):
-        if draw(st.integers(0, 9)):
-            events.append((i, -1, sync(i)))
-        for u, record in enumerate(data_frames(small, i, i)):
-            if u == 1 and i in silent:
-                continue
-            fate = draw(st.integers(0, 9))
-            delay = {0: None, 1: None, 2: 1, 3: draw(st.integers(1, 9))}.get(fate, 0)
-            if delay is not None:
-                events += [(i + delay, u, record.reshape(1))] * (2 if fate == 4 else 1)
-    return join(*(record for _, _, record in sorted(events, key=lambda event: event[:2])))
-
-
-@pytest.mark.long
-@given(streams())
-@settings(max_examples=150)
-def test_assembling_is_what_the_obvious_reference_does(records):
-    small = make_topology(units=3)
-    expected, totals = assemble(records, 3)
-    assembler = Assembler(small)
-    cycles = run(assembler, records)
-    assert [
-        {"number": c.number, "closed_by": str(c.closed_by), "counts": c.counts.T.tolist(),
-         "age": c.age.tolist()}
-        for c in cycles
-    ] == expected  # fmt: skip
-    assert {kind: getattr(assembler.counters, kind) for kind in totals} == totals
-
-
-# -- any frame whatever ----------------------------------------------------------------------------
 
 RECORDS = st.tuples(
     st.sampled_from([0x100, 0x101, 0x102, 0x103, SYNC_ID, 0x701, 0x80000100, None]),

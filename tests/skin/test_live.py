@@ -273,18 +273,6 @@ def test_a_skin_has_a_transport_for_each_bus():
 
 
 @pytest.mark.long
-def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
-    file = tmp_path / "still.toml"
-    file.write_text('format = 1\nname = "nothing"\nseconds = 1.0\n')
-    strip = topology.load("strip")
-    for simulate in (True, "press", file, skin.sim.load_scene("press", strip)):
-        with skin.open("strip", simulate=simulate, pace=False) as opened:
-            assert opened.simulated
-            assert repr(opened) == "<Skin 'strip': 10 simulated units>"
-            assert next(iter(opened)).units.valid.all()
-
-
-@pytest.mark.long
 def test_a_scene_that_ends_ends_the_loop_and_one_that_repeats_does_not(tmp_path):
     scene = tmp_path / "press.toml"
     scene.write_text("format = 1\nseconds = 0.1\n")

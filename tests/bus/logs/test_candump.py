@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import can
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 import tests.naive.logs as naive_logs
 from bus import FRAME_DTYPE, FrameBatch, LogError
 from bus.errors import ChannelError
-from bus.frame import CAN_ERR, CAN_RTR
+from bus.frame import CAN_RTR
 from bus.logs import (
     candump,
     open_writer,
@@ -24,7 +23,6 @@ from tests.fixtures.logs import (
     CHANNELS,
     check_candump,
     frames,
-    from_messages,
     records,
     rows,
     write_by_pythoncan,
@@ -68,32 +66,12 @@ def test_what_is_written_is_read_again(found, packed, tmp_path_factory):
     assert rows(read_all(path, buses=CHANNELS)) == rows(found)
 
 
-@given(found=frames())
-def test_pythoncan_reads_what_is_written(found, tmp_path_factory):
-    path = tmp_path_factory.getbasetemp() / "for-pythoncan.log"
-    write(path, found)
-    found["origin"] = 0
-    with can.LogReader(path) as reader:
-        read_by_other = from_messages(reader)
-    # It tells nothing about error frames of another class, and no data of a bus error.
-    errors = found["id"] & CAN_ERR > 0
-    assert (read_by_other["id"] & CAN_ERR > 0)[errors & (found["id"] & 0x80 > 0)].all()
-    assert rows(read_by_other[~errors]) == rows(found[~errors])
-
-
 @given(found=frames(errors=False))
 def test_what_pythoncan_writes_is_read(found, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "by-pythoncan.log"
     write_by_pythoncan(path, found)
     found["length"][found["id"] & CAN_RTR > 0] = 0  # it leaves the length out
     assert rows(read_all(path, buses=CHANNELS)) == rows(found)
-
-
-def test_error_frames_of_pythoncan_are_read(tmp_path):
-    path = tmp_path / "by-pythoncan.log"
-    with can.Logger(path) as logger:
-        logger(can.Message(timestamp=1.5, is_error_frame=True, channel=1))
-    assert rows(read_all(path)) == [(1_500_000_000, CAN_ERR | 0x80, 0, 0, 0, 0, b"")]
 
 
 @pytest.mark.parametrize("way", CANDUMP_WAYS)
@@ -139,16 +117,6 @@ def test_a_damaged_log_is_read_as_far_as_it_is_good(data, tmp_path_factory):
     line = [] if log.damage is None else [int(str(log.damage).split(":")[1])]
     assert line == bad[:1]
     assert log.damage is None or f"; {len(bad)} line" in str(log.damage)
-
-
-@pytest.mark.parametrize("number", ["F2345678", "80000123", "40000000", "BFFFFFFF"])
-def test_an_identifier_has_no_bits_beyond_those_of_an_error_frame(number, tmp_path):
-    """Bits 30 and 31 of an identifier are flags of the kernel's, which no log has."""
-    text = f"(1.0) can0 123#11\n(1.1) can0 {number}#R\n".encode()
-    found, log = of_bytes(text, tmp_path)
-    assert found.size == len(naive_logs.candump(text)[0]) == 1
-    assert naive_logs.candump(text)[1] == [2]
-    assert "some.log:2: column 12: must be an identifier of at most 1FFFFFFF" in str(log.damage)
 
 
 @given(chunk=st.integers(100, 300), batch=st.integers(1, 9))
@@ -229,25 +197,6 @@ def _damage(path):
     return log.damage
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"length": 9}, "frame 1: must be at most 8 data bytes, or 64 in a CAN FD frame; got 9"),
-        ({"flags": 4, "length": 65}, "frame 1: must be at most 8 data bytes, or 64"),
-        ({"flags": 4, "id": CAN_RTR}, "frame 1: must be a data frame where it is a CAN FD one"),
-        ({"bus": 2}, "frame 1: must be of a bus with a name, below 2; got 2"),
-        ({"stamp_ns": -1}, "frame 1: must be of a time since 1970; got -1"),
-    ],
-)
-def test_what_is_no_frame_is_not_written(change, text, tmp_path):
-    found = np.zeros(2, FRAME_DTYPE)
-    for name, value in change.items():
-        found[name][1] = value
-    with pytest.raises(LogError, match=text):
-        write(tmp_path / "some.log", found, channels=["a", "b"])
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("name", ["", "can 0", "c" * 64, "can\n"])
 def test_a_channel_that_cannot_be_read_again_is_refused(name, tmp_path):
     with pytest.raises(ValueError, match=r"channels\[1\]: must be a name of 1 to 63 bytes"):
@@ -265,18 +214,3 @@ def test_a_log_can_be_followed_while_it_grows(tmp_path):
             log.flush()
             assert path.read_bytes().count(b"\n") == log.count == i + 1
     log.close()
-
-
-def test_a_failed_write_leaves_the_old_log(tmp_path):
-    path = tmp_path / "some.log"
-    write(path, np.zeros(3, FRAME_DTYPE))
-    old = path.read_bytes()
-
-    def parts():
-        yield np.zeros(2, FRAME_DTYPE)
-        raise RuntimeError("stop")
-
-    with pytest.raises(RuntimeError):
-        write(path, parts())
-    assert path.read_bytes() == old
-    assert [file.name for file in tmp_path.iterdir()] == ["some.log"]
