@@ -25,7 +25,10 @@ WARM = """
 import itertools
 import tests.conftest
 import skin, topology
-for name, chosen in (("palm", {}), ("hand", {}), ("strip", {}), ("palm", {"estimator": "sine"})):
+for name, chosen in (
+    ("palm", {}), ("hand", {}), ("strip", {}), ("palm", {"estimator": "sine"}),
+    ("palm", {"want": "contacts"}),
+):
     with skin.open(name, simulate=True, pace=False, options=skin.Options(**chosen)) as opened:
         for _ in itertools.islice(opened, 3):
             pass

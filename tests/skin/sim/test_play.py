@@ -307,19 +307,6 @@ def test_the_command_plays_a_scene_and_writes_its_truth(
     assert read_truth(path)[0].force.shape == (500, 3, 64)
 
 
-def test_the_command_does_the_faults_that_a_scene_file_holds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "lossy.toml"
-    file.write_text(
-        'format = 1\nseconds = 1.0\n[[room]]\nt_s = 0.0\n[[faults]]\nkind = "drop"\nevery = 10\n'
-    )
-    assert main(["sim", "palm", str(file)]) == 0
-    table = capsys.readouterr().out
-    assert "drop 325" in table
-    assert "lossy" in table
-
-
 def test_truth_is_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "palm", "--truth", "x.npz"]) == 2
     assert capsys.readouterr().err == "--truth: must be given with a scene; got none\n"
