@@ -24,15 +24,14 @@ make, and so a worker. One worker more than processors: a fifth of the time of t
 WARM = """
 import itertools
 import tests.conftest
-import skin, topology
+import skin
 for name, chosen in (
     ("palm", {}), ("hand", {}), ("strip", {}), ("palm", {"estimator": "sine"}),
-    ("palm", {"want": "contacts"}),
+    ("palm", {"want": "contacts"}), ("palm", {"dtype": "float64"}),
 ):
     with skin.open(name, simulate=True, pace=False, options=skin.Options(**chosen)) as opened:
         for _ in itertools.islice(opened, 3):
             pass
-skin.Decoder(topology.load("palm"), dtype="float64").warmup()
 list(skin.decode_log("strip", "tests/golden/logs/strip-vcan.log"))
 """
 
