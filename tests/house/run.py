@@ -28,6 +28,7 @@ import skin
 for name, chosen in (
     ("palm", {}), ("hand", {}), ("strip", {}), ("palm", {"estimator": "sine"}),
     ("palm", {"want": "contacts"}), ("palm", {"dtype": "float64"}),
+    ("palm", {"want": "temperature"}),
 ):
     with skin.open(name, simulate=True, pace=False, options=skin.Options(**chosen)) as opened:
         for _ in itertools.islice(opened, 3):
