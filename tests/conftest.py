@@ -16,7 +16,7 @@ os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parent.parent / "build" / "nu
 settings.register_profile(
     "f3t",
     deadline=None,
-    max_examples=20,
+    max_examples=10,
     derandomize="CI" in os.environ,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],

@@ -4,7 +4,7 @@ from dataclasses import asdict, fields
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import INVALID, Assembler, Status
@@ -51,7 +51,6 @@ def records_of(drawn):
 @pytest.mark.parametrize("sync_id", [SYNC_ID, None])
 @pytest.mark.parametrize("sequence", ["sync", "own"])
 @given(drawn=st.lists(RECORDS, max_size=60))
-@settings(max_examples=25)
 def test_every_frame_is_counted_exactly_once(layout, sync_id, sequence, drawn):
     layout = layout if sequence == "sync" else counting(layout)
     small = make_topology(layout, units=4, sync_id=sync_id)
@@ -75,7 +74,6 @@ def test_every_frame_is_counted_exactly_once(layout, sync_id, sequence, drawn):
 
 @pytest.mark.parametrize("sync_id", [SYNC_ID, None])
 @given(drawn=st.lists(RECORDS, max_size=40), cut=st.integers(0, 40))
-@settings(max_examples=15)
 def test_where_a_batch_is_cut_changes_nothing(sync_id, drawn, cut):
     small = make_topology(TWO_PARTS, units=4, sync_id=sync_id)
     records = records_of(drawn)
@@ -90,7 +88,6 @@ def test_where_a_batch_is_cut_changes_nothing(sync_id, drawn, cut):
 @pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16", TWO_PARTS], ids=name_of)
 @pytest.mark.parametrize("sync_id", [SYNC_ID, None])
 @given(drawn=st.lists(RECORDS, max_size=40))
-@settings(max_examples=15)
 def test_the_kernel_and_its_python_agree(layout, sync_id, drawn):
     small = make_topology(layout, units=4, sync_id=sync_id)
     records = join(cycle_frames(small, 0), records_of(drawn), cycle_frames(small, 1))

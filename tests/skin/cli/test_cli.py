@@ -90,7 +90,8 @@ def test_demo_ends_with_one_json_object(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [picture]
 
 
-@long_after_first("name", ["fingertip", "hand", "strip"])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["fingertip", "hand", "strip"])
 def test_demo_runs_on_every_ready_made_skin(name, tmp_path, capsys):
     picture = tmp_path / "demo.png"
     arguments = ["demo", name, "--seconds", "6", "--json", "--picture", str(picture)]

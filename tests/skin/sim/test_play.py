@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -164,7 +164,6 @@ def test_a_track_goes_through_its_keys_and_stays_between_them(
     assert min(values) - 1e-9 <= float(track(at)) <= max(values) + 1e-9
 
 
-@settings(max_examples=25)
 @given(x=st.floats(-1.0, 1.0), y=st.floats(-1.0, 1.0), z=st.floats(0.0, 7.0))
 def test_a_weight_is_borne_by_its_unit_alone(x: float, y: float, z: float) -> None:
     load_table = LoadTable(units=("palm/r3c3",), keys=(LoadKey(t_s=0.0, force_n=(x, y, z)),))
