@@ -24,7 +24,7 @@ make, and so a worker. One worker more than processors: a fifth of the time of t
 WARM = """
 import itertools
 import tests.conftest
-import skin
+import skin, topology
 for name, chosen in (
     ("palm", {}), ("hand", {}), ("strip", {}), ("palm", {"estimator": "sine"}),
     ("palm", {"want": "contacts"}), ("palm", {"dtype": "float64"}),
@@ -33,6 +33,7 @@ for name, chosen in (
     with skin.open(name, simulate=True, pace=False, options=skin.Options(**chosen)) as opened:
         for _ in itertools.islice(opened, 3):
             pass
+skin.Decoder(topology.load("palm"), dtype="float64", sweeps=0, ambient=False).warmup()
 list(skin.decode_log("strip", "tests/golden/logs/strip-vcan.log"))
 """
 
