@@ -11,15 +11,12 @@ from hypothesis import HealthCheck, settings
 # the kernel of the vcan tests included, whatever folder they run in. Set before numba is imported.
 os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parent.parent / "build" / "numba")
 
-AS_MACHINE_CODE = {"divide": "ignore", "invalid": "ignore", "over": "ignore"}
-"""Which computes with infinity and NaN in silence."""
-
 # Neither a deadline nor a check of speed: a law is not about time. In CI the same examples each
 # time, so that a red run is about the change at hand; on a desk new ones.
 settings.register_profile(
     "f3t",
     deadline=None,
-    max_examples=20,
+    max_examples=10,
     derandomize="CI" in os.environ,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
@@ -32,24 +29,26 @@ def interpreted(monkeypatch):
     """Decode by the kernel's Python: for a kernel that takes longer to compile than to interpret,
     and whose machine code other tests hold to it."""
     from skin.decode import kernel
+    from tests.fixtures.kernels import AS_MACHINE_CODE
 
     monkeypatch.setattr(kernel, "decode", kernel.decode_python)
     with np.errstate(**AS_MACHINE_CODE):
         yield
 
 
-@pytest.fixture
-def machine_code():
-    """Compile every decoder, in a file of `few_variants`: for a law of machine code."""
-
-
-@pytest.fixture
-def few_variants(request):
+@pytest.fixture(scope="session", autouse=True)
+def few_variants():
     """Interpret the decoders of variants that `skin.open` has not by default."""
-    if "machine_code" in request.fixturenames:
-        yield
-        return
     from tests.fixtures.kernels import few_variants
 
-    with few_variants(), np.errstate(**AS_MACHINE_CODE):
+    with few_variants():
         yield
+
+
+@pytest.fixture
+def machine_code(monkeypatch):
+    """Compile every decoder: for a law of machine code."""
+    from skin.decode import kernel
+    from tests.fixtures.kernels import compiled
+
+    monkeypatch.setattr(kernel, "decode", compiled)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from benchmarks import __main__ as command
-from benchmarks import quiet, report
-from benchmarks.figures import FIGURES, SENTENCES, TIMED, TITLES, Figure, Sentence
+from benchmarks import report
+from benchmarks.figures import FIGURES, SENTENCES, TIMED, TITLES, Figure
 from benchmarks.intervals import per_minute, rate
 
 
@@ -56,114 +55,6 @@ def test_shares_vary_on_their_log_odds_and_counts_have_their_ends():
     inside = np.mean((ends[:, 0] <= runs[:, 3]) & (runs[:, 3] <= ends[:, 1]))
     assert inside == pytest.approx(0.95, abs=0.015)
     assert report.prediction([3.0, 40.0, 7.0], "count") == (3.0, 40.0)
-
-
-@pytest.fixture
-def small(tmp_path, monkeypatch):
-    """A report of two benchmarks, one of which tells of the machine."""
-    figures = (
-        Figure("decode", "ratio", "one over the other", "", "<= 1.5"),
-        Figure("slip", "rows/0/caught", "slips told", "", ">= 0.95", "rows/0/slips"),
-    )
-    sentences = (
-        Sentence("Ours takes {:.2f} of it.", ("decode: ratio",)),
-        Sentence("{:.0%} are caught.", ("slip: rows/0/caught",)),
-        Sentence("{:.0f} is of another report.", ("view: x",)),
-    )
-    monkeypatch.setattr(report, "FIGURES", figures)
-    monkeypatch.setattr(report, "SENTENCES", sentences)
-    for name in ("STORE", "PAGE", "README"):
-        monkeypatch.setattr(report, name, tmp_path / name)
-    (tmp_path / "README").write_text(f"above\n{report.BEGIN}before\n{report.END}below\n")
-    asked = []
-
-    def once(name, quick):
-        asked.append((name, quick))
-        found = {"decode": {"ratio": 1.4 + 0.1 * len(asked)},
-                 "slip": {"rows": [{"caught": 0.94, "slips": 200}]}}  # fmt: skip
-        return found[name] | {"machine": {"processor": "P", "cores": 2, "date": "2026-01-01"}}
-
-    monkeypatch.setattr(report, "_once", once)
-    monkeypatch.setattr(quiet, "wait", lambda: 0.0)
-    monkeypatch.setattr(quiet, "Others", lambda: Idle(0.0))
-    return asked, tmp_path
-
-
-class Idle(NamedTuple):
-    """Stands for `quiet.Others`."""
-
-    used: float | None
-
-    def cores(self):
-        return self.used
-
-
-def test_a_run_while_others_use_the_machine_is_repeated(small, monkeypatch):
-    asked, _ = small
-    used = iter([0.7, 0.0, 0.05, None])
-    monkeypatch.setattr(quiet, "Others", lambda: Idle(next(used)))
-    row = report.run(quick=True)["figures"]["decode: ratio"]
-    assert [name for name, _ in asked] == ["decode", "decode", "slip", "decode", "decode"]
-    assert row["value"] == pytest.approx(1.8)
-    assert row["runs"] == 3
-
-
-def test_what_tells_of_the_machine_runs_several_times(small):
-    asked, folder = small
-    figures = report.run(quick=True)
-    assert asked == [("decode", True), ("slip", True), ("decode", True), ("decode", True)]
-    row = figures["figures"]["decode: ratio"]
-    assert row["value"] == pytest.approx(1.7)
-    assert row["low"] < 1.5
-    assert row["high"] > 1.8
-    assert row["runs"] == 3
-    assert figures["missed"] == ["decode: ratio"]
-    assert "| one over the other | 1.7 | " in (folder / "PAGE").read_text()
-    text = (folder / "README").read_text()
-    assert text.startswith("above\n")
-    assert text.endswith("below\n")
-    assert "before" not in text
-    assert "- Ours takes 1.70 of it. ¹" in text
-    assert "- 94 % are caught. ¹" in text
-    page = (folder / "PAGE").read_text()
-    assert "| ≤ 1.5 | **missed**, not decided |" in page
-    assert "| ≥ 0.95 | held |" in page
-    assert "another report" not in text
-    assert "held" in report.table(figures)
-
-
-def test_a_rate_has_its_interval_and_holds_a_target_within(small):
-    row = report.run(quick=False)["figures"]["slip: rows/0/caught"]
-    assert (row["low"], row["high"]) == pytest.approx((0.8983, 0.9654), abs=1e-3)
-    assert row["held"] is True
-
-
-def test_only_some_are_renewed(small):
-    asked, folder = small
-    report.run(quick=False)
-    before = json.loads((folder / "STORE").read_text())
-    asked.clear()
-    (folder / "STORE").write_text(json.dumps(before | {"slip: rows/0/caught": {"quick": True}}))
-    after = report.run(quick=True, only=["slip"])["figures"]
-    assert asked == [("slip", True)]
-    assert after["decode: ratio"] == before["decode: ratio"]
-    assert after["slip: rows/0/caught"]["value"] == 0.94
-    with pytest.raises(SystemExit, match="only: must be of decode, slip; got grip"):
-        report.run(quick=True, only=["grip"])
-
-
-def test_a_quick_run_does_not_overwrite_what_a_whole_one_found(small):
-    whole = report.run(quick=False)["figures"]
-    assert report.run(quick=True)["figures"] == whole
-    assert "¹" not in (small[1] / "README").read_text()
-
-
-def test_an_interval_that_the_benchmark_tells_is_that_of_the_rate():
-    figure = Figure("accuracy", "share", "", "", ">= 0.66", interval="half")
-    for share, expected in ((0.65, True), (0.62, False)):
-        row = report.described(figure, [{"share": share, "half": 0.02}], quick=False)
-        assert (row["low"], row["high"]) == pytest.approx((share - 0.02, share + 0.02))
-        assert row["held"] is expected
 
 
 @pytest.mark.parametrize(

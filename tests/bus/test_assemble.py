@@ -5,7 +5,7 @@ from dataclasses import asdict, fields, replace
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import Assembler, FrameCounters, Status
@@ -324,7 +324,6 @@ def test_a_restart_of_the_host_is_not_counted_as_loss():
 
 @pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16"])
 @given(missing=st.lists(st.integers(1, 6), min_size=1, max_size=8))
-@settings(max_examples=20)
 def test_every_missing_frame_is_counted_where_it_is_missing(layout, missing):
     small = make_topology(layout, units=3)
     assembler = Assembler(small, stale_cycles=100)

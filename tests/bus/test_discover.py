@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace as replace_bus
 
@@ -268,7 +268,6 @@ def test_a_survey_stays_small_whatever_comes():
     )
 
 
-@settings(max_examples=30)
 @given(st.data())
 def test_no_frames_of_any_content_raise(data):
     skin = make_topology(data.draw(st.sampled_from(["f3t-classic", "f3t-fd16"])), 3, buses=2)

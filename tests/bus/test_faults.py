@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import bus.open
@@ -204,7 +204,6 @@ def test_a_direction_that_is_none_is_refused():
 # -- which frames ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
 @given(st.lists(SEEN_AT_ONCE, min_size=1, max_size=4), st.integers(0, 99), st.data())
 def test_the_seed_and_the_frames_decide_not_the_batches(faults, seed, data):
     skin = make_topology("f3t-fd16", 3)

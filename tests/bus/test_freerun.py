@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bus import Assembler, Status
@@ -134,7 +134,6 @@ def test_a_clock_that_steps_stops_nothing(step):
 
 
 @given(st.lists(st.integers(-(2**40), 2**40), min_size=40, max_size=40))
-@settings(max_examples=20)
 def test_with_the_callers_clock_stamps_are_only_data(noise):
     small = make_topology("f3t-fd16", units=2, sync_id=None)
     assembler = Assembler(small)

@@ -249,7 +249,7 @@ def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_fi
 
 
 @pytest.mark.parametrize("kind", ALONE)
-@pytest.mark.parametrize("first", [1, 2])
+@long_after_first("first", [1, 2])
 def test_a_burst_that_a_sync_cuts_is_late_as_a_whole(kind, first):
     """The first of the kept frames come in a cycle of their own."""
     small, outage = make_topology(KINDS[kind], units=12), 41

@@ -17,22 +17,23 @@ from pathlib import Path
 from bus.processors import processors
 
 ROOT = Path(__file__).parents[2]
-SHARED_OUT = ("--ignore=tests/vcan", "-n", str(processors() + 1), "--dist", "worksteal")
-"""Of all tests but those on a vcan, which share one guest. One worker more than processors: a fifth
-of the time of tests is waiting [measured]."""
+SHARED_OUT = ("--ignore=tests/vcan", "-n", str(processors() + 1), "--dist", "loadfile")
+"""Of all tests but those on a vcan, which share one guest. The tests of a file share what they
+make, and so a worker. One worker more than processors: a fifth of the time of tests is waiting
+[measured]."""
 WARM = """
 import itertools
 import tests.conftest
 import skin, topology
-from skin.contact.slip import SlipSettings
-from skin.options import Options
-from skin.pipeline import Pipeline
-for name in ("palm", "strip", "hand", "fingertip"):
-    for chosen in ({}, {"sweeps": 2, "slip": SlipSettings()}, {"estimator": "sine"}):
-        with skin.open(name, simulate=True, pace=False, options=Options(**chosen)) as opened:
-            for _ in itertools.islice(opened, 3):
-                pass
-Pipeline(topology.load("palm"), Options(dtype="float64")).warmup()
+for name, chosen in (
+    ("palm", {}), ("hand", {}), ("strip", {}), ("palm", {"estimator": "sine"}),
+    ("palm", {"want": "contacts"}), ("palm", {"dtype": "float64"}),
+    ("palm", {"want": "temperature"}),
+):
+    with skin.open(name, simulate=True, pace=False, options=skin.Options(**chosen)) as opened:
+        for _ in itertools.islice(opened, 3):
+            pass
+skin.Decoder(topology.load("palm"), dtype="float64", sweeps=0, ambient=False).warmup()
 list(skin.decode_log("strip", "tests/golden/logs/strip-vcan.log"))
 """
 

@@ -20,11 +20,3 @@ def bits_of(signal):
         places.append((byte, bit))
         byte, bit = (byte, bit - 1) if bit else (byte + 1, 7)
     return places[::-1]
-
-
-def read(signal, data):
-    """The integer that a signal has in `data`."""
-    value = sum((data[byte] >> bit & 1) << k for k, (byte, bit) in enumerate(bits_of(signal)))
-    if signal.signed and value >> (signal.length - 1):
-        value -= 1 << signal.length
-    return value

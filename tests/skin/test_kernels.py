@@ -37,6 +37,7 @@ def everything():
     return found | {f"contacts: {name}": v for name, v in contacts(counts, status).items()}
 
 
+@pytest.mark.usefixtures("machine_code")
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="kernels are interpreted")
 def test_machine_code_and_python_give_the_same_numbers(tmp_path):
     subprocess.run(

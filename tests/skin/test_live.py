@@ -66,9 +66,7 @@ def test_a_bus_within_the_process_that_need_not_wait_has_a_time_of_its_own():
 
 
 def test_state_follows_the_truth():
-    with skin.open(
-        "palm", simulate=True, pace=False, options=skin.Options(dtype="float64")
-    ) as palm:
+    with skin.open("palm", simulate=True, pace=False) as palm:
         state = take(palm, 400)[-1]
         truth = palm.nodes.truth
         assert truth.contact.any()
@@ -237,18 +235,6 @@ def test_a_skin_has_a_transport_for_each_bus():
         over("strip", [])
     with pytest.raises(SkinError, match=r"deadline_s: must be a number from 1e-06 to 3600; got 0"):
         over("strip", [], deadline_s=0.0)
-
-
-@pytest.mark.long
-def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
-    file = tmp_path / "still.toml"
-    file.write_text('format = 1\nname = "nothing"\nseconds = 1.0\n')
-    strip = topology.load("strip")
-    for simulate in (True, "press", file, skin.sim.load_scene("press", strip)):
-        with skin.open("strip", simulate=simulate, pace=False) as opened:
-            assert opened.simulated
-            assert repr(opened) == "<Skin 'strip': 10 simulated units>"
-            assert next(iter(opened)).units.valid.all()
 
 
 @pytest.mark.long

@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 import pytest
 
-import skin
 import topology
 from bus.assemble import Assembler
 from bus.cycle import ClosedBy, RawCycle
@@ -78,18 +77,6 @@ def test_cycles_of_another_assembler_give_the_same_states(fed):
     assert_same(states, live)
 
 
-def test_the_last_cycle_of_a_log_is_flushed(fed):
-    batches, live = fed
-    pipeline = Pipeline(STRIP, OPTIONS)
-    states = [
-        seen(state) for state in pipeline.feed(np.concatenate([*batches[:4], batches[4][:2]]))
-    ]
-    last = pipeline.end(Ending.FLUSHED)
-    assert last is not None
-    assert (last.cycle, last.closed_by) == (4, ClosedBy.END)
-    assert_same(states, live[:4])
-
-
 def test_an_open_cycle_expires():
     pipeline = Pipeline(STRIP, OPTIONS, deadline_s=1e-3)
     (batch,) = frames_of(1)
@@ -110,11 +97,6 @@ def test_the_arrays_that_stages_write_are_the_same_every_cycle(fed):
         assert pipeline.now.wrench is wrench
         np.testing.assert_array_equal(state.units.force, force)
         assert not np.shares_memory(state.units.force, force)
-
-
-def test_it_is_at_hand_by_name():
-    assert skin.Pipeline is Pipeline
-    assert skin.Options is Options
 
 
 def test_how_often_noise_may_start_a_contact_reaches_the_gate():

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-import signal
-import subprocess
-import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -20,7 +16,6 @@ from bus.logs.channels import names_of
 from skin.cli import main
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
-from tests.fixtures.patience import LONG_S
 
 
 @long_after_first("suffix", [".log", ".log.gz"])
@@ -107,19 +102,3 @@ def recorded(log, frames):
         recording.write(frames)
     finally:
         recording.close()
-
-
-@pytest.mark.long
-def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
-    log = tmp_path / "run.log"
-    code = "import sys; from skin.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, "run", "strip", "--simulate", "--record", str(log)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as run:
-        while not log.exists() or log.stat().st_size < 200:
-            time.sleep(0.05)
-            assert run.poll() is None
-        run.terminate()
-        assert run.wait(LONG_S) == 128 + signal.SIGTERM
-    decoded = skin.decode_log("strip", log)
-    assert list(decoded)
-    assert decoded.faults == []

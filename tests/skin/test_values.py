@@ -16,6 +16,8 @@ import topology
 from skin.contact.stream import ContactStream
 from tests.fixtures.cases import long_after_first
 
+pytestmark = pytest.mark.usefixtures("machine_code")
+
 FOLDER = Path(__file__).parents[1] / "golden" / "values"
 PERIOD_NS = 4_000_000
 EVERY, BATCH = 50, 40
@@ -70,8 +72,7 @@ def decoded(counts, status, plan):
 def contacts(counts, status):
     """What the contacts are in every cycle: slip of units, and the records of some cycles."""
     palm = topology.load("fingertip").exact()
-    want = {"force", "sigma", "displacement", "temperature"}
-    decoder = skin.Decoder(palm, want, sweeps=1, ambient=True)
+    decoder = skin.Decoder(palm, **PLANS["default"])
     stream = ContactStream(
         palm.position, palm.rotation, palm.area, palm.neighbour_start, palm.neighbour_index,
         want={"contacts", "slip", "wrench"},

@@ -55,7 +55,7 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
     """
     units = list(series.units)
     at_rest = tared(topology, series)
-    decoder = Decoder(at_rest, {"force"}, dtype="float64", sweeps=0, ambient=False)
+    decoder = Decoder(at_rest, dtype="float64", sweeps=0, ambient=False)
     reading = decoder(series.counts.counts)
     rows = [axis for axis in range(3) if np.isfinite(series.force[axis]).any()]
     used = series.kind == KINDS.index("array")

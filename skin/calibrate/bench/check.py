@@ -67,7 +67,7 @@ def score(topology: Topology, series: Series, unit: int) -> Score:
     series : Series
     unit : int
     """
-    reading = decoded(topology, series, unit, "force", "temperature", "sigma")
+    reading = decoded(topology, series, unit)
     force, sigma = reading.force[:, :, 0], reading.force_sigma[:, :, 0]
     used = series.counts.heard[:, unit] & np.isin(series.kind, [KINDS.index(k) for k in SCORED])
     invalid = reading.status[:, 0] & INVALID != 0

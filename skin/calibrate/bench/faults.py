@@ -149,7 +149,7 @@ def _direction_faults(blocks: Blocks) -> Iterator[str]:
 def _reference_faults(topology: Topology, series: Series, unit: int) -> Iterator[str]:
     """The reference against what the unit's own model makes of the counts: within some per cent the
     same, if axes and units of measure are as stated."""
-    reading = decoded(topology, series, unit, "force", "displacement", "temperature")
+    reading = decoded(topology, series, unit)
     good = (series.segment >= 0) & (reading.status[:, 0] & INVALID == 0)
     moving = good & np.isin(series.kind, [KINDS.index(k) for k in ("normal", "shear", "circles")])
     for name, seen, stated in (

@@ -439,10 +439,11 @@ def tared(topology: Topology, series: Series) -> Topology:
     return replace(topology, parameters=parameters)
 
 
-def decoded(topology: Topology, series: Series, unit: int, *want: str, creep: bool = True) -> Any:
-    """All cycles of a recording as one unit by itself decodes them, or a skin of one unit."""
+def decoded(topology: Topology, series: Series, unit: int, creep: bool = True) -> Any:
+    """All cycles of a recording as one unit by itself decodes them, or a skin of one unit. Of all
+    quantities, so that one kernel is compiled for all steps of a calibration."""
     one = topology if topology.n == 1 else alone(topology, unit)
-    decoder = Decoder(one, set(want), dtype="float64", creep=creep, sweeps=0, ambient=False)
+    decoder = Decoder(one, dtype="float64", creep=creep, sweeps=0, ambient=False)
     return decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
 
 

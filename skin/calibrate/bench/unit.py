@@ -189,7 +189,7 @@ def _fit_laws(
     work = UnitResult(topology.unit_names[unit], p, hash=series.hash)
     measured = bool(np.isfinite(series.displacement).any())
     if not measured:
-        model = decoded(tared(topology, series), series, unit, "displacement")
+        model = decoded(tared(topology, series), series, unit)
         series = replace(series, displacement=np.array(model.displacement_mm[:, :, 0], float).T)
     blocks = series.blocks(topology, unit)
     if not len(blocks):
@@ -439,7 +439,7 @@ def _near_steps(held: Blocks) -> Blocks:
 def _elastic(known: Topology, series: Series, unit: int) -> np.ndarray:
     """Elastic force of all cycles, as decoded, shape (3, t); that of the one before where there is
     none."""
-    reading = decoded(known, series, unit, "force", creep=False)
+    reading = decoded(known, series, unit, creep=False)
     good = series.counts.heard[:, unit] & (reading.status[:, 0] & INVALID == 0)
     good &= np.isfinite(reading.force[:, :, 0]).all(axis=1)
     last = np.maximum.accumulate(np.where(good, np.arange(good.size), -1))

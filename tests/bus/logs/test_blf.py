@@ -262,20 +262,6 @@ def test_an_object_shorter_than_its_type_ends_a_log(kind, tmp_path):
     assert "must be an object as long as its type demands" in str(log.damage)
 
 
-def test_contents_without_bound_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(blf, "_LARGEST_OBJECT", 5000)
-    marker = blf_object(96, bytes(3000))
-    for body, wrong in (
-        (blf_container(marker * 2), "must be contents of at most 5000 bytes, with their end"),
-        (blf_container(marker * 2, packed=False), "must be a container of 32 to 5000 bytes"),
-        (blf_container(marker, size=0xFFFFFFFF), "must be a container of 32 to 5000 bytes"),
-        (blf_container(marker, size=31), "must be a container of 32 to 5000 bytes; got 31"),
-    ):
-        found, log = of_bytes(blf_file(can_message(), body), tmp_path)
-        assert len(found) == 1
-        assert wrong in str(log.damage)
-
-
 @given(found=frames())
 def test_what_pythoncan_writes_is_read(found, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "by-pythoncan.blf"

@@ -16,6 +16,8 @@ from skin.cli import main
 from tests.fixtures.compiling import watch
 from tests.fixtures.topology import PAIR
 
+pytestmark = pytest.mark.usefixtures("machine_code")
+
 ROOT = Path(skin.__file__).parent.parent
 ON_SOCKETS = """
 import json, sys

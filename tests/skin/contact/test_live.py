@@ -73,7 +73,6 @@ def test_balls_that_merge_and_part_keep_their_identities():
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("few_variants")
 def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     palm = topology.load("palm").exact()
     scene, simulator = open_scene("demo", palm), UnitSimulator(palm, seed=5)

@@ -17,8 +17,6 @@ from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import amplitude_of, angle_of, row_of, sine, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
-pytestmark = pytest.mark.usefixtures("few_variants")
-
 UNITS = 6
 DEPTH, REACH = 1.0, 1.0
 EXACT = {"field_noise_ut": 0.0, "frequency_noise_hz": 0.0, "gel_noise_relative": 0.0}

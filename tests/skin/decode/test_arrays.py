@@ -9,8 +9,6 @@ from skin.decode.decoder import Decoder
 from skin.errors import CountsError
 from tests.fixtures.decode import row_of
 
-pytestmark = pytest.mark.usefixtures("few_variants")
-
 
 @pytest.mark.parametrize(
     ("given", "message"),

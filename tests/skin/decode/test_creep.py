@@ -15,8 +15,6 @@ from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import row_of, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
-pytestmark = pytest.mark.usefixtures("few_variants")
-
 UNITS, RATE_HZ = 24, 50.0
 WEIGHTS, TIMES_S = np.array([0.08, 0.05, 0.06]), np.array([0.1, 1.5, 20.0])
 DIRECTION = np.linspace(-3.0, 3.0, UNITS)

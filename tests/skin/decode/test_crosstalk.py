@@ -22,8 +22,6 @@ from tests.fixtures.decode import strokes, with_parameters
 from tests.skin.physics.test_stencil import change_ut, displaced, neighbours_ut
 from topology.pose import from_rpy
 
-pytestmark = pytest.mark.usefixtures("few_variants")
-
 
 @functools.cache
 def stencil_of(name):

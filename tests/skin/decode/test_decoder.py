@@ -13,8 +13,6 @@ from skin.errors import CalibrationError, CountsError, OptionError
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
-pytestmark = pytest.mark.usefixtures("few_variants")
-
 REST = {"gel": 1430, "frequency": 18000, "bx": 0, "by": 0, "hall_temperature": 0}
 ROWS = {"gel": 0, "frequency": 1, "bx": 2, "by": 3, "hall_temperature": 5}
 

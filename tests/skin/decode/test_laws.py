@@ -25,8 +25,6 @@ from tests.fixtures.decode import (
 from tests.naive.decode import naive_decode
 from topology import THETA_KNOTS
 
-pytestmark = pytest.mark.usefixtures("few_variants")
-
 FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "status", "valid")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skin.sim.mechanics.body import Body, carried, penetration
@@ -26,7 +26,6 @@ def rotation_of(rng: np.random.Generator) -> np.ndarray:
 
 
 @long_after_first("name", BODIES)
-@settings(max_examples=30)
 @given(seed=SEEDS)
 def test_the_axis_leaves_the_body_where_the_body_ends(name: str, seed: int) -> None:
     """Just before the depth the axis is in the body, just behind it is not, nor farther on."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skin.physics.elastic import Elastic
@@ -45,7 +45,6 @@ def length(vectors: np.ndarray) -> np.ndarray:
     return np.hypot(vectors[0], vectors[1])
 
 
-@settings(max_examples=20)
 @given(seed=SEEDS, name=st.sampled_from(("palm", "fingertip", "strip", "hand")))
 def test_each_unit_bears_by_its_own_law(seed: int, name: str) -> None:
     rng, skin = np.random.default_rng(seed), load(name)
@@ -64,7 +63,6 @@ def test_each_unit_bears_by_its_own_law(seed: int, name: str) -> None:
     np.testing.assert_allclose(out.traction * length(shift_mm), shift_mm * force, atol=1e-12)
 
 
-@settings(max_examples=20)
 @given(seed=SEEDS, body=st.floats(0.0, 2.0), shear_body=st.floats(0.0, 2.0))
 def test_a_soft_body_yields_in_series(seed: int, body: float, shear_body: float) -> None:
     """The unit takes what the body leaves, and both bear the same force."""
@@ -81,7 +79,6 @@ def test_a_soft_body_yields_in_series(seed: int, body: float, shear_body: float)
     )
 
 
-@settings(max_examples=20)
 @given(seed=SEEDS, slower=st.floats(0.3, 1.0))
 def test_a_face_slips_along_its_force_from_the_static_limit_and_bears_kinetic_friction(
     seed: int, slower: float

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skin.errors import OptionError
@@ -45,7 +45,6 @@ def lags_in_a_row(time_s: float, lags_s: list[float]) -> float:
     return 1.0 - left
 
 
-@settings(max_examples=12)
 @given(time_s=st.floats(0.001, 500.0), film=st.floats(6.5, 12.0), chip=st.floats(150.0, 190.0))
 def test_time_constants_are_those_that_were_set(time_s: float, film: float, chip: float) -> None:
     """Each layer a lag behind the one above; the chip's lags from the gel add up to its own."""
@@ -59,7 +58,6 @@ def test_time_constants_are_those_that_were_set(time_s: float, film: float, chip
             assert found[layer, unit] == pytest.approx(expected, abs=1e-8)
 
 
-@settings(max_examples=12)
 @given(time_s=st.floats(0.001, 500.0))
 def test_direct_layers_are_one_lag_behind_the_gel(time_s: float) -> None:
     chain = ThermalChain(strip(), ambient=20.0, direct=True)
@@ -69,7 +67,6 @@ def test_direct_layers_are_one_lag_behind_the_gel(time_s: float) -> None:
         assert found[layer] == pytest.approx(lags_in_a_row(time_s, [4.0, lag]), abs=1e-9)
 
 
-@settings(max_examples=12)
 @given(dt_s=st.floats(0.001, 30.0), pieces=st.integers(2, 20), direct=st.booleans())
 def test_how_time_is_cut_does_not_matter(dt_s: float, pieces: int, direct: bool) -> None:
     one, many = (ThermalChain(strip(), ambient=20.0, direct=direct) for _ in range(2))

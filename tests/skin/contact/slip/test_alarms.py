@@ -56,8 +56,8 @@ def latency_s(rate_hz, seed):
 
 @long_after_first("rate_hz", [1000.0, 100.0])
 def test_slip_is_seen_after_the_same_time_at_any_rate(rate_hz):
-    at_250 = np.median([latency_s(250.0, seed) for seed in range(9)])
-    took = np.median([latency_s(rate_hz, seed) for seed in range(9)])
+    at_250 = np.median([latency_s(250.0, seed) for seed in range(5)])
+    took = np.median([latency_s(rate_hz, seed) for seed in range(5)])
     assert at_250 / 1.5 < took < 1.5 * at_250
 
 

@@ -83,6 +83,12 @@ def states(log):
 
 
 @pytest.fixture(scope="module")
+def expected(states):
+    """What each table is to have: name, unit of measure, values of each column."""
+    return {table: [*expected_columns(states, table)] for table in ("cycles", "contacts")}
+
+
+@pytest.fixture(scope="module")
 def folder(log, tmp_path_factory):
     """The log in every form: from a file, a folder, and Python."""
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
@@ -156,13 +162,13 @@ def expected_columns(states, table):
 
 
 @pytest.mark.parametrize("table", ["cycles", "contacts"])
-def test_parquet_has_the_values_of_the_states(table, states, folder):
+def test_parquet_has_the_values_of_the_states(table, states, expected, folder):
     for found in tables(folder, table, "parquet"):
         rows = [s for s in states for _ in (s.contacts if table == "contacts" else [s])]
         assert found["time"].cast("int64").to_pylist() == [state.stamp_ns for state in rows]
         assert found["cycle"].to_pylist() == [state.cycle for state in rows]
         names = ["time", "cycle", *(["closed_by"] if table == "cycles" else [])]
-        for name, unit, values in expected_columns(states, table):
+        for name, unit, values in expected[table]:
             names.append(name)
             same(found[name].to_numpy(), values)
             metadata = found.schema.field(name).metadata
@@ -172,9 +178,9 @@ def test_parquet_has_the_values_of_the_states(table, states, folder):
 
 
 @pytest.mark.parametrize("table", ["cycles", "contacts"])
-def test_csv_has_the_names_and_values_of_parquet_with_all_digits(table, states, folder):
+def test_csv_has_the_names_and_values_of_parquet_with_all_digits(table, expected, folder):
     for found in tables(folder, table, "csv"):
-        for name, _, values in expected_columns(states, table):
+        for name, _, values in expected[table]:
             read = found[name]
             if values.dtype.kind == "f":
                 same(np.array(read, values.dtype), values)
@@ -188,20 +194,19 @@ def test_csv_has_the_names_and_values_of_parquet_with_all_digits(table, states, 
 
 @pytest.mark.parametrize("table", ["cycles", "contacts"])
 def test_arrays_have_the_columns_of_a_quantity_side_by_side(table, states, folder):
-    every = contacts_of(states)
+    every, held = contacts_of(states), []
+    for one, i, name, _ in parts(QUANTITIES if table == "contacts" else (*READINGS, *CYCLES)):
+        if table == "contacts":
+            values = np.array([of_contact(name, contact) for contact in every])
+            values = values.astype(str if one.words else one.dtype)
+        else:
+            reads = OF_SKIN.get(name) if one in CYCLES else lambda s, name=name: of_units(name, s)
+            values = np.array([reads(state) for state in states])
+        held.append((one, i, values))
     for found in tables(folder, table, "npz"):
         assert found["_units"].tolist() == list(states[0].topology.unit_names)
         assert found["time"].dtype == "datetime64[ns]"
-        of = QUANTITIES if table == "contacts" else (*READINGS, *CYCLES)
-        for one, i, name, _ in parts(of):
-            if table == "contacts":
-                values = np.array([of_contact(name, contact) for contact in every])
-                values = values.astype(str if one.words else one.dtype)
-            else:
-                reads = (
-                    OF_SKIN.get(name) if one in CYCLES else lambda s, name=name: of_units(name, s)
-                )
-                values = np.array([reads(state) for state in states])
+        for one, i, values in held:
             array = found[one.name]
             same(array[:, i].copy() if one.columns else array, values)
 
