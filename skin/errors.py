@@ -34,6 +34,7 @@ __all__ = [
     "SceneError",
     "SkinError",
     "TooDenseError",
+    "as_numbers",
     "check_array",
     "check_choice",
     "check_flag",
@@ -202,6 +203,25 @@ class SceneError(SkinError, ValueError):
 
 class ScanError(SkinError, ValueError):
     """A recording of a bench lacks data that a fit needs; the message names them."""
+
+
+def as_numbers(where: str, value: Any) -> np.ndarray:
+    """A value as an array of its own, float64.
+
+    Raises
+    ------
+    OptionError
+        It is not of real numbers.
+    """
+    import numpy as np
+
+    try:
+        found = np.array(value)
+        if np.can_cast(found.dtype, float):
+            return found.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise OptionError(f"{where}: must be numbers; got {shown(value)}")
 
 
 def check_array(name: str, array: np.ndarray, like: np.ndarray) -> None:

@@ -23,7 +23,7 @@ from bus.memory import MemoryTransport
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import IdleWindow, Waiter
-from skin.errors import OptionError, SkinError, check_kind
+from skin.errors import OptionError, SkinError, as_numbers, check_kind
 from skin.pipeline import Pipeline
 from skin.sinks import Attachable, Ending
 from skin.state import INVALID, State, Status
@@ -156,6 +156,12 @@ class Skin(Attachable):
         reason."""
         taken = self.pipeline.zeros
         return {"tared": [], "refused": {}} if taken is None else taken.report()
+
+    def retake_zeros(self) -> None:
+        """Take the zeros of all units again, in the next second in which nothing touches them; see
+        `skin.pipeline.Pipeline.retake_zeros`."""
+        self._require_open("retake_zeros")
+        self.pipeline.retake_zeros()
 
     @property
     def bus_changes(self) -> list[tuple[str, BusChange]]:
@@ -298,7 +304,7 @@ class Skin(Attachable):
         topology = self.topology
         if name not in topology.patch_names:
             raise OptionError.unknown("patch", name, topology.patch_names)
-        turn, shift = np.asarray(rotation, float), np.asarray(translation, float)
+        turn, shift = as_numbers("rotation", rotation), as_numbers("translation", translation)
         if turn.shape != (3, 3) or shift.shape != (3,):
             raise SkinError(
                 "rotation, translation: must have shapes (3, 3) and (3,); "

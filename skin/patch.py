@@ -24,7 +24,8 @@ class Patch:
     state : State
     name : str
         Of a patch, or of a frame or link that carries patches: those are one part then, whose frame
-        is that of the first of them.
+        is that of the first of them. Where a patch has the name of what carries it, all patches on
+        that are meant.
 
     Attributes
     ----------
@@ -36,7 +37,8 @@ class Patch:
     Raises
     ------
     OptionError
-        There is no patch, frame or link of this name.
+        There is no patch, frame or link of this name, or it is that of a patch and of a frame that
+        carries others.
 
     Examples
     --------
@@ -51,13 +53,19 @@ class Patch:
     def __init__(self, state: State, name: str) -> None:
         self.state, self.name = state, name
         skin = state.topology
-        if name in skin.patch_names:
-            self._first, found = skin.patch_names.index(name), skin.patch_names
-        elif name in skin.patch_frames:
-            self._first, found = skin.patch_frames.index(name), skin.patch_frames
-        else:
+        carried = np.array([frame == name for frame in skin.patch_frames], bool)
+        called = np.array([patch == name for patch in skin.patch_names])
+        found = carried if carried.any() else called
+        if not found.any():
             raise OptionError.unknown("patch", name, {*skin.patch_names, *skin.patch_frames})
-        self.index = np.flatnonzero(np.array([one == name for one in found])[skin.patch])
+        if (called & ~found).any():
+            carrier = skin.patch_frames[int(np.argmax(called))]
+            raise OptionError(
+                f"patch: must be the name of one part; got {name!r}, a patch on {carrier!r} and a "
+                "frame that carries other patches"
+            )
+        self._first = int(np.argmax(found))
+        self.index = np.flatnonzero(found[skin.patch])
 
     @property
     def unit_names(self) -> list[str]:
@@ -102,7 +110,8 @@ class Patch:
     @property
     def wrench(self) -> np.ndarray:
         """Force in newton and torque in newton metre about the origin of the skin frame, exerted by
-        the world on the valid units of the patch in contact; shape (6,)."""
+        the world on the valid units of the patch in contact; shape (6,). NaN, as its sigma, where
+        no unit is valid."""
         return self._wrench[0]
 
     @property
@@ -129,6 +138,8 @@ class Patch:
     def _wrench(self) -> tuple[np.ndarray, np.ndarray]:
         """Wrench and covariance, skin frame."""
         state, valid = self.state, self.index[self.state.units.valid[self.index]]
+        if valid.size == 0:
+            return np.full(6, np.nan), np.full((6, 6), np.nan)
         label = state.label[valid]
         if (label != -1).any():
             wrenches, _ = self._of_units(valid[label != -1])

@@ -303,10 +303,12 @@ class Pipeline:
 
     def turn(self, attitude: np.ndarray) -> None:
         """Report the attitude of the skin in the world; see `skin.live.Skin.turn`."""
-        ambient = self.decoder.ambient
+        from skin.decode.ambient import as_rotation
+
+        attitude, ambient = as_rotation(attitude), self.decoder.ambient
         if ambient is None:
             return
-        attitude, rest, now = np.asarray(attitude, float), self.topology.rotation, self.poses[1]
+        rest, now = self.topology.rotation, self.poses[1]
         for g in range(len(ambient.bodies)):
             unit = int(np.argmax(ambient.body == g))
             ambient.turn(attitude @ now[..., unit] @ rest[..., unit].T, g)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -144,8 +144,9 @@ class Reading(_Wanted):
         own.names = self.names
         return own
 
-    def __getitem__(self, unit: str | int | slice | np.ndarray | None) -> Reading:
-        """One unit by its name or index, whose quantities have no unit axis then; or some units.
+    def __getitem__(self, unit: str | Sequence[str] | int | slice | np.ndarray | None) -> Reading:
+        """One unit by its name or index, whose quantities have no unit axis then; or some units,
+        also by a list of names.
 
         Views, except of an array of indices. Raises `topology.UnknownNameError` for a name that no
         unit of the reading has; it suggests the nearest.
@@ -154,6 +155,8 @@ class Reading(_Wanted):
         at: Any = unit
         if isinstance(unit, str):
             at = find_unit(unit, self.topology.name, names)
+        elif isinstance(unit, list | tuple) and all(isinstance(one, str) for one in unit):
+            at = np.array([find_unit(one, self.topology.name, names) for one in unit], int)
         own = object.__new__(Reading)
         own.topology = self.topology
         own.names = tuple(np.atleast_1d(np.array(names, object)[at]).ravel())
@@ -206,7 +209,8 @@ class State(_Wanted):
         next to a contact, and elsewhere, as far as the readings show them
         (`skin.contact.describe`),
         and the even load that zeros of the first second may hide (`skin.calibrate.zeros`).
-        Where nothing touches it is the noise of the sum of all units, or that sum; never 0.
+        Where nothing touches it is that of the sum of the normal loads of all units, or that sum,
+        in any direction; never 0.
     centroid : ndarray, shape (3,), float64
         Centre of pressure, metre, skin frame: from the normal loads of the units in contact, each
         at the middle of its unit, and of units next to a contact below the gate. NaN where nothing

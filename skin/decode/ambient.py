@@ -32,14 +32,14 @@ from skin.decode.ambient_kernels import (
     AmbientModel,
 )
 from skin.decode.records import LANES
-from skin.errors import OptionError
+from skin.errors import OptionError, as_numbers, shown
 from skin.physics.halbach import CHIP_AXES
 from skin.physics.rest import film_at_rest_ut, inverse_map
 from skin.state import Reading
 from topology import CHANNELS, Topology
 from topology.neighbours import neighbour_pairs
 
-__all__ = ["Ambient"]
+__all__ = ["Ambient", "as_rotation"]
 
 NEAR_M = 0.03
 """What is near a unit: as far as a film is felt [derived: `skin.physics.stray`]."""
@@ -50,6 +50,8 @@ BOUND_SIGMAS = 3.0
 """A zero of the calibration is known within this many of its sigma [assumed]."""
 WITNESS_SIGMAS = 0.5
 """Bz shows a press that lowers the frequency by this many sigma of a reading [assumed]."""
+LOOSE = 1e-3
+"""How far a reported attitude may be off a rotation: an IMU's is rounded [assumed]."""
 LEAST_RAD = 0.1
 """Angle from one observation to the next: those of one attitude have the same errors [assumed]."""
 LARGEST_UT2 = 4.0 * PRIOR_UT2
@@ -274,11 +276,18 @@ class Ambient:
         OptionError
             No rotation.
         """
-        attitude = np.asarray(attitude, float)
-        if attitude.shape != (3, 3) or not np.allclose(attitude @ attitude.T, np.eye(3), atol=1e-3):
-            raise OptionError(f"attitude: must be a rotation, shape (3, 3); got {attitude}")
+        attitude = as_rotation(attitude)
         for g in range(len(self.bodies)) if body is None else (body,):
             self._turned[g](self._bodies[g], attitude)
+
+
+def as_rotation(attitude: Any) -> np.ndarray:
+    """An attitude as an array of numbers; raises OptionError where it is no rotation."""
+    found = as_numbers("attitude", attitude)
+    if found.shape == (3, 3) and np.isfinite(found).all() and np.linalg.det(found) > 0.0:
+        if np.allclose(found @ found.T, np.eye(3), atol=LOOSE):
+            return found
+    raise OptionError(f"attitude: must be a rotation, shape (3, 3); got {shown(found.tolist())}")
 
 
 def _frames_of(topology: Topology) -> tuple[str, ...]:

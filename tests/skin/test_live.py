@@ -312,6 +312,7 @@ def test_a_closed_skin_is_no_empty_one():
         (strip.move, (position, rotation)),
         (strip.move_joints, ({},)),
         (strip.turn, (np.eye(3),)),
+        (strip.retake_zeros, ()),
     ):
         with pytest.raises(SkinError, match=f"{method.__name__}: must be an open skin"):
             method(*given)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import dataclasses
+import functools
 import itertools
 
 import numpy as np
@@ -61,6 +63,9 @@ def test_units_are_found_by_name(states):
     assert unit.temperature == state.units.temperature[5]
     assert repr(unit).startswith("<Reading: 1 units, 100% valid")
     assert state.patch("left").units.force.shape == (3, 16)
+    some = state.units[["right/r0c1", name]]
+    np.testing.assert_array_equal(some.force[:, 1], unit.force)
+    assert some.names == ("right/r0c1", name)
     with pytest.raises(UnknownNameError, match=r"left/r0c9.*nearest: 'left/r0c"):
         _ = state.units["left/r0c9"]
 
@@ -88,6 +93,25 @@ def test_patches_of_one_link_are_one_part():
         state = next(iter(gripper))
     links = state.topology.patch_links
     assert state.patch(links[0]).index.tolist() == state.patch("left").index.tolist()
+
+
+def test_a_name_of_a_patch_and_its_frame_means_all_patches_on_the_frame(states):
+    state = states[0].copy()
+    skin_of = functools.partial(dataclasses.replace, state.topology, patch_names=("index", "side"))
+    state.topology = skin_of(patch_frames=("index", "index"))
+    assert state.patch("index").index.size == 32
+    assert state.patch("side").index.size == 16
+    state.topology = skin_of(patch_frames=("thumb", "index"))
+    with pytest.raises(OptionError, match=r"got 'index', a patch on 'thumb' and a frame that"):
+        state.patch("index")
+
+
+def test_a_part_without_a_valid_unit_has_no_wrench(states):
+    state = states[0].copy()
+    left = state.patch("left")
+    state.units.valid[left.index], state.whole = False, False
+    assert np.isnan([left.wrench, left.wrench_sigma, left.local_wrench]).all()
+    assert not left.whole
 
 
 def test_an_unknown_part_names_the_nearest(states):

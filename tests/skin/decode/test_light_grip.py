@@ -15,6 +15,8 @@ import pytest
 import topology
 from skin.decode.ambient import Ambient
 from skin.errors import OptionError
+from skin.options import Options
+from skin.pipeline import Pipeline
 from tests.fixtures.ambient import look
 from tests.fixtures.cases import long_after_first
 
@@ -188,9 +190,14 @@ def test_a_turn_that_is_reported_turns_the_field_that_is_held(learns):
     assert sigma < 40.0 if learns else sigma > 50.0
 
 
-def test_an_attitude_must_be_a_rotation(pair):
-    with pytest.raises(OptionError, match="attitude: must be a rotation"):
-        Ambient(pair).turn(2.0 * np.eye(3))
+@pytest.mark.parametrize(
+    "attitude", [2.0 * np.eye(3), -np.eye(3), np.diag([1.0, 1.0, -1.0]), np.full((3, 3), np.nan),
+                 np.eye(2), None, "x"],
+)  # fmt: skip
+def test_an_attitude_must_be_a_rotation(pair, attitude):
+    for turn in (Ambient(pair).turn, Pipeline(pair, Options(want={"temperature"})).turn):
+        with pytest.raises(OptionError, match="attitude: must be "):
+            turn(attitude)
 
 
 def test_one_pad_that_is_pressed_leaves_the_other_its_vote(pair):
