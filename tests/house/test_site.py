@@ -15,6 +15,8 @@ pytest.importorskip("sphinx", reason="sphinx is not installed")
 pytest.importorskip("myst_parser", reason="myst-parser is not installed")
 pytest.importorskip("furo", reason="furo is not installed")
 pytestmark = pytest.mark.long
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The folder of the site, without the output of the examples."""

@@ -23,6 +23,8 @@ from skin.cli import main
 from skin.sim.bench import Lab, protocol, write_bench
 from tests.fixtures.bench import lag_s
 
+pytestmark = pytest.mark.usefixtures("machine_code")  # checks decode minutes, of odd films
+
 SHARE = 0.25
 GOLDEN = Path(__file__).parents[3] / "golden" / "calibration" / "pad.toml"
 
