@@ -296,10 +296,12 @@ def open_skin():
 
 def test_live_units_that_work_give_no_finding():
     skin, nodes, ends = open_skin()
-    survey = Survey(skin)
-    listen(survey, ends, 0.4)
+    survey, seconds = Survey(skin), 0.4
+    while survey.cycles < 3:  # a busy machine takes longer
+        survey = Survey(skin)
+        listen(survey, ends, seconds)
+        seconds *= 2.0
     nodes.close()
-    assert survey.cycles >= 3
     assert [f for f in diagnose(survey, ends) if f.severity == "error"] == []
 
 
