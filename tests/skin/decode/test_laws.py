@@ -129,6 +129,7 @@ def test_direction_is_corrected_by_its_table():
         np.testing.assert_allclose(shift, hat, atol=1e-12)
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(
     ("wanted", "dtype"),
     [*(({name}, "float32") for name in UNIT_WANTS), (set(), "float32"), ({"force"}, "float64")],
