@@ -15,7 +15,7 @@ from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID
 from bus.logs import read_all
 from skin.cli import main
-from skin.sim.heartbeat import Heartbeats
+from skin.sim.node import Heartbeats
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.dbc import Unpacker, by_cantools
 from tests.fixtures.topology import write_topology
