@@ -247,11 +247,12 @@ def find_unit(name: str, skin: str, names: tuple[str, ...]) -> int:
 
 def seal(topology: Topology) -> None:
     """Make all arrays of a topology read-only."""
-    robot = () if topology.robot is None else vars(topology.robot).values()
-    own = (vars(topology), vars(topology.frames), topology.parameters)
-    for array in (*(array for arrays in own for array in arrays.values()), *robot):
-        if isinstance(array, np.ndarray):
-            array.setflags(write=False)
+    robot = () if topology.robot is None else (topology.robot, *topology.robot.links)
+    own = (topology, topology.frames, *robot)
+    for arrays in (topology.parameters, *map(vars, own)):
+        for array in arrays.values():
+            if isinstance(array, np.ndarray):
+                array.setflags(write=False)
 
 
 def _named(one: str, many: str, names: Sequence[str]) -> str:

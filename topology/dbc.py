@@ -144,15 +144,8 @@ def from_dbc(
     if len(source.report.issues) > before:
         return None
     is_fd = bool(message.is_fd) or message.length > 8
-    wire = WireLayout(
-        name=layout.name,
-        size=message.length,
-        fd=is_fd if layout.fd is None else layout.fd,
-        units=layout.units,
-        counts_only=layout.counts_only,
-        sequence=layout.sequence,
-        signals=tuple(signals),
-    )
+    fd = is_fd if layout.fd is None else layout.fd
+    wire = layout.wire(size=message.length, fd=fd, signals=tuple(signals))
     return wire, places
 
 

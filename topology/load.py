@@ -10,7 +10,7 @@ import numpy as np
 
 from topology.arrays import Frames, Topology, seal
 from topology.budget import bus_load
-from topology.check.tables import resolve_tables
+from topology.check.tables import Tables
 from topology.check.units import Units
 from topology.errors import Issue, Report, TopologyError, nearest
 from topology.files import check_path, missing
@@ -76,7 +76,7 @@ def load(
     report.raise_if_any()
     assert source is not None  # otherwise the report has raised
     assert table is not None
-    units = Units(resolve_tables(table, source), allow_no_calibration)
+    units = Units(Tables(table, source), allow_no_calibration)
     report.raise_if_any()
     topology = _assemble(units)
     if not allow_overload:

@@ -97,6 +97,5 @@ def compressed_rows(n: int, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, n
     """
     row, column = np.concatenate([i, j]), np.concatenate([j, i])
     order = np.lexsort((column, row))
-    start = np.zeros(n + 1, np.int32)
-    np.cumsum(np.bincount(row, minlength=n), out=start[1:])
-    return start, column[order].astype(np.int32)
+    start = np.searchsorted(row[order], np.arange(n + 1))
+    return start.astype(np.int32), column[order].astype(np.int32)

@@ -1,7 +1,8 @@
 """A topology as named arrays, for a recording or another process, with all fields as in memory.
 
-Changes after loading are included: other buses, exact units, zeros. Nothing is pickled, and
-unpacking checks all fields, since files can be damaged.
+Changes after loading are included: other buses, exact units, zeros. Nothing is pickled. Damage
+shows by the checksum of what carries the arrays, a recording of another version by their names and
+shapes.
 """
 
 from __future__ import annotations
@@ -11,65 +12,40 @@ import io
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 import numpy as np
 
-from topology.arrays import Frames, Topology
+from topology.arrays import Frames, Topology, seal
 from topology.model import PARAMETERS, TABLES
-from topology.robot.model import RobotModel
-from topology.schema import Bus
-from topology.wire import CHANNELS, WireLayout
+from topology.wire import CHANNELS
 
 __all__ = ["TEXTS", "from_arrays", "is_calibration", "packed", "to_arrays", "unpacked"]
 
 TEXTS = "texts"
 FRAMES, PARAMETER = "frames_", "parameter_"
-KINDS: dict[str, tuple[str, tuple[int | str, ...]]] = {
-    "patch": ("i4", ("n",)),
-    "enabled": ("?", ("n",)),
-    "position": ("f8", (3, "n")),
-    "rotation": ("f8", (3, 3, "n")),
-    "area": ("f8", ("n",)),
-    "patch_position": ("f8", (3, "patches")),
-    "patch_rotation": ("f8", (3, 3, "patches")),
-    "calibrated": ("?", ("n",)),
-    "tared": ("?", ("n",)),
-    "scale": ("f8", (len(CHANNELS), "n")),
-    "offset": ("f8", (len(CHANNELS), "n")),
-    "wired": ("?", (len(CHANNELS), "n")),
-    "neighbour_start": ("i4", ("ends",)),
-    "neighbour_index": ("i4", ("neighbours",)),
-    "frames_bus": ("i4", ("frames",)),
-    "frames_can_id": ("u4", ("frames",)),
-    "frames_layout": ("i4", ("frames",)),
-    "frames_part": ("i4", ("frames",)),
-    "frames_units": ("i4", ("frames", "slots")),
-    **{
-        f"{PARAMETER}{name}": ("f8", (TABLES[name], "n") if name in TABLES else ("n",))
-        for name in PARAMETERS
-    },
-}
-"""Type and shape of each array; n units make ``ends = n + 1``, other lengths are free but
-that of the patches."""
 
-
-class _Texts(msgspec.Struct, forbid_unknown_fields=True):
-    """Fields other than arrays."""
-
-    name: str
-    path: Path | None
-    cycle_rate_hz: float
-    sync_id: int | None
-    buses: tuple[Bus, ...]
-    layouts: tuple[WireLayout, ...]
-    unit_names: tuple[str, ...]
-    patch_names: tuple[str, ...]
-    patch_frames: tuple[str, ...]
-    patch_links: tuple[str, ...] = ()
-    robot: RobotModel | None = None
-    serials: tuple[str, ...] = ()
+_FIELDS = get_type_hints(Topology)
+_PLAIN = [name for name, kind in _FIELDS.items() if kind is np.ndarray]
+_Texts = msgspec.defstruct(
+    "_Texts",
+    [(k, v) for k, v in _FIELDS.items() if k not in (*_PLAIN, "frames", "parameters")],
+    forbid_unknown_fields=True,
+)
+"""Fields other than arrays."""
+_NAMES = (
+    *_PLAIN,
+    *(f"{FRAMES}{name}" for name in get_type_hints(Frames)),
+    *(f"{PARAMETER}{name}" for name in PARAMETERS),
+)
+_NOT_OF_UNITS = ("neighbour_", "patch_", FRAMES)
+"""Beginnings of the names of arrays whose last axis is not that of the units."""
+_ROWS = {
+    "position": (3,), "rotation": (3, 3), "scale": (len(CHANNELS),), "offset": (len(CHANNELS),),
+    "wired": (len(CHANNELS),), **{f"{PARAMETER}{name}": (size,) for name, size in TABLES.items()},
+}  # fmt: skip
+"""Axes before that of the units."""
 
 
 def is_calibration(name: str) -> bool:
@@ -93,7 +69,7 @@ def to_arrays(topology: Topology) -> dict[str, np.ndarray]:
         **{f"{PARAMETER}{name}": value for name, value in topology.parameters.items()},
     }
     found = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=_plain).decode())}
-    return found | {name: known[name] for name in KINDS}
+    return found | {name: known[name] for name in _NAMES}
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
@@ -104,88 +80,33 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
     ValueError
         They are not those of a topology, or of another version.
     """
-
-    def refuse(name: str, expected: str, got: object) -> ValueError:
-        return ValueError(f"{name}: must be {expected}; got {got}")
-
-    if TEXTS not in arrays:
-        raise refuse(TEXTS, "there", "none")
     try:
-        texts = msgspec.json.decode(str(arrays[TEXTS]).encode(), type=_Texts, dec_hook=_own)
-    except (msgspec.DecodeError, ValueError) as error:
-        raise refuse(TEXTS, "buses, layouts and names of a topology", error) from None
+        texts: Any = msgspec.json.decode(str(arrays[TEXTS]), type=_Texts, dec_hook=_own)
+    except (LookupError, ValueError) as error:
+        got = f"must be buses, layouts and names of a topology; got {error}"
+        raise ValueError(f"{TEXTS}: {got}") from None
     n = len(texts.unit_names)
-    lengths: dict[int | str, int] = {"n": n, "ends": n + 1, "patches": len(texts.patch_names)}
-    for name, (kind, shape) in KINDS.items():
-        found = arrays.get(name)
-        if found is None:
-            raise refuse(name, "there, as this version of f3t-skin has it", "none")
-        if found.ndim == len(shape):
-            for length, given in zip(shape, found.shape, strict=True):
-                lengths.setdefault(length, given if isinstance(length, str) else length)
-        sizes = tuple(lengths.get(length, length) for length in shape)
-        if found.dtype != np.dtype(kind) or found.shape != sizes:
-            raise refuse(name, f"{np.dtype(kind)} of shape {sizes}",
-                         f"{found.dtype} of shape {found.shape}")  # fmt: skip
-        if kind == "f8" and not np.isfinite(found).all():
-            raise refuse(name, "finite", "a number that is not")
-    if (fault := _robot_fault(texts)) is not None:
-        raise refuse(TEXTS, "a robot whose links carry the patches", fault)
-    limits = {
-        "patch": (0, len(texts.patch_names)), "frames_bus": (0, len(texts.buses)),
-        "frames_layout": (0, len(texts.layouts)), "frames_units": (-1, n), "frames_part": (0, 16),
-        "neighbour_index": (0, n), "neighbour_start": (0, arrays["neighbour_index"].size + 1),
-    }  # fmt: skip
-    for name, (low, high) in limits.items():
-        values = arrays[name]
-        if values.size and not (low <= values.min() and values.max() < high):
-            raise refuse(name, f"from {low} to {high - 1}", f"{values.min()} to {values.max()}")
-    start = arrays["neighbour_start"]
-    if n == 0 or not texts.buses or start[0] or (np.diff(start) < 0).any() or (
-        start[-1] != arrays["neighbour_index"].size
-    ):  # fmt: skip
-        raise refuse("neighbour_start", "a graph of units", "none")
-    for array in arrays.values():
-        array.flags.writeable = False
+    for name in _NAMES:
+        if name not in arrays:
+            raise ValueError(f"{name}: must be there, as this version of f3t-skin has it; got none")
+        found, shape = arrays[name].shape, (*_ROWS.get(name, ()), n)
+        if not name.startswith(_NOT_OF_UNITS) and found != shape:
+            raise ValueError(f"{name}: must be of shape {shape}; got {found}")
     fields: dict[str, Any] = {
-        **{name: getattr(texts, name) for name in texts.__struct_fields__},
-        **{name: arrays[name] for name in KINDS if not name.startswith((FRAMES, PARAMETER))},
-    }
-    return Topology(
+        **msgspec.structs.asdict(texts), **{name: arrays[name] for name in _PLAIN}
+    }  # fmt: skip
+    topology = Topology(
         **fields,
         frames=Frames(**_beginning(FRAMES, arrays)),
         parameters=_beginning(PARAMETER, arrays),
     )
+    seal(topology)
+    return topology
 
 
 def _beginning(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The known arrays whose names begin so, by the rest of their names."""
-    return {name.removeprefix(prefix): arrays[name] for name in KINDS if name.startswith(prefix)}
-
-
-def _robot_fault(texts: _Texts) -> str | None:
-    """The fault of an included robot; None if there is none, or no robot."""
-    robot, links = texts.robot, texts.patch_links
-    if robot is None:
-        return "links without one" if any(links) else None
-    count, joints = len(robot.link_names), len(robot.joint_names)
-    of_links = (robot.parent, robot.joints, robot.kinds, robot.driver)
-    shapes = {
-        "multiplier": (count,), "offset": (count,), "axis": (3, count), "anchor": (3, count),
-        "xyz": (3, count), "rotation": (3, 3, count), "lower": (joints,), "upper": (joints,),
-        "home": (joints,),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        if getattr(robot, name).shape != shape:
-            return f"{name} of shape {getattr(robot, name).shape}"
-    if any(len(values) != count for values in of_links) or not 0 <= robot.base < count:
-        return f"{count} links"
-    if not all(-1 <= above < link for link, above in enumerate(robot.parent)):
-        return "a link before its parent"
-    if not all(-1 <= driver < joints for driver in robot.driver):
-        return f"{joints} joints"
-    known = len(links) == len(texts.patch_names) and {*links} <= {"", *robot.names}
-    return None if known else "a patch on another link"
+    return {name.removeprefix(prefix): arrays[name] for name in _NAMES if name.startswith(prefix)}
 
 
 def _plain(value: object) -> object:
@@ -194,14 +115,7 @@ def _plain(value: object) -> object:
 
 
 def _own(kind: type, value: Any) -> Any:
-    if kind is Path:
-        return Path(value)
-    try:
-        array = np.array(value, float)
-    except (TypeError, ValueError):
-        raise ValueError("must be an array of numbers") from None
-    array.setflags(write=False)
-    return array
+    return Path(value) if kind is Path else np.array(value, float)
 
 
 def packed(topology: Topology) -> str:

@@ -6,7 +6,7 @@ further axes are units, last as everywhere.
 
 from __future__ import annotations
 
-from functools import reduce
+from typing import Any
 
 import numpy as np
 
@@ -51,17 +51,13 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     >>> from_rpy(0.0, 0.0, np.pi / 2).round(12) @ [1.0, 0.0, 0.0]
     array([0., 1., 0.])
     """
-    turns = [_about(2, yaw), _about(1, pitch), _about(0, roll)]
-    return reduce(np.matmul, turns)
+    return _scipy_rotation().from_euler("xyz", [roll, pitch, yaw]).as_matrix()
 
 
-def _about(axis: int, angle: float) -> np.ndarray:
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    rotation = np.eye(3)
-    rotation[i, i] = rotation[j, j] = np.cos(angle)
-    rotation[j, i] = np.sin(angle)
-    rotation[i, j] = -rotation[j, i]
-    return rotation
+def _scipy_rotation() -> Any:
+    from scipy.spatial.transform import Rotation  # heavy: not before it is needed
+
+    return Rotation
 
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> np.ndarray:
@@ -78,14 +74,7 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> np.ndarray:
            [0., 1., 0.],
            [0., 0., 1.]])
     """
-    w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return _scipy_rotation().from_quat([x, y, z, w]).as_matrix()
 
 
 def from_axes(normal: np.ndarray, x_axis: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from topology.model import UnitModel
-from topology.wire import Factor, LayoutFields
+from topology.wire import Factor, LayoutFields, WireLayout
 
 __all__ = [
     "Bus",
@@ -197,6 +197,11 @@ class Layout(LayoutFields, frozen=True, kw_only=True, forbid_unknown_fields=True
             "`{slot}` (from 0) or `{slot+1}` in it, or a list, where a frame carries several units"
         ),
     ] = msgspec.field(default_factory=dict)
+
+    def wire(self, **known: Any) -> WireLayout:
+        """What it is on a bus, with the fields that are known by now in place of its own."""
+        own = {name: getattr(self, name) for name in WireLayout.__struct_fields__}
+        return WireLayout(**own | known)
 
 
 class _Patch(Table, frozen=True, kw_only=True, tag_field="kind"):

@@ -3,102 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
-import msgspec
 import numpy as np
 
 from topology.arrays import EXTENDED, Topology
 from topology.budget import bus_load
 from topology.neighbours import nearest_point, neighbour_pairs
 
-__all__ = ["FAR_M", "BusSummary", "PatchSummary", "Summary", "summary"]
+__all__ = ["FAR_M", "summary"]
 
 FAR_M = 1.0
 """Distance from everything else above which a place is likely in millimetres [assumed: from a
 link's frame to its skin, or to the next link's, no arm or humanoid has more]."""
 
 
-class BusSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One bus; its load is that of worst-case bits, heartbeats included."""
+def summary(topology: Topology) -> dict[str, Any]:
+    """Sum up a topology, which may have been loaded with `allow_overload`, as `skin check --json`
+    prints it.
 
-    name: str
-    interface: str
-    channel: str
-    bitrate: int
-    data_bitrate: int | None
-    units: int
-    frames: int
-    """Data frames a cycle."""
-    ids: tuple[int, int] | None
-    """Lowest and highest identifier of data frames; None where no unit hangs on it."""
-    cycle_ms: float
-    """Time on the wire of SYNC and all data frames of a cycle."""
-    load: float
-    max_load: float
-    highest_rate_hz: float | None
-    """Cycle rate at which the load is `max_load`; None on an empty bus."""
-    ok: bool
-    """Whether the bus can carry its cycle rate."""
-
-
-class PatchSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One patch."""
-
-    name: str
-    units: int
-    disabled: int
-    layouts: tuple[str, ...]
-    buses: tuple[str, ...]
-    ids: tuple[int, int]
-    nearest_mm: float | None
-    """Median distance of nearest neighbours; None with a single unit."""
-
-
-class Summary(msgspec.Struct, frozen=True, kw_only=True):
-    """A whole skin."""
-
-    name: str
-    path: str | None
-    cycle_rate_hz: float
-    sync_id: int | None
-    units: int
-    disabled: int
-    frames: int
-    neighbours: float
-    """Mean number of neighbours of a unit."""
-    buses: tuple[BusSummary, ...]
-    patches: tuple[PatchSummary, ...]
-    warnings: tuple[str, ...]
-    ok: bool
-    """Whether every bus can carry its cycle rate."""
-
-
-def summary(topology: Topology) -> Summary:
-    """Sum up a topology; it may have been loaded with `allow_overload`.
+    Loads of buses are those of worst-case bits, heartbeats included; `frames` are those of a cycle,
+    `ids` the lowest and highest identifier, None on a bus without units; `cycle_ms` is the time on
+    the wire of SYNC and all data frames, `highest_rate_hz` the cycle rate at which the load is
+    `max_load`, None on an empty bus; `ok` says whether a bus, or every bus, can carry its cycle
+    rate. `neighbours` is the mean number of a unit, `nearest_mm` the median distance of nearest
+    neighbours in a patch, None with a single unit.
 
     Examples
     --------
     >>> from topology.load import load
     >>> found = summary(load("palm"))
-    >>> found.units, found.frames, found.buses[0].ids, round(found.buses[0].load, 3)
-    (64, 13, (256, 268), 0.569)
+    >>> found["units"], found["frames"], found["buses"][0]["ids"]
+    (64, 13, [256, 268])
     """
     bus_of = _bus_of(topology)
-    buses = tuple(_bus(topology, index, bus_of) for index in range(len(topology.buses)))
-    return Summary(
-        name=topology.name,
-        path=str(topology.path) if topology.path is not None else None,
-        cycle_rate_hz=topology.cycle_rate_hz,
-        sync_id=topology.sync_id,
-        units=topology.n,
-        disabled=int(np.count_nonzero(~topology.enabled)),
-        frames=len(topology.frames),
-        neighbours=topology.neighbour_index.size / topology.n,
-        buses=buses,
-        patches=tuple(_patch(topology, i, bus_of) for i in range(len(topology.patch_names))),
-        warnings=tuple(_warnings(topology, buses)),
-        ok=all(bus.ok for bus in buses),
-    )
+    buses = [_bus(topology, index, bus_of) for index in range(len(topology.buses))]
+    return {
+        "name": topology.name,
+        "path": str(topology.path) if topology.path is not None else None,
+        "cycle_rate_hz": topology.cycle_rate_hz,
+        "sync_id": topology.sync_id,
+        "units": topology.n,
+        "disabled": int(np.count_nonzero(~topology.enabled)),
+        "frames": len(topology.frames),
+        "neighbours": topology.neighbour_index.size / topology.n,
+        "buses": buses,
+        "patches": [_patch(topology, i, bus_of) for i in range(len(topology.patch_names))],
+        "warnings": list(_warnings(topology, buses)),
+        "ok": all(bus["ok"] for bus in buses),
+    }
 
 
 def _bus_of(topology: Topology) -> np.ndarray:
@@ -109,45 +62,45 @@ def _bus_of(topology: Topology) -> np.ndarray:
     return bus
 
 
-def _bus(topology: Topology, index: int, bus_of: np.ndarray) -> BusSummary:
+def _bus(topology: Topology, index: int, bus_of: np.ndarray) -> dict[str, Any]:
     bus, frames = topology.buses[index], topology.frames
     found = bus_load(topology, index)
     ids = frames.can_id[frames.bus == index] & ~np.uint32(EXTENDED)
-    return BusSummary(
-        name=bus.name,
-        interface=bus.interface,
-        channel=bus.channel,
-        bitrate=bus.bitrate,
-        data_bitrate=bus.data_bitrate,
-        units=int(np.count_nonzero(bus_of == index)),
-        frames=found.frames,
-        ids=(int(ids.min()), int(ids.max())) if ids.size else None,
-        cycle_ms=1e3 * found.cycle_s,
-        load=found.load,
-        max_load=bus.max_load,
-        highest_rate_hz=found.highest_rate_hz if np.isfinite(found.highest_rate_hz) else None,
-        ok=found.load <= bus.max_load,
-    )
+    return {
+        "name": bus.name,
+        "interface": bus.interface,
+        "channel": bus.channel,
+        "bitrate": bus.bitrate,
+        "data_bitrate": bus.data_bitrate,
+        "units": int(np.count_nonzero(bus_of == index)),
+        "frames": found.frames,
+        "ids": [int(ids.min()), int(ids.max())] if ids.size else None,
+        "cycle_ms": 1e3 * found.cycle_s,
+        "load": found.load,
+        "max_load": bus.max_load,
+        "highest_rate_hz": found.highest_rate_hz if np.isfinite(found.highest_rate_hz) else None,
+        "ok": found.load <= bus.max_load,
+    }
 
 
-def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> PatchSummary:
+def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> dict[str, Any]:
     units = np.flatnonzero(topology.patch == index)
     frames = topology.frames
     carrying = np.isin(frames.units, units).any(axis=1)
     nearest, _ = nearest_point(topology.position[:, units])
     ids = frames.can_id[carrying] & ~np.uint32(EXTENDED)
-    return PatchSummary(
-        name=topology.patch_names[index],
-        units=units.size,
-        disabled=int(np.count_nonzero(~topology.enabled[units])),
-        layouts=tuple(topology.layouts[i].name for i in np.unique(frames.layout[carrying])),
-        buses=tuple(topology.buses[i].name for i in np.unique(bus_of[units])),
-        ids=(int(ids.min()), int(ids.max())),
-        nearest_mm=1e3 * float(np.median(nearest)) if units.size > 1 else None,
-    )
+    return {
+        "name": topology.patch_names[index],
+        "units": units.size,
+        "disabled": int(np.count_nonzero(~topology.enabled[units])),
+        "layouts": [topology.layouts[i].name for i in np.unique(frames.layout[carrying])],
+        "buses": [topology.buses[i].name for i in np.unique(bus_of[units])],
+        "ids": [int(ids.min()), int(ids.max())],
+        "nearest_mm": 1e3 * float(np.median(nearest)) if units.size > 1 else None,
+    }
 
 
-def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str]:
+def _warnings(topology: Topology, buses: list[dict[str, Any]]) -> Iterator[str]:
     """What may be meant, but is worth a second look."""
     for name, gap in _far_away(topology):
         yield (
@@ -167,8 +120,8 @@ def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str
             "another sensor (not F3T)"
         )
     for bus in buses:
-        if bus.units == 0:
-            yield f"bus {bus.name!r} carries no unit"
+        if bus["units"] == 0:
+            yield f"bus {bus['name']!r} carries no unit"
 
 
 def _overlapping(position: np.ndarray, normal: np.ndarray, radius: np.ndarray) -> int:

@@ -57,8 +57,6 @@ def check(
     schema
         print the JSON Schema of topology or scene files, for your editor
     """
-    import msgspec
-
     from skin.errors import OptionError
     from topology.load import builtin, load
     from topology.schema import json_schema
@@ -89,25 +87,25 @@ def check(
     robot = None if loaded.robot is None else _seat(loaded, loaded.robot)
     too_dense = _too_dense(loaded)
     problems = [
-        f"bus {bus.name!r} cannot carry {rate}: worst-case load {bus.load:.1%}, "
-        f"limit {bus.max_load:.1%}"
-        for bus in found.buses if not bus.ok
+        f"bus {bus['name']!r} cannot carry {rate}: worst-case load {bus['load']:.1%}, "
+        f"limit {bus['max_load']:.1%}"
+        for bus in found["buses"] if not bus["ok"]
     ] + too_dense + (robot["problems"] if robot else [])  # fmt: skip
-    report: dict[str, Any] = msgspec.to_builtins(found) | {
+    report = found | {
         **options.without(loaded), "too_dense": too_dense, "robot": robot,
         "dbc": written, "ok": not problems,
     }  # fmt: skip
     if json:
         print(json_text.dumps(report))
     else:
-        print(f"{found.name}: {found.units} units, {found.frames} frames a cycle, {rate}")
+        print(f"{loaded.name}: {loaded.n} units, {len(loaded.frames)} frames a cycle, {rate}")
         parts = report if robot is None else report | {
             "joints": robot["joints"], "seats": robot["patches"],
         }  # fmt: skip
         for name, shown in TABLES.items():
             if rows := parts.get(name):
                 print(f"\n{table(map(_with_hex, rows), *shown)}")
-    options.note([*found.warnings, *options.hints(file, loaded)])
+    options.note([*found["warnings"], *options.hints(file, loaded)])
     for problem in problems:
         print(problem, file=sys.stderr)
     return 1 if problems else 0

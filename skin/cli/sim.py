@@ -82,7 +82,7 @@ def sim(
             played = open_scene(scene, loaded)
             script = played.faults
             watched = played if truth is None else opened.enter_context(Recorder(played, truth))
-            nodes = SimulatedUnits(loaded, watched, history=0)
+            nodes = SimulatedUnits(loaded, watched)
         options.note_scene(nodes.scene)
         if is_fast:
             from skin.sim.scenes.fast import play

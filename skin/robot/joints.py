@@ -129,7 +129,8 @@ class Joints:
 
     def _unknown(self, name: object) -> OptionError:
         robot = self.robot
-        if name in robot.joints and (j := robot.driver[robot.joints.index(str(name))]) >= 0:
+        drivers = {link.joint: link.driver for link in robot.links if link.joint}
+        if (j := drivers.get(str(name), -1)) >= 0:
             leader = robot.joint_names[j]
             return OptionError(
                 f"q: must leave out {name!r}, which follows {leader!r}; got {name!r}"

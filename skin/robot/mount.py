@@ -64,12 +64,11 @@ def check_model(robot: RobotModel) -> list[str]:
             "were divided by 1000 twice, multiply every xyz of the model by 1000"
         )
     carried = _carried(robot)
-    for link, name in enumerate(robot.link_names):
-        if robot.mass[link] < 0.0 or (robot.mass[link] == 0.0 and carried[link] <= 0.0):
+    for link, moved in zip(robot.links, carried, strict=True):
+        if link.mass is not None and (link.mass < 0.0 or (link.mass == 0.0 and moved <= 0.0)):
             found.append(
-                f"{_at(robot, robot.lines[link])}: link {name!r} mass: must be positive; got "
-                f"{robot.mass[link]:g}: give its <inertial> the mass that the link has, or leave "
-                "it out"
+                f"{_at(robot, link.line)}: link {link.name!r} mass: must be positive; got "
+                f"{link.mass:g}: give its <inertial> the mass that the link has, or leave it out"
             )
     reported = set()
     for geom in robot.geoms:
@@ -82,15 +81,14 @@ def check_model(robot: RobotModel) -> list[str]:
 def _carried(robot: RobotModel) -> np.ndarray:
     """Mass carried by each joint that moves, with all links fixed to it, shape (L,), kg; NaN where
     the model does not give it, and for fixed links."""
-    carrier = list(range(len(robot.parent)))
-    mass = np.where(np.isnan(robot.mass), 0.0, robot.mass)
+    carrier = list(range(len(robot.links)))
     carried = np.full(len(carrier), np.nan)
-    for link, parent in enumerate(robot.parent):
-        if robot.driver[link] >= 0 and robot.link_names[link]:
-            carried[link] = 0.0
-        elif parent >= 0:
-            carrier[link] = carrier[parent]
-        carried[carrier[link]] += mass[link]
+    for index, link in enumerate(robot.links):
+        if link.driver >= 0 and link.name:
+            carried[index] = 0.0
+        elif link.parent >= 0:
+            carrier[index] = carrier[link.parent]
+        carried[carrier[index]] += link.mass or 0.0
     return carried
 
 
@@ -100,7 +98,7 @@ def _at(robot: RobotModel, line: int = 0) -> str:
 
 def _shape_problems(robot: RobotModel, geom: Geom) -> list[str]:
     kind = "mesh" if geom.mesh is not None else geom.kind
-    where = f"{_at(robot, geom.line)}: link {robot.link_names[geom.link]!r} {kind}"
+    where = f"{_at(robot, geom.line)}: link {robot.links[geom.link].name!r} {kind}"
     extent = 2.0 * max(geom.size, default=0.0)
     advice = "divide its lengths by 1000"
     if geom.mesh is not None:

@@ -78,15 +78,15 @@ def proposed(robot: RobotModel, taken: Collection[str] = ()) -> list[Proposal]:
     shaped = {geom.link for geom in robot.geoms if geom.kind != "plane"}
     inner = set[int]()
     for link in shaped:
-        above = robot.parent[link]
+        above = robot.links[link].parent
         while above >= 0:
             inner.add(above)
-            above = robot.parent[above]
+            above = robot.links[above].parent
     found, names = list[Proposal](), {*taken}
     for link in sorted(shaped - inner):
         sized = [(_size(geom), geom) for geom in link_geoms(robot, link, visual=False)]
         _, largest = max(sized, key=lambda one: one[0])
-        one = _on_shape(robot.link_names[link], largest)
+        one = _on_shape(robot.links[link].name, largest)
         name = same = one.name
         for number in itertools.count(2):
             if name not in names:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.errors import CalibrationError
 from skin.physics.rest import inverse_map
 from topology import THETA_KNOTS, Topology
 
@@ -21,12 +20,6 @@ class HallChip:
     Parameters
     ----------
     topology : Topology
-
-    Raises
-    ------
-    CalibrationError
-        A map has no inverse, or a correction is not monotonic, so that no unit can have this
-        calibration.
     """
 
     def __init__(self, topology: Topology) -> None:
@@ -84,31 +77,15 @@ def _turn(field_ut: np.ndarray, corrected: np.ndarray) -> None:
 
 def _inverse_map(topology: Topology) -> np.ndarray | None:
     """Inverse of the 2x2 map, shape (2, 2, n); None where every map is the identity."""
-    p = topology.parameters
-    determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
-    if np.any(determinant == 0.0):
-        unit = topology.unit_names[int(np.argmax(determinant == 0.0))]
-        raise CalibrationError(
-            f"{unit}: field_xx, field_xy, field_yx, field_yy: must be a map that has an inverse; "
-            "got determinant 0"
-        )
     inverse = inverse_map(topology)
     return None if np.all(inverse == np.eye(2)[..., np.newaxis]) else inverse
 
 
 def _turned_directions(topology: Topology) -> np.ndarray | None:
-    """Corrected direction at every knot and once round, shape (THETA_KNOTS + 1, n), or None."""
+    """Corrected direction at every knot and once round, rising, shape (THETA_KNOTS + 1, n), or
+    None."""
     correction = topology.parameters["theta_correction_rad"]
     if not np.any(correction):
         return None
     knots = -np.pi + np.arange(THETA_KNOTS + 1) * (2.0 * np.pi / THETA_KNOTS)
-    turned = knots[:, np.newaxis] + np.vstack([correction, correction[:1]])
-    steps = np.diff(turned, axis=0)
-    if np.any(steps <= 0.0):
-        knot, unit = np.unravel_index(int(np.argmax(steps <= 0.0)), steps.shape)
-        name = topology.unit_names[unit]
-        raise CalibrationError(
-            f"{name}: theta_correction_rad[{knot}]: must be a correction that keeps the order of "
-            f"directions; got a step of {steps[knot, unit]:.4g} rad"
-        )
-    return turned
+    return knots[:, np.newaxis] + np.vstack([correction, correction[:1]])

@@ -17,12 +17,11 @@ from msgspec.structs import replace
 
 from bus.codec import Packer
 from bus.frame import ECHO, FrameBatch
+from bus.heartbeat import FIRST_ID, LAYOUT, PERIOD_S, STATES, heartbeat_nodes
 from bus.memory import MemoryTransport
 from bus.transport import Transport
 from skin.errors import OptionError, SkinError, shown
 from skin.physics.halbach import FELT_M, HalbachField
-from skin.sim.heartbeat import Heartbeats
-from skin.sim.sampled import SampledScene
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import SceneFile
@@ -30,10 +29,14 @@ from skin.sim.truth import Scene, Truth
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
-__all__ = ["Served", "SimulatedUnits", "is_exact", "played"]
+__all__ = ["Heartbeats", "Served", "SimulatedUnits", "is_exact", "played"]
 
 POLL_S = 0.05
 """Poll interval of a bus, for the stop flag."""
+RECENT = 16
+"""Cycles whose counts are stored for buses that lag."""
+FIRMWARE_ID = 1
+RUNNING = STATES.index("running")
 
 
 @dataclass
@@ -52,6 +55,35 @@ class Served:
     """Cycles of free-running units that were skipped because this machine was late."""
 
 
+class Heartbeats:
+    """The heartbeats of simulated boards, spread evenly over each second.
+
+    Parameters
+    ----------
+    topology : Topology
+    """
+
+    def __init__(self, topology: Topology) -> None:
+        self._rate_hz = topology.cycle_rate_hz
+        self._period = max(1, round(PERIOD_S * self._rate_hz))
+        self._nodes = [heartbeat_nodes(topology, bus) for bus in range(len(topology.buses))]
+
+    def append(self, cycle: int, batch: FrameBatch, *, bus: int, stamp_ns: int = 0) -> int:
+        """Append the heartbeats that are due in a cycle; return how many."""
+        first = cycle % self._period
+        due = self._nodes[bus][first :: self._period]
+        uptime_s = min(int(cycle / self._rate_hz), 0xFFFF)
+        for node in due:
+            serial = ((bus & 0xFF) << 8) | node
+            data = LAYOUT.pack(RUNNING, uptime_s, FIRMWARE_ID, serial, 0, 0)
+            batch.append(FIRST_ID + node, data, stamp_ns=stamp_ns, bus=bus)
+        return len(due)
+
+    def most(self, bus: int) -> int:
+        """Largest number of heartbeats of one cycle."""
+        return -(-len(self._nodes[bus]) // self._period)
+
+
 class SimulatedUnits:
     """All units of a topology, with their boards, on all its buses.
 
@@ -68,18 +100,9 @@ class SimulatedUnits:
         have Halbach films with cross-talk.
     seed : int
         Seed of the noise.
-    history : int or None
-        Cycles for which `truth_at` works; None for all, 0 for none.
     """
 
-    def __init__(
-        self,
-        topology: Topology,
-        scene: Scene | None = None,
-        *,
-        seed: int = 0,
-        history: int | None = 256,
-    ) -> None:
+    def __init__(self, topology: Topology, scene: Scene | None = None, *, seed: int = 0) -> None:
         self.topology = topology
         self.scene = scene or open_scene("demo", topology, seed=seed)
         self.units = getattr(self.scene, "units", None) or UnitSimulator(
@@ -88,7 +111,14 @@ class SimulatedUnits:
         self.served = Served()
         self._packer = Packer(topology)
         self._heartbeats = Heartbeats(topology)
-        self._sampled = SampledScene(self.scene, self.units, history)
+        self._cycle = self._first = -1
+        self._counts: dict[int, np.ndarray] = {}
+        # the first instant, whichever cycle it is: compiles the kernels of scene and units
+        self._truth = self.scene.at(0.0)
+        self.units.quantities(
+            self._truth.depth_mm, self._truth.displacement_mm, self._truth.temperature,
+            self._truth.film_temperature, self._truth.hall_temperature,
+        )  # fmt: skip
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -106,13 +136,10 @@ class SimulatedUnits:
     @property
     def truth(self) -> Truth:
         """Truth of the latest cycle."""
-        if not self._sampled.truths:
+        if self._cycle < 0:
             raise SkinError("truth: must be asked for after the first cycle; got none yet")
-        return self._sampled.truths[self._sampled.cycle]
-
-    def truth_at(self, cycle: int) -> Truth:
-        """Truth of one of the last `history` cycles; SkinError for others."""
-        return self._sampled.truth_at(cycle)
+        with self._lock:
+            return self._truth.copy()
 
     def time_ns(self, bus: int = 0) -> int:
         """Time of the scene at the latest cycle of a bus, by which its faults are scheduled."""
@@ -163,7 +190,7 @@ class SimulatedUnits:
 
     def _unwrapped(self, counter: int, bus: int) -> int:
         """Cycle of a SYNC counter: the next one of its bus, which may be behind another bus."""
-        newest, last = self._sampled.cycle, self._sent[bus]
+        newest, last = self._cycle, self._sent[bus]
         if newest < 0:
             return counter
         if last < 0:  # closest to the cycle of the other buses
@@ -173,9 +200,10 @@ class SimulatedUnits:
         return cycle + max(0, newest - cycle) // 256 * 256
 
     def _append(self, cycle: int, out: FrameBatch, bus: int, stamp_ns: int) -> None:
-        counts = self._sampled.counts(cycle)
-        self.served.cycles, since = self._sampled.cycles, max(0, cycle - self._sampled.first)
-        first = out.count
+        if cycle > self._cycle:
+            self._sample(cycle)
+        # of a cycle that all buses skipped the scene is past: the latest counts
+        counts, first = self._counts.get(cycle, self._counts[self._cycle]), out.count
         self._packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)
         if self._left_out[bus] and self._counts_own[bus].any():
             again, own = self.batch(bus), self._counts_own[bus]
@@ -183,7 +211,20 @@ class SimulatedUnits:
             self._packer(counts, again, sequence=sequence, stamp_ns=stamp_ns, bus=bus)
             out.frames[first:][own] = again.frames[own]
         self._sent[bus] = cycle
+        since = max(0, cycle - self._first)
         self._heartbeats.append(since, out, bus=bus, stamp_ns=stamp_ns)
+
+    def _sample(self, cycle: int) -> None:
+        """Advance the scene to a cycle, and take its counts."""
+        if self._first < 0:
+            self._first = cycle
+        else:
+            self._truth = self.scene.at((cycle - self._first) / self.topology.cycle_rate_hz)
+        self._cycle = cycle
+        self.served.cycles += 1
+        self._counts[cycle] = self.units.counts(self._truth)
+        if len(self._counts) > RECENT:
+            del self._counts[next(iter(self._counts))]
 
     def batch(self, bus: int) -> FrameBatch:
         """A batch with room for one cycle of a bus."""

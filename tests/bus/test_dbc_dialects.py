@@ -126,7 +126,7 @@ def test_a_page_that_nobody_knows_is_foreign(icub):
 
 
 def test_a_check_says_which_patches_give_counts_only(icub):
-    (note,) = summary(icub).warnings
+    (note,) = summary(icub)["warnings"]
     assert note == (
         "patch 'patch' gives counts only: its layout 'icub-skin' is of another sensor (not F3T)"
     )

@@ -14,7 +14,7 @@ from bus.dbc import dbc_text, write_dbc
 from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID
 from skin.cli import main
-from skin.sim.heartbeat import Heartbeats
+from skin.sim.node import Heartbeats
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.dbc import Unpacker, by_cantools
 from tests.fixtures.logs import read_all

@@ -55,6 +55,10 @@ def _assert_same(one: object, other: object, name: str) -> None:
         assert [*one] == [*other]
         for key in one:
             _assert_same(one[key], other[key], f"{name}.{key}")
+    elif isinstance(one, tuple):
+        assert isinstance(other, tuple)
+        for index, (part, another) in enumerate(zip(one, other, strict=True)):
+            _assert_same(part, another, f"{name}[{index}]")
     elif dataclasses.is_dataclass(one):
         for field in dataclasses.fields(one):
             _assert_same(getattr(one, field.name), getattr(other, field.name), field.name)

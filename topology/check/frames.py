@@ -55,7 +55,7 @@ def resolve_robot(file: File, source: Source) -> RobotModel | None:
     home = model.home.copy()
     for name, value in robot.home.items():
         at = ("robot", "home", name)
-        if name in model.joints and name not in model.joint_names:
+        if name not in model.joint_names and any(name == link.joint for link in model.links):
             source.fault(at, "absent, as the joint is fixed or follows another", "one")
         elif source.refer(name, f"a joint of {robot.model} that moves", model.joint_names, at):
             joint = model.joint_names.index(name)

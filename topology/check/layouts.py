@@ -49,17 +49,7 @@ def _as_written(layout: Layout, key: Key, source: Source) -> tuple[WireLayout, l
     if layout.size is None:
         source.lacks(key, "size", "an integer from 1 to 64")
         return None
-    wire = WireLayout(
-        name=layout.name,
-        size=layout.size,
-        fd=bool(layout.fd),
-        units=layout.units,
-        parts=layout.parts,
-        pages=layout.pages,
-        counts_only=layout.counts_only,
-        sequence=layout.sequence,
-        signals=layout.signals,
-    )
+    wire = layout.wire(fd=bool(layout.fd))
     return wire, [(*key, "signals", i) for i in range(len(layout.signals))]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,14 +11,14 @@ from topology.check.frames import on_link, resolve_frames, resolve_robot, to_tra
 from topology.check.layouts import resolve_layouts
 from topology.check.models import resolve_models
 from topology.layout import count, overfull, widest_pitch_m
-from topology.model import MODELS, UnitModel
+from topology.model import MODELS
 from topology.pose import Transform
 from topology.robot.model import RobotModel
-from topology.schema import Cylinder, Dome, File, List, ListUnit, Patch, Scale
+from topology.schema import Cylinder, Dome, File, List, ListUnit, Patch
 from topology.source import Key, Source
-from topology.wire import LAYOUTS, WireLayout
+from topology.wire import LAYOUTS
 
-__all__ = ["Tables", "resolve_tables"]
+__all__ = ["Tables"]
 
 MOST_UNITS = 100_000
 """Upper bound of units: at 250 Hz a bus carries 90, so a larger number is a mistake."""
@@ -30,7 +29,6 @@ FARTHEST_LINK_M = 1e6
 SHORTEST_AXIS = 1e-6
 
 
-@dataclass(frozen=True)
 class Tables:
     """What the units of a file refer to.
 
@@ -49,46 +47,35 @@ class Tables:
     scales : dict of str to dict of str to Scale
         Physical scales of a model's own, by channel.
     layouts : dict of str to WireLayout
-    """
-
-    source: Source
-    file: File
-    robot: RobotModel | None
-    poses: list[Transform]
-    links: tuple[str, ...]
-    models: dict[str, UnitModel]
-    scales: dict[str, dict[str, Scale]]
-    layouts: dict[str, WireLayout]
-
-
-def resolve_tables(file: File, source: Source) -> Tables:
-    """Resolve the tables of a file.
 
     Raises
     ------
     TopologyError
         With all faults of the tables.
     """
-    _check_buses(file, source)
-    robot = resolve_robot(file, source)
-    links = {} if robot is None else _link_poses(robot, source)
-    frames, link_of_frame = resolve_frames(file, links, source)
-    models, scales = resolve_models(file, source)
-    layouts = resolve_layouts(file, source)
-    _check_references(file, source)
-    poses = []
-    for index, patch in enumerate(file.patches):
-        key = ("patches", index)
-        _check_shape(patch, key, source)
-        if patch.link is not None:
-            base = on_link(patch.link, key, "frame", links, source)
-        else:
-            base = frames.get(patch.frame, pose.IDENTITY)
-        poses.append(pose.compose(base, to_transform(patch.pose, (*key, "pose"), source)))
-    _check_count(file, source)
-    source.report.raise_if_any()
-    carriers = tuple(patch.link or link_of_frame.get(patch.frame, "") for patch in file.patches)
-    return Tables(source, file, robot, poses, carriers, models, scales, layouts)
+
+    def __init__(self, file: File, source: Source) -> None:
+        self.file, self.source = file, source
+        _check_buses(file, source)
+        self.robot = resolve_robot(file, source)
+        links = {} if self.robot is None else _link_poses(self.robot, source)
+        frames, link_of_frame = resolve_frames(file, links, source)
+        self.models, self.scales = resolve_models(file, source)
+        self.layouts = resolve_layouts(file, source)
+        _check_references(file, source)
+        self.poses: list[Transform] = []
+        for index, patch in enumerate(file.patches):
+            key = ("patches", index)
+            _check_shape(patch, key, source)
+            if patch.link is not None:
+                base = on_link(patch.link, key, "frame", links, source)
+            else:
+                base = frames.get(patch.frame, pose.IDENTITY)
+            inner = to_transform(patch.pose, (*key, "pose"), source)
+            self.poses.append(pose.compose(base, inner))
+        _check_count(file, source)
+        source.report.raise_if_any()
+        self.links = tuple(p.link or link_of_frame.get(p.frame, "") for p in file.patches)
 
 
 def _link_poses(robot: RobotModel, source: Source) -> dict[str, Transform]:

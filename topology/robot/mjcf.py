@@ -17,7 +17,7 @@ import numpy as np
 
 from topology.errors import Report
 from topology.pose import from_quaternion
-from topology.robot.model import Geom, Link, RobotModel, assembled, factors, motion_terms
+from topology.robot.model import Geom, Link, RobotModel, factors, motion_terms
 
 __all__ = ["MissingMujocoError", "mujoco_library", "read_mjcf"]
 
@@ -113,14 +113,15 @@ class _Reader:
         m, free = self.m, self.free
         for body in range(m.nbody):
             self._body(body)
-        limited = m.jnt_limited[free].astype(bool)
+        limited = m.jnt_limited[free].astype(bool)[:, np.newaxis]
+        lower, upper = np.where(limited, m.jnt_range[free], np.nan).T
+        home = np.fmin(np.fmax(m.qpos0[m.jnt_qposadr[free]], lower), upper)
         name = m.names[: m.names.index(b"\0")].decode() or self.path.stem
-        return assembled(
-            name, self.path, self.links, [self._joint(j) for j in free],
-            np.where(limited[:, np.newaxis], m.jnt_range[free], np.nan),
-            m.qpos0[m.jnt_qposadr[free]].copy(),
-            [self._geom(g) for g in range(m.ngeom) if self._known(g)],
-        )  # fmt: skip
+        geoms = tuple(self._geom(g) for g in range(m.ngeom) if self._known(g))
+        joints = tuple(self._joint(j) for j in free)
+        return RobotModel(
+            name, self.path, tuple(self.links), joints, lower, upper, home, geoms
+        )
 
     def _joint(self, joint: Any) -> str:
         return self.m.joint(joint).name or f"joint{joint}"
@@ -159,7 +160,7 @@ class _Reader:
             parent, xyz, rotation = len(self.links) - 1, np.zeros(3), np.eye(3)
         name = m.body(body).name or f"body{body}"
         link = Link(name, parent, xyz=xyz, rotation=rotation, line=_line(self.text, "body", name))
-        link.mass = np.nan if body == 0 else float(m.body_mass[body])
+        link.mass = None if body == 0 else float(m.body_mass[body])
         self.links.append(self._link(link, joints[-1]) if joints else link)
         self.of_body.append(len(self.links) - 1)
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-__all__ = ["Geom", "JointKind", "Link", "RobotModel", "assembled", "factors", "motion_terms"]
+__all__ = ["Geom", "JointKind", "Link", "RobotModel", "factors", "motion_terms"]
 
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
 
@@ -51,9 +50,35 @@ class Geom:
     line: int = 0
 
 
-@dataclass
+@dataclass(eq=False)
 class Link:
-    """A link as it is read, with the joint that carries it; see `RobotModel`."""
+    """A link, with the joint that connects it to its parent.
+
+    Attributes
+    ----------
+    name : str
+        "" for links between the joints of a body of MJCF, which are massless.
+    parent : int
+        Index of the link that it hangs on; -1 for the root.
+    joint : str
+        Name of the joint; "" without one.
+    kind : str
+        Kind of the joint.
+    xyz, rotation : ndarray, shape (3,) and (3, 3), float64
+        T_parent_link for a coordinate of 0, metre.
+    axis : ndarray, shape (3,), float64
+        Unit vector in the link's frame.
+    anchor : ndarray, shape (3,), float64
+        A point of the axis in the link's frame, metre; 0 in URDF.
+    driver : int
+        Index of the independent joint whose coordinate it follows; -1 if fixed.
+    multiplier, offset : float
+        Coordinate of the joint: multiplier * q[driver] + offset, rad or m.
+    mass : float or None
+        kg; None where the model has none.
+    line : int
+        Line in the file; 0 where unknown.
+    """
 
     name: str
     parent: int = -1
@@ -66,7 +91,7 @@ class Link:
     driver: int = -1
     multiplier: float = 0.0
     offset: float = 0.0
-    mass: float = float("nan")
+    mass: float | None = None
     line: int = 0
 
 
@@ -74,74 +99,43 @@ class Link:
 class RobotModel:
     """L links in a tree, each connected to its parent by one joint; J independent joints.
 
-    A body of MJCF with several joints has massless links without name, one for each joint but the
-    last.
-
     Attributes
     ----------
     name : str
     path : Path
         The source file.
-    link_names : tuple of str, length L
-        Parents first; "" for links between the joints of a body.
-    parent : tuple of int, length L
-        -1 for the root.
-    joints : tuple of str, length L
-        Name of the joint of each link; "" without one.
-    kinds : tuple of str, length L
-        Kind of that joint: `JointKind`.
-    driver : tuple of int, length L
-        Index of the joint whose coordinate it follows; -1 if fixed.
-    multiplier, offset : ndarray, shape (L,), float64
-        Coordinate of the joint: multiplier * q[driver] + offset, rad or m.
-    axis : ndarray, shape (3, L), float64
-        Unit vector in the link's frame.
-    anchor : ndarray, shape (3, L), float64
-        A point of the axis in the link's frame, metre; 0 in URDF.
-    xyz : ndarray, shape (3, L), float64
-    rotation : ndarray, shape (3, 3, L), float64
-        T_parent_link for a coordinate of 0, metre.
+    links : tuple of Link, length L
+        Parents first.
     joint_names : tuple of str, length J
         Independent joints, in the model's order; others are mimic joints.
     lower, upper : ndarray, shape (J,), float64
         Limits, rad or m; NaN without limits.
-    mass : ndarray, shape (L,), float64
-        kg; NaN where the model has none.
+    home : ndarray, shape (J,), float64
+        Coordinates of the poses in a topology: those nearest to the model's own within the limits.
     geoms : tuple of Geom
-    lines : tuple of int, length L
-        Line of each link in the file; 0 where unknown.
     base : int
         Link whose frame is the skin frame.
-    home : ndarray, shape (J,), float64
-        Coordinates of the poses in a topology.
     """
 
     name: str
     path: Path
-    link_names: tuple[str, ...]
-    parent: tuple[int, ...]
-    joints: tuple[str, ...]
-    kinds: tuple[str, ...]
-    driver: tuple[int, ...]
-    multiplier: np.ndarray
-    offset: np.ndarray
-    axis: np.ndarray
-    anchor: np.ndarray
-    xyz: np.ndarray
-    rotation: np.ndarray
+    links: tuple[Link, ...]
     joint_names: tuple[str, ...]
     lower: np.ndarray
     upper: np.ndarray
-    mass: np.ndarray
-    geoms: tuple[Geom, ...]
-    lines: tuple[int, ...]
-    base: int
     home: np.ndarray
+    geoms: tuple[Geom, ...]
+    base: int = 0
 
     def __repr__(self) -> str:
         """The model in a line."""
         named = sum(map(bool, self.link_names))
         return f"<RobotModel {self.name!r}: {named} links, {len(self.joint_names)} joints>"
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of all links; "" for those without."""
+        return tuple(link.name for link in self.links)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -161,81 +155,34 @@ class RobotModel:
         ndarray, shape (L, 4, 4), float64
             T_base_link.
         """
-        (driven, drivers, slides), rest, first, second = self._terms
-        at = self.multiplier[driven] * q[drivers] + self.offset[driven]
-        sine, rest_of_cosine = factors(slides, at)
+        driven, (drivers, slides, multiplier, offset), rest, first, second = self._terms
+        sine, rest_of_cosine = factors(slides, multiplier * q[drivers] + offset)
         poses = rest.copy()
         poses[driven] += sine * first + rest_of_cosine * second
-        for link, parent in enumerate(self.parent):
-            if parent >= 0:
-                poses[link] = poses[parent].dot(poses[link])
+        for index, link in enumerate(self.links):
+            if link.parent >= 0:
+                poses[index] = poses[link.parent].dot(poses[index])
         base = poses[self.base]
         turn = base[:3, :3].T
         return _transform(turn, -turn @ base[:3, 3]) @ poses
 
     @cached_property
-    def _terms(self) -> tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray, np.ndarray]:
-        """Links that move with what they follow and whether they slide, shape (m,); T_parent_link
-        for coordinates of 0, shape (L, 4, 4); and its products with the terms of the joints, shape
-        (m, 4, 4)."""
-        rest = np.stack([
-            _transform(self.rotation[:, :, link], self.xyz[:, link])
-            for link in range(len(self.parent))
-        ])  # fmt: skip
-        drivers = np.array(self.driver, int)
-        driven = np.flatnonzero(drivers >= 0)
-        slides = np.array([self.kinds[link] == "prismatic" for link in driven], bool)
-        terms = np.zeros((2, driven.size, 4, 4))
-        for k, link in enumerate(driven):
-            terms[:, k] = motion_terms(
-                self.kinds[link], self.axis[:, link], self.anchor[:, link]
-            )  # fmt: skip
-        first, second = rest[driven] @ terms
-        return (driven, drivers[driven], slides), rest, first, second
-
-
-def assembled(
-    name: str,
-    path: Path,
-    links: Sequence[Link],
-    joint_names: Sequence[str],
-    limits: np.ndarray,
-    home: np.ndarray,
-    geoms: Sequence[Geom],
-) -> RobotModel:
-    """A model of links in order, parents first; `limits` is of shape (J, 2). The joints are at
-    home where they are nearest to `home` within their limits."""
-
-    def stacked(what: str) -> np.ndarray:
-        return np.stack([getattr(link, what) for link in links], axis=-1)
-
-    model = RobotModel(
-        name=name,
-        path=path,
-        link_names=tuple(link.name for link in links),
-        parent=tuple(link.parent for link in links),
-        joints=tuple(link.joint for link in links),
-        kinds=tuple(link.kind for link in links),
-        driver=tuple(link.driver for link in links),
-        multiplier=stacked("multiplier"),
-        offset=stacked("offset"),
-        axis=stacked("axis"),
-        anchor=stacked("anchor"),
-        xyz=stacked("xyz"),
-        rotation=stacked("rotation"),
-        joint_names=tuple(joint_names),
-        lower=limits[:, 0].copy(),
-        upper=limits[:, 1].copy(),
-        mass=stacked("mass"),
-        geoms=tuple(geoms),
-        lines=tuple(link.line for link in links),
-        base=0,
-        home=np.fmin(np.fmax(home, limits[:, 0]), limits[:, 1]),
-    )
-    for array in vars(model).values():
-        if isinstance(array, np.ndarray):
-            array.setflags(write=False)
-    return model
+    def _terms(self) -> tuple[Any, ...]:
+        """Links that move with what they follow, whether they slide, and how far, each of shape
+        (m,); T_parent_link for coordinates of 0, shape (L, 4, 4); and its products with the terms
+        of the joints, shape (m, 4, 4)."""
+        rest = np.stack([_transform(link.rotation, link.xyz) for link in self.links])
+        driven = [index for index, link in enumerate(self.links) if link.driver >= 0]
+        moving = [self.links[index] for index in driven]
+        follows = (
+            np.array([link.driver for link in moving], int),
+            np.array([link.kind == "prismatic" for link in moving], bool),
+            np.array([link.multiplier for link in moving]),
+            np.array([link.offset for link in moving]),
+        )
+        terms = [motion_terms(link.kind, link.axis, link.anchor) for link in moving]
+        first, second = rest[driven] @ np.reshape(terms, (-1, 2, 4, 4)).swapaxes(0, 1)
+        return driven, follows, rest, first, second
 
 
 def motion_terms(kind: str, axis: np.ndarray, anchor: np.ndarray) -> np.ndarray:

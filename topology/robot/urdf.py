@@ -9,20 +9,23 @@ from __future__ import annotations
 import math
 import os
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 
 from topology.errors import Report, nearest
 from topology.pose import from_rpy
-from topology.robot.model import Geom, JointKind, Link, RobotModel, assembled
-from topology.robot.xml import Element, XmlError, parse
+from topology.robot.model import Geom, JointKind, Link, RobotModel
 
 __all__ = ["read_urdf"]
 
+LINE = " line"
+"""Attribute with the line of an element; XML has no such name."""
 KINDS: tuple[JointKind, ...] = ("fixed", "revolute", "continuous", "prismatic")
 NEAR = 5
 """Folders around a model in which other folders are looked into for a package.xml [assumed]."""
@@ -35,15 +38,16 @@ SHAPES = {
 
 
 @dataclass
-class _Joint(Link):
-    """A link with the joint of the file that carries it."""
+class _Joint:
+    """A joint of the file, and the link that it carries."""
 
-    above: str = ""
+    link: Link
+    above: str
     """Name of the link that it hangs on."""
-    element: Element = field(kw_only=True)
+    element: Element
     limits: tuple[float, float] = (math.nan, math.nan)
     follows: str | None = None
-    """The joint whose coordinate it has, times `multiplier`, plus `offset`."""
+    """The joint whose coordinate it has, times `multiplier`, plus `offset` of the link."""
 
 
 def read_urdf(text: bytes, path: Path, shown: str, report: Report) -> RobotModel | None:
@@ -58,16 +62,42 @@ def read_urdf(text: bytes, path: Path, shown: str, report: Report) -> RobotModel
         Its name in messages.
     report : Report
     """
-    try:
-        root = parse(text)
-    except XmlError as error:
-        report.about_file(shown, "XML", error, line=error.line)
+    root = _parsed(text, shown, report)
+    if root is None:
         return None
     if root.tag != "robot":
         expected, where = "a <robot> as URDF has it", "root element"
-        report.about_file(shown, expected, repr(root.tag), line=root.line, where=where)
+        report.about_file(shown, expected, repr(root.tag), line=_line(root), where=where)
         return None
     return _Reader(root, path, shown, report).model()
+
+
+def _parsed(text: bytes, shown: str, report: Report) -> Element | None:
+    """The root element of a text; None where it is no XML, or has a document type, so that no
+    entities are read, and reported."""
+    parser, builder = expat.ParserCreate(), TreeBuilder()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        builder.start(tag, attributes | {LINE: str(parser.CurrentLineNumber)})
+
+    def refuse(*_: object) -> None:
+        raise ValueError("a document type, whose entities are not read")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = start, builder.end
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        report.about_file(shown, "XML", expat.ErrorString(error.code), line=error.lineno)
+    except ValueError as error:
+        report.about_file(shown, "XML", error, line=parser.CurrentLineNumber)
+    else:
+        return builder.close()
+    return None
+
+
+def _line(element: Element) -> int:
+    return int(element.attrib[LINE])
 
 
 class _Reader:
@@ -83,40 +113,43 @@ class _Reader:
         return len(self.report.issues) > self.before
 
     def model(self) -> RobotModel | None:
-        if any(element.tag.startswith("xacro:") for element in self.root.walk()):
+        if any(element.tag.startswith("xacro:") for element in self.root.iter()):
             self._fault("URDF; let `xacro` write it out first", "xacro", self.root, "robot")
             return None
         joints = [found for e in self.elements.values() if (found := self._joint(e)) is not None]
         links = [] if self.wrong else self._tree(joints)
         if self.wrong:
             return None
-        free = [joint for joint in joints if joint.kind != "fixed" and joint.follows is None]
-        self._drive(joints, {joint.joint: index for index, joint in enumerate(free)})
-        geoms = self._geoms(links)
+        free = [j for j in joints if j.link.kind != "fixed" and j.follows is None]
+        names = tuple(joint.link.joint for joint in free)
+        self._drive(joints, {name: index for index, name in enumerate(names)})
+        geoms = tuple(self._geoms(links))
         for link in links:
-            link.mass, link.line = self._mass(link.name), self.links[link.name].line
+            link.mass, link.line = self._mass(link.name), _line(self.links[link.name])
         if self.wrong:
             return None
-        limits = np.array([joint.limits for joint in free]).reshape(-1, 2)
-        name, names = self.root.get("name") or self.path.stem, [joint.joint for joint in free]
-        return assembled(name, self.path, links, names, limits, np.zeros(len(free)), geoms)
+        lower, upper = np.array([joint.limits for joint in free]).reshape(-1, 2).T
+        home = np.fmin(np.fmax(np.zeros(len(free)), lower), upper)
+        name = self.root.get("name") or self.path.stem
+        return RobotModel(name, self.path, tuple(links), names, lower, upper, home, geoms)
 
     def _fault(
         self, expected: str, got: str | None, element: Element, where: str, hint: str = ""
     ) -> None:
         shown = "none" if got is None else repr(got if len(got) <= 60 else got[:57] + "...")
         self.report.about_file(
-            self.shown, expected, shown, line=element.line, where=where, hint=hint
+            self.shown, expected, shown, line=_line(element), where=where, hint=hint
         )
 
     def _named(self, tag: str) -> dict[str, Element]:
         found: dict[str, Element] = {}
-        for element in self.root.all(tag):
+        for element in self.root.findall(tag):
             name = element.get("name")
             if not name:
                 self._fault("a name", name, element, tag)
             elif (first := found.setdefault(name, element)) is not element:
-                self._fault("a name used once", name, element, tag, f", also at line {first.line}")
+                also = f", also at line {_line(first)}"
+                self._fault("a name used once", name, element, tag, also)
         return found
 
     def _numbers(
@@ -131,12 +164,13 @@ class _Reader:
             values = np.empty(0)
         if values.size != count or not np.isfinite(values).all():
             expected = "a finite number" if count == 1 else f"{count} finite numbers"
-            self._fault(expected, given, element or self.root, f"{where} {name}")
+            at = self.root if element is None else element
+            self._fault(expected, given, at, f"{where} {name}")
             values = np.zeros(count)
         return values if count > 1 else float(values[0])
 
     def _origin(self, element: Element, where: str) -> tuple[np.ndarray, np.ndarray]:
-        origin = element.first("origin")
+        origin = element.find("origin")
         xyz = self._numbers(origin, "xyz", 3, "0 0 0", f"{where} origin")
         rpy = self._numbers(origin, "rpy", 3, "0 0 0", f"{where} origin")
         return xyz, from_rpy(*rpy.tolist())
@@ -151,23 +185,24 @@ class _Reader:
             return None
         ends = []
         for tag in ("parent", "child"):
-            end = element.first(tag)
+            end = element.find(tag)
             link = None if end is None else end.get("link")
             if end is None or link is None:
-                self._fault("a link", link, end or element, f"{where} {tag}")
+                self._fault("a link", link, element if end is None else end, f"{where} {tag}")
                 return None
             if link not in self.links:
                 hint = nearest(link, self.links)
                 self._fault("the name of a link", link, end, f"{where} {tag}", hint)
             ends.append(link)
-        joint = _Joint(ends[1], joint=name, kind=kind, above=ends[0], element=element)
-        joint.xyz, joint.rotation = self._origin(element, where)
-        axis = self._numbers(element.first("axis"), "xyz", 3, "1 0 0", f"{where} axis")
+        link = Link(ends[1], joint=name, kind=kind)
+        joint = _Joint(link, above=ends[0], element=element)
+        link.xyz, link.rotation = self._origin(element, where)
+        axis = self._numbers(element.find("axis"), "xyz", 3, "1 0 0", f"{where} axis")
         length = float(np.linalg.norm(axis))
         if kind != "fixed" and length < 1e-9 and not self.wrong:
             self._fault("a direction", "0 0 0", element, f"{where} axis")
-        joint.axis = axis / (length or 1.0)
-        limit, mimic = element.first("limit"), element.first("mimic")
+        link.axis = axis / (length or 1.0)
+        limit, mimic = element.find("limit"), element.find("mimic")
         if kind in ("revolute", "prismatic") and limit is not None:
             low = self._numbers(limit, "lower", 1, "0", f"{where} limit")
             high = self._numbers(limit, "upper", 1, "0", f"{where} limit")
@@ -177,18 +212,19 @@ class _Reader:
             joint.limits = (low, high)
         if kind != "fixed" and mimic is not None:
             joint.follows = mimic.get("joint") or ""
-            joint.multiplier = self._numbers(mimic, "multiplier", 1, "1", f"{where} mimic")
-            joint.offset = self._numbers(mimic, "offset", 1, "0", f"{where} mimic")
+            link.multiplier = self._numbers(mimic, "multiplier", 1, "1", f"{where} mimic")
+            link.offset = self._numbers(mimic, "offset", 1, "0", f"{where} mimic")
         return joint
 
     def _tree(self, joints: list[_Joint]) -> list[Link]:
         """Links, parents first."""
-        carrier: dict[str, _Joint] = {}
+        carrier: dict[str, Link] = {}
         for joint in joints:
-            first = carrier.setdefault(joint.name, joint)
-            if first is not joint:
+            link = joint.link
+            first = carrier.setdefault(link.name, link)
+            if first is not link:
                 expected = f"a link without a parent, as {first.joint!r} carries it already"
-                self._fault(expected, joint.name, joint.element, f"joint {joint.joint!r} child")
+                self._fault(expected, link.name, joint.element, f"joint {link.joint!r} child")
         roots = [name for name in self.links if name not in carrier]
         if len(roots) != 1 and not self.wrong:
             got = "none" if not roots else ", ".join(roots)
@@ -196,13 +232,13 @@ class _Reader:
         if self.wrong:
             return []
         links: list[Link] = [Link(roots[0])]
-        below: dict[str, list[_Joint]] = {}
+        below: dict[str, list[Link]] = {}
         for joint in joints:
-            below.setdefault(joint.above, []).append(joint)
-        for index, link in enumerate(links):
-            for joint in below.get(link.name, ()):
-                joint.parent = index
-                links.append(joint)
+            below.setdefault(joint.above, []).append(joint.link)
+        for index, parent in enumerate(links):
+            for link in below.get(parent.name, ()):
+                link.parent = index
+                links.append(link)
         left = self.links.keys() - {link.name for link in links}
         if left:
             got = ", ".join(name for name in self.links if name in left)
@@ -211,44 +247,44 @@ class _Reader:
 
     def _drive(self, joints: list[_Joint], free: dict[str, int]) -> None:
         """Give each joint that moves its driver, through all joints that it follows in turn."""
-        movable = {joint.joint: joint for joint in joints if joint.kind != "fixed"}
+        movable = {joint.link.joint: joint for joint in joints if joint.link.kind != "fixed"}
         found: dict[str, tuple[int, float, float]] = {}
         for name, joint in movable.items():
             at, multiplier, offset, seen = joint, 1.0, 0.0, {name}
             while at.follows is not None:
                 if at.follows not in movable or at.follows in seen:
                     expected = "the name of a joint that moves and follows no other in a ring"
-                    where, hint = f"joint {at.joint!r} mimic", nearest(at.follows, free)
+                    where, hint = f"joint {at.link.joint!r} mimic", nearest(at.follows, free)
                     self._fault(expected, at.follows, at.element, where, hint)
                     break
-                offset += multiplier * at.offset
-                multiplier *= at.multiplier
+                offset += multiplier * at.link.offset
+                multiplier *= at.link.multiplier
                 at = movable[at.follows]
-                seen.add(at.joint)
-            found[name] = (free.get(at.joint, -1), multiplier, offset)
-        for name, (driver, multiplier, offset) in found.items():
-            joint = movable[name]
-            joint.driver, joint.multiplier, joint.offset = driver, multiplier, offset
+                seen.add(at.link.joint)
+            found[name] = (free.get(at.link.joint, -1), multiplier, offset)
+        for name, values in found.items():
+            link = movable[name].link
+            link.driver, link.multiplier, link.offset = values
 
     def _geoms(self, links: list[Link]) -> list[Geom]:
         found = [
             self._geom(index, element, tag == "visual", f"link {link.name!r} {tag}")
             for index, link in enumerate(links)
             for tag in ("collision", "visual")
-            for element in self.links[link.name].all(tag)
+            for element in self.links[link.name].findall(tag)
         ]
         return [geom for geom in found if geom is not None]
 
     def _geom(self, link: int, element: Element, visual: bool, where: str) -> Geom | None:
-        geometry = element.first("geometry")
-        shape = None if geometry is None else next(iter(geometry.children), None)
+        geometry = element.find("geometry")
+        shape = None if geometry is None else next(iter(geometry), None)
         if shape is None or shape.tag not in (*SHAPES, "mesh"):
             expected = "a geometry: " + ", ".join((*SHAPES, "mesh"))
-            self._fault(expected, shape and shape.tag, element, where)
+            self._fault(expected, None if shape is None else shape.tag, element, where)
             return None
         xyz, turn = self._origin(element, where)
         at = {"xyz": tuple(xyz.tolist()), "rotation": tuple(turn.ravel().tolist()),
-              "visual": visual, "line": shape.line}  # fmt: skip
+              "visual": visual, "line": _line(shape)}  # fmt: skip
         if shape.tag == "mesh":
             scale = self._numbers(shape, "scale", 3, "1 1 1", f"{where} mesh")
             mesh = str(resolve_mesh(shape.get("filename") or "", self.path))
@@ -262,12 +298,11 @@ class _Reader:
         length = self._numbers(shape, "length", 1, "", f"{where} {shape.tag}")
         return Geom(link, shape.tag, (size, length / 2), **at)
 
-    def _mass(self, link: str) -> float:
-        """Mass of a link, kg; NaN where the file has none."""
-        inertial = self.links[link].first("inertial")
-        mass = None if inertial is None else inertial.first("mass")
+    def _mass(self, link: str) -> float | None:
+        """Mass of a link, kg; None where the file has none."""
+        mass = self.links[link].find("inertial/mass")
         if mass is None:
-            return math.nan
+            return None
         return self._numbers(mass, "value", 1, "", f"link {link!r} mass")
 
 

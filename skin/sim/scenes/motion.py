@@ -1,5 +1,4 @@
-"""Motion of scripted objects: key frames and waves to poses, forces and temperatures at any
-time."""
+"""Quantities of a scene at any time, by key frames and waves, and the frames that they are in."""
 
 from __future__ import annotations
 
@@ -10,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from skin.sim.mechanics.body import Body, Pose
-from skin.sim.scenes.script import BodyTable
+from skin.sim.mechanics.body import Pose
 from topology import Topology
-from topology.pose import from_axes, from_rpy
+from topology.pose import from_axes
 
-__all__ = ["Motion", "Track", "frame_of", "units_on"]
+__all__ = ["Track", "frame_of", "largest_patch", "units_on"]
 
 TAU = 2.0 * math.pi
 
@@ -137,66 +135,3 @@ def frame_of(topology: Topology, on: str | None) -> Pose:
     x_axis = topology.rotation[:, 0, nearest]
     inward = from_axes(outward[:, np.newaxis], x_axis[:, np.newaxis])[:, :, 0]
     return inward * np.array([1.0, -1.0, -1.0]), middle + height * outward
-
-
-class Motion:
-    """A body of a scene file, and its motion.
-
-    Parameters
-    ----------
-    table : BodyTable
-    topology : Topology
-    room_c : float
-        Temperature of a body without one in the file.
-    period_s : float
-        Period of repetition.
-
-    Attributes
-    ----------
-    body : Body
-    places : tuple of str
-        Names of what it is on, one after the other.
-    press_n, drag_n, temperature_c, friction : Track
-        Load; drag along x and y of the frame; temperature; static coefficient of friction.
-    """
-
-    def __init__(
-        self, table: BodyTable, topology: Topology, room_c: float, period_s: float = math.inf
-    ) -> None:
-        def track(name: str, default: float | tuple) -> Track:
-            return Track(name, table.keys, table.waves, default, period_s)
-
-        self.body = Body.of(table.shape, table.compliance_mm_per_n)
-        on = table.on or largest_patch(topology)
-        self.places = topology.patch_names if on == "*" else (on,)
-        self._frames = tuple(frame_of(topology, place) for place in self.places)
-        patches = [topology.patch[units_on(topology, place)[0]] for place in self.places]
-        self._passed = tuple(topology.patch != patch for patch in patches) if table.only_on else ()
-        self._period_s = period_s
-        self._xyz_m = track("xyz_m", (0.0, 0.0, 0.0))
-        self._rpy_deg = track("rpy_deg", (0.0, 0.0, 0.0))
-        self.press_n = track("press_n", 0.0)
-        self.drag_n = track("drag_n", (0.0, 0.0))
-        self.temperature_c = track("temperature_c", room_c)
-        self.friction = track("friction", table.friction)
-
-    def index(self, time_s: float) -> int:
-        """Which of `places` it is on."""
-        return int(time_s // self._period_s) % len(self.places)
-
-    def frame(self, time_s: float) -> Pose:
-        """Frame of the body's coordinates."""
-        return self._frames[self.index(time_s)]
-
-    def passed(self, time_s: float) -> np.ndarray | None:
-        """Units that the body cannot touch, shape (n,), bool; None: it can touch all."""
-        return self._passed[self.index(time_s)] if self._passed else None
-
-    def pose(self, time_s: float) -> Pose:
-        """Pose at which the body is held, skin frame."""
-        rotation, origin = self.frame(time_s)
-        lowest_m = np.array([0.0, 0.0, self.body.lowest_m])
-        position = rotation @ (self._xyz_m(time_s) + lowest_m) + origin
-        if self._rpy_deg.given:
-            rotation = rotation @ from_rpy(*np.radians(self._rpy_deg(time_s)))
-        return rotation, position

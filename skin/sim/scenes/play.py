@@ -22,10 +22,11 @@ from skin.physics.force_law import slope
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
 from skin.sim.field import Field, SineField
+from skin.sim.mechanics.body import Body, Pose
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.springs import Springs, under
 from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
-from skin.sim.scenes.motion import Motion, Track, units_on
+from skin.sim.scenes.motion import Track, frame_of, largest_patch, units_on
 from skin.sim.scenes.script import SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import ThermalChain
@@ -58,6 +59,11 @@ class PlayedBody:
     Attributes
     ----------
     name : str
+    places : tuple of str
+        Names of what it is on, one after the other.
+    press_n, drag_n, temperature_c : Track
+        Load; drag along x and y of the frame; temperature.
+    mechanics : Mechanics
     force : ndarray, shape (3, n)
         Its force on each unit, newton, unit frame; 0 where another body acts on the unit.
     """
@@ -66,34 +72,61 @@ class PlayedBody:
         table = script.bodies[index]
         self.name = table.name
         self._where = partial(script.where, "bodies", index)
-        self.motion = motion = Motion(table, topology, room_c, script.period_s)
-        self.mechanics = Mechanics(topology, motion.body)
+        self._topology, self._period_s = topology, script.period_s
+        on = table.on or largest_patch(topology)
+        self.places = topology.patch_names if on == "*" else (on,)
+        self._frames = tuple(frame_of(topology, place) for place in self.places)
+        patches = [topology.patch[units_on(topology, place)[0]] for place in self.places]
+        self._passed = tuple(topology.patch != patch for patch in patches) if table.only_on else ()
+
+        def track(name: str, default: float | tuple) -> Track:
+            return Track(name, table.keys, table.waves, default, script.period_s)
+
+        self._xyz_m = track("xyz_m", (0.0, 0.0, 0.0))
+        self._rpy_deg = track("rpy_deg", (0.0, 0.0, 0.0))
+        self.press_n = track("press_n", 0.0)
+        self.drag_n = track("drag_n", (0.0, 0.0))
+        self._friction = track("friction", table.friction)
+        self.temperature_c = track("temperature_c", room_c)
+        self.mechanics = Mechanics(topology, Body.of(table.shape, table.compliance_mm_per_n))
         self._friction_share = table.friction_share
         self.force = np.zeros((3, topology.n))
-        self._topology = topology
         self._dragged_m = np.zeros(3)
 
     @property
-    def pose(self) -> tuple[np.ndarray, np.ndarray]:
+    def pose(self) -> Pose:
         """Pose, skin frame."""
         return self.mechanics.truth.pose
+
+    def _place(self, time_s: float) -> int:
+        """Which of `places` it is on."""
+        return int(time_s // self._period_s) % len(self.places)
+
+    def _held(self, time_s: float) -> Pose:
+        """Pose at which it is held, skin frame."""
+        rotation, origin = self._frames[self._place(time_s)]
+        lowest_m = np.array([0.0, 0.0, self.mechanics.body.lowest_m])
+        position = rotation @ (self._xyz_m(time_s) + lowest_m) + origin
+        if self._rpy_deg.given:
+            rotation = rotation @ from_rpy(*np.radians(self._rpy_deg(time_s)))
+        return rotation, position
 
     def go(self, time_s: float, dt_s: float) -> None:
         """Advance to a time; SceneError if the pose is impossible, or the load cannot be
         reached."""
-        motion = self.motion
-        axes, _ = motion.frame(time_s)
-        rotation, place = motion.pose(time_s)
-        if motion.drag_n.given:
-            self._dragged_m += axes[:, :2] @ self._yield_to_drag(motion.drag_n(time_s), axes, dt_s)
+        index = self._place(time_s)
+        axes, _ = self._frames[index]
+        rotation, place = self._held(time_s)
+        if self.drag_n.given:
+            self._dragged_m += axes[:, :2] @ self._yield_to_drag(self.drag_n(time_s), axes, dt_s)
         pose = rotation, place + self._dragged_m
-        friction = float(motion.friction(time_s))
+        friction = float(self._friction(time_s))
         self.mechanics.friction = friction, self._friction_share * friction
-        self.mechanics.passed = motion.passed(time_s)
+        self.mechanics.passed = self._passed[index] if self._passed else None
         try:
-            if not motion.press_n.given:
+            if not self.press_n.given:
                 truth = self.mechanics.step(pose)
-            elif (press_n := float(motion.press_n(time_s))) > 0.0:
+            elif (press_n := float(self.press_n(time_s))) > 0.0:
                 truth = self.mechanics.push(pose, press_n, -axes[:, 2])
             else:
                 truth = self.mechanics.step((rotation, place + axes[:, 2]))
@@ -110,8 +143,7 @@ class PlayedBody:
 
     def _hint(self, time_s: float) -> str:
         """In whose frame it is, as the end of a message; a robot's fingers have bodies around."""
-        motion = self.motion
-        hint = f"; its frame is that of {motion.places[motion.index(time_s)]!r}"
+        hint = f"; its frame is that of {self.places[self._place(time_s)]!r}"
         if self._topology.robot is not None:
             hint += "; between the fingers of a robot, bodies are those of `skin.sim.grasp`"
         return hint
@@ -232,11 +264,6 @@ class ScriptedScene:
         own = self.script
         return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
 
-    @property
-    def touches(self) -> dict[str, tuple[str, ...]]:
-        """Patches or units that bodies are on, one after the other, by body."""
-        return {body.name: body.motion.places for body in self.bodies}
-
     def at(self, time_s: float) -> Truth:
         """Advance to `time_s`; see `Scene`. SkinError if time runs backwards, or a pose is
         impossible."""
@@ -269,7 +296,7 @@ class ScriptedScene:
         self._share_out()
         for body in self.bodies:
             truth.force += body.force
-            np.copyto(source, body.motion.temperature_c(time_s), where=body.force[2] > 0.0)
+            np.copyto(source, body.temperature_c(time_s), where=body.force[2] > 0.0)
         for weights in self._weights:
             force = weights.force(time_s)
             truth.force[:, weights.units] += force[:, np.newaxis]

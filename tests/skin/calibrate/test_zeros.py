@@ -224,7 +224,7 @@ def test_an_ambient_field_that_is_followed_is_no_bz_at_rest():
 
 
 def test_a_window_is_judged_while_the_frames_of_the_next_cycle_are_on_the_wire(monkeypatch):
-    nodes = SimulatedUnits(TRUE, Still(), history=0)
+    nodes = SimulatedUnits(TRUE, Still())
     run = over(PALM, nodes.in_process(), pace=False)
     done, zeros = [], run.pipeline.zeros
 

@@ -18,8 +18,7 @@ from bus.errors import BusClosedError
 from bus.frame import CAN_ERR, ECHO, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
 from skin.errors import SkinError
-from skin.sim.node import Served, SimulatedUnits
-from skin.sim.sampled import RECENT
+from skin.sim.node import RECENT, Served, SimulatedUnits
 from skin.sim.scenes.load import open_scene
 from skin.sim.truth import Truth
 from tests.fixtures.datagram import datagram_pair
@@ -112,8 +111,7 @@ def test_the_counter_is_counted_on_without_wrapping(start: int, steps: list[int]
         number += step
         out.clear()
         nodes.respond(sync(number), out)
-        assert nodes.truth_at(number).time_s == pytest.approx((number - start) / 250.0)
-        assert nodes.truth.time_s == nodes.truth_at(number).time_s
+        assert nodes.truth.time_s == pytest.approx((number - start) / 250.0)
 
 
 def test_only_a_sync_is_answered() -> None:
@@ -129,28 +127,21 @@ def test_only_a_sync_is_answered() -> None:
 # -- truth -----------------------------------------------------------------------------------------
 
 
-def test_remembered_truth_is_that_of_its_cycle() -> None:
-    nodes, out, scene = SimulatedUnits(PALM, history=100), FrameBatch(64), open_scene("demo", PALM)
-    forces = []
-    for cycle in range(500):
+def test_the_truth_is_that_of_the_latest_cycle_and_stays() -> None:
+    nodes, out, scene = SimulatedUnits(PALM), FrameBatch(64), open_scene("demo", PALM)
+    for cycle in range(300):
         out.clear()
         nodes.respond(sync(cycle), out)
-        forces.append(scene.at(cycle / 250.0).force.copy())
-    for cycle in (400, 450, 499):
-        np.testing.assert_array_equal(nodes.truth_at(cycle).force, forces[cycle])
-    whole = Truth.stack(nodes.truth_at(cycle) for cycle in range(400, 500))
-    assert whole.force.shape == (100, 3, 64)
-    np.testing.assert_array_equal(whole.force, forces[400:])
-    np.testing.assert_allclose(whole.time_s, np.arange(400, 500) / 250.0)
-    with pytest.raises(SkinError, match=r"^cycle: must be a stored one .*\(400 to 499\); got 399$"):
-        nodes.truth_at(399)
+        told, before = scene.at(cycle / 250.0), nodes.truth
+        np.testing.assert_array_equal(before.force, told.force)
+    nodes.respond(sync(320), out)
+    np.testing.assert_array_equal(before.force, told.force)
+    assert nodes.truth.time_s > before.time_s
 
 
 def test_there_is_no_truth_before_the_first_cycle() -> None:
     with pytest.raises(SkinError, match="must be asked for after the first cycle"):
         _ = SimulatedUnits(PALM).truth
-    with pytest.raises(SkinError, match=r"\(none\); got 0"):
-        SimulatedUnits(PALM).truth_at(0)
 
 
 # -- transports ------------------------------------------------------------------------------------

@@ -87,13 +87,13 @@ def test_units_together_bear_what_the_bodies_weigh(name: str) -> None:
 def test_the_skin_bears_the_press_and_the_drag_that_the_scene_orders(name: str) -> None:
     """On a flat skin; the drag follows within the step that moves the body."""
     scene, at_s = scene_of(name), np.linspace(0.0, 3.0, 301)
-    motion = scene.bodies[0].motion
+    body = scene.bodies[0]
     for time_s in at_s:
         scene.at(float(time_s))
         force = scene.body_wrench()[0, :3]
-        assert -force[2] == pytest.approx(motion.press_n(time_s), abs=1e-6)
+        assert -force[2] == pytest.approx(body.press_n(time_s), abs=1e-6)
         if time_s > 0.1:
-            assert force[:2] == pytest.approx(motion.drag_n(time_s), abs=0.08)
+            assert force[:2] == pytest.approx(body.drag_n(time_s), abs=0.08)
 
 
 def test_a_body_that_is_dragged_too_hard_slides_with_the_force_of_friction() -> None:

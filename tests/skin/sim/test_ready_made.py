@@ -63,9 +63,8 @@ def test_every_scene_fits_every_hand(name, hand):
     sizes = [np.count_nonzero(hand.patch == i) for i in range(len(hand.patch_names))]
     largest = hand.patch_names[int(np.argmax(sizes))]
     scene = open_scene(name, hand)
-    for body in script.bodies:
-        expected = hand.patch_names if body.on == "*" else (largest,)
-        assert scene.touches[body.name] == expected
+    for body, table in zip(scene.bodies, script.bodies, strict=True):
+        assert body.places == (hand.patch_names if table.on == "*" else (largest,))
 
 
 def test_ready_made_scenes_play_as_they_always_did():
@@ -100,16 +99,17 @@ def test_a_scene_begins_outside_and_touches_what_it_says(name, hand):
     scene = open_scene(name, hand)
     end_s = scene.seconds * (len(hand.patch_names) if name == "demo" else 1)
     seen: set[str] = set()
+    places = {place for body in scene.bodies for place in body.places}
     for time_s in np.arange(0.0, end_s, 0.02):
         truth = scene.at(time_s)
         touched = {hand.patch_names[i] for i in np.unique(hand.patch[truth.contact])}
         if time_s == 0.0:
             assert not touched
         assert len(touched) <= 1
-        assert touched <= {place for places in scene.touches.values() for place in places}
+        assert touched <= places
         assert truth.depth_mm.max() <= DEEPEST_MM
         seen |= touched
-    assert seen == {place for places in scene.touches.values() for place in places}
+    assert seen == places
 
 
 def test_bodies_of_a_users_scene_touch_all_that_is_in_their_way(tmp_path):

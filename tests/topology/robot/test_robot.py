@@ -1,13 +1,10 @@
 """Skins on robots: what hangs on links, and where it is."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from tests.fixtures.robots import GRIPPER, write_gripper
 from topology import TopologyError, load, read_model
-from topology.packed import packed, unpacked
 from topology.robot.urdf import resolve_mesh
 
 MJCF = """<mujoco model="gripper">
@@ -87,36 +84,6 @@ def test_a_body_of_several_joints_stands_on_links_without_names(tmp_path):
     assert pose[:3, 3] == pytest.approx([-0.05 + 0.01, -0.01 + 0.02, 0.13])
     right = robot.forward(np.array([0.0, 0.02]))[robot.link_names.index("right")]
     assert right[0, 3] == pytest.approx(0.05 - (0.01 + 0.5 * 0.02))
-
-
-def test_a_packed_topology_brings_its_robot(tmp_path):
-    skin = load(write_gripper(tmp_path))
-    back = unpacked(packed(skin))
-    assert back.patch_links == skin.patch_links
-    for field in dataclasses.fields(skin.robot):
-        one, other = getattr(skin.robot, field.name), getattr(back.robot, field.name)
-        if isinstance(one, np.ndarray):
-            assert np.array_equal(one, other, equal_nan=True), field.name
-        else:
-            assert one == other, field.name
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"base": 9}, "3 links"),
-        ({"parent": (-1, 2, 0)}, "a link before its parent"),
-        ({"driver": (-1, 1, 0)}, "1 joints"),
-        ({"lower": np.zeros(2)}, "lower of shape (2,)"),
-        ({"link_names": ("palm", "left", "thumb")}, "a patch on another link"),
-    ],
-)
-def test_a_damaged_robot_is_refused(tmp_path, change, told):
-    skin = load(write_gripper(tmp_path))
-    broken = dataclasses.replace(skin, robot=dataclasses.replace(skin.robot, **change))
-    with pytest.raises(ValueError, match="must be a robot whose links carry") as raised:
-        unpacked(packed(broken))
-    assert told in str(raised.value)
 
 
 @pytest.mark.parametrize("where", ["clone-2.1", "src/other-clone", "share/hand_description"])

@@ -165,12 +165,9 @@ def test_a_recording_of_other_definitions_is_refused(file, monkeypatch):
     ("change", "message"),
     [
         ({"position": None}, "position: must be there, as this version of f3t-skin has it; got n"),
-        ({"area": np.zeros(3)}, "area: must be float64 of shape (10,); got float64 of shape (3,)"),
-        ({"area": np.full(10, np.nan)}, "area: must be finite; got a number that is not"),
-        ({"patch": np.full(10, 7, "i4")}, "patch: must be from 0 to 0; got 7 to 7"),
-        ({"neighbour_start": np.zeros(11, "i4")}, "neighbour_start: must be a graph of units; "),
+        ({"area": np.zeros(3)}, "area: must be of shape (10,); got (3,)"),
         ({"texts": np.array("{}")}, "texts: must be buses, layouts and names of a topology; got "),
-        ({"texts": None}, "texts: must be there; got none"),
+        ({"texts": None}, "texts: must be buses, layouts and names of a topology; got 'texts'"),
     ],
 )  # fmt: skip
 def test_arrays_that_are_no_topology_are_refused(change, message):
