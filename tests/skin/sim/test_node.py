@@ -20,7 +20,6 @@ from bus.memory import MemoryTransport
 from skin.errors import SkinError
 from skin.sim.node import RECENT, Served, SimulatedUnits
 from skin.sim.scenes.load import open_scene
-from skin.sim.truth import Truth
 from tests.fixtures.datagram import datagram_pair
 from tests.fixtures.patience import LONG_S
 from topology import Topology, load
