@@ -119,9 +119,7 @@ class _Reader:
         name = m.names[: m.names.index(b"\0")].decode() or self.path.stem
         geoms = tuple(self._geom(g) for g in range(m.ngeom) if self._known(g))
         joints = tuple(self._joint(j) for j in free)
-        return RobotModel(
-            name, self.path, tuple(self.links), joints, lower, upper, home, geoms
-        )
+        return RobotModel(name, self.path, tuple(self.links), joints, lower, upper, home, geoms)
 
     def _joint(self, joint: Any) -> str:
         return self.m.joint(joint).name or f"joint{joint}"
