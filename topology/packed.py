@@ -2,7 +2,7 @@
 
 Changes after loading are included: other buses, exact units, zeros. Nothing is pickled. Damage
 shows by the checksum of what carries the arrays, a recording of another version by their names and
-shapes.
+shapes. Indices are checked, since kernels follow them unchecked.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ __all__ = ["TEXTS", "from_arrays", "is_calibration", "packed", "to_arrays", "unp
 
 TEXTS = "texts"
 FRAMES, PARAMETER = "frames_", "parameter_"
+MOST_PARTS = 16
+"""Frames that make one set of units, at most (`topology.wire`)."""
 
 _FIELDS = get_type_hints(Topology)
 _PLAIN = [name for name, kind in _FIELDS.items() if kind is np.ndarray]
@@ -92,6 +94,7 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
         found, shape = arrays[name].shape, (*_ROWS.get(name, ()), n)
         if not name.startswith(_NOT_OF_UNITS) and found != shape:
             raise ValueError(f"{name}: must be of shape {shape}; got {found}")
+    _check_indices(arrays, texts)
     fields: dict[str, Any] = {
         **msgspec.structs.asdict(texts), **{name: arrays[name] for name in _PLAIN}
     }  # fmt: skip
@@ -102,6 +105,27 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
     )
     seal(topology)
     return topology
+
+
+def _check_indices(arrays: Mapping[str, np.ndarray], texts: Any) -> None:
+    """Raise ValueError unless all indices are of something that is there."""
+    n, start, frames = len(texts.unit_names), arrays["neighbour_start"], arrays["frames_can_id"]
+    m = arrays["neighbour_index"].size
+    limits = {
+        "patch": (0, len(texts.patch_names)), "frames_bus": (0, len(texts.buses)),
+        "frames_layout": (0, len(texts.layouts)), "frames_units": (-1, n),
+        "frames_part": (0, MOST_PARTS), "neighbour_index": (0, n), "neighbour_start": (0, m + 1),
+    }  # fmt: skip
+    for name, (low, high) in limits.items():
+        found = arrays[name]
+        if found.dtype != np.int32 or not ((low <= found) & (found < high)).all():
+            raise ValueError(f"{name}: must be int32 from {low} to {high - 1}; got others")
+        if name.startswith(FRAMES) and found.shape[:1] != frames.shape:
+            raise ValueError(f"{name}: must be one for each of {frames.size} frames; got others")
+    if start.shape != (n + 1,) or start[0] or start[-1] != m or (np.diff(start) < 0).any():
+        raise ValueError(
+            f"neighbour_start: must be ends of the neighbours of {n} units; got {start}"
+        )
 
 
 def _beginning(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

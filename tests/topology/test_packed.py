@@ -12,7 +12,7 @@ import pytest
 
 import topology
 from topology import Topology
-from topology.packed import packed, unpacked
+from topology.packed import from_arrays, packed, to_arrays, unpacked
 
 
 def _moved(skin: Topology) -> Topology:
@@ -77,3 +77,21 @@ def test_options_of_a_bus_without_a_form_in_json_go_as_strings() -> None:
 def test_what_is_no_topology_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be"):
         unpacked(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("patch", 9),
+        ("frames_units", 1 << 20),
+        ("frames_bus", -1),
+        ("neighbour_index", -1),
+        ("neighbour_start", 7),
+    ],
+)
+def test_an_index_of_what_is_not_there_is_refused(name: str, value: int) -> None:
+    arrays = to_arrays(topology.load("strip"))
+    arrays[name] = arrays[name].copy()
+    arrays[name].flat[1] = value
+    with pytest.raises(ValueError, match=rf"{name}: must be "):
+        from_arrays(arrays)
