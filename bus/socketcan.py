@@ -26,6 +26,8 @@ from topology import Bus
 __all__ = ["SocketCanTransport"]
 
 _EVERY_ERROR = 0x1FFF_FFFF
+_EVERY_FRAME = bytes(8)
+"""`struct can_filter`: of an identifier, no bit is compared."""
 _FD_MTU = 72
 _RATE_TOLERANCE = 0.01
 
@@ -124,6 +126,8 @@ def _bind(sock: socket.socket, link: Link) -> int:
     )  # reading clears the pending error of the earlier one
     sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
     sock.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, _EVERY_ERROR)
+    # an interface that goes away takes the filter of new sockets, which lets all through, with it
+    sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _EVERY_FRAME)
     sock.bind((link.name,))
     return link.index
 

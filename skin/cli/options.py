@@ -139,9 +139,9 @@ def note(lines: Iterable[str]) -> None:
 
 def note_scene(scene: object) -> None:
     """Say what a simulated scene touches."""
-    for body, places in getattr(scene, "touches", {}).items():
-        shown = ", then ".join(places[:SHOWN]) + (", …" if len(places) > SHOWN else "")
-        print(f"scene: {body} on {shown}", file=sys.stderr)
+    for body in getattr(scene, "bodies", ()):
+        shown = ", then ".join(body.places[:SHOWN]) + (", …" if len(body.places) > SHOWN else "")
+        print(f"scene: {body.name} on {shown}", file=sys.stderr)
 
 
 def mapped(map: tuple[str, ...], *logs: str | Path | None) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def sim(
     truth
         write down the truth about every cycle
     record
-        write a new log of a scene on `--bus memory` (.log, .log.gz)
+        write a new log of a scene that is played in memory (.log, .log.gz)
     """
     from bus.logs import Recording
     from skin.compiling import announce

@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skin.errors import CalibrationError
 from skin.physics.elastic import Elastic
 from skin.sim.field import SineField
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
-from topology import CHANNELS, MODELS, THETA_KNOTS, Topology, load
+from topology import CHANNELS, MODELS, Topology, load
 
 PALM, STRIP = load("palm"), load("strip")
 GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
@@ -146,18 +145,3 @@ def test_noise_is_as_large_as_the_model_says() -> None:
 
 
 # -- assembly and Hall chip ------------------------------------------------------------------------
-
-
-def test_a_map_without_inverse_is_refused_by_name() -> None:
-    xx = np.ones(64)
-    xx[9] = 0.0
-    with pytest.raises(CalibrationError, match=rf"^{PALM.unit_names[9]}: field_xx.*inverse"):
-        UnitSimulator(with_parameters(PALM, field_xx=xx))
-
-
-def test_a_correction_that_turns_back_is_refused_by_name() -> None:
-    correction = np.zeros((THETA_KNOTS, 64))
-    correction[4, 3] = 1.0
-    with pytest.raises(CalibrationError, match=r"theta_correction_rad\[4\]: must be") as caught:
-        UnitSimulator(with_parameters(PALM, theta_correction_rad=correction))
-    assert str(caught.value).startswith(PALM.unit_names[3])
