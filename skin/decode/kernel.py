@@ -229,7 +229,8 @@ def decode_block(model, data, rows, block, size, look, advance):
             invert_units(wants, unit, counts, background, size, tile, flag)
             if wants.check is not None:
                 check_fields(wants, unit, size, tile, flag, state, advance)
-                show_units(wants, unit, size, tile)
+                if wants.sigma is not None:
+                    show_units(wants, unit, size, tile)
         else:
             decode_unloaded(wants, unit, counts, background, size, tile, flag)
     if found & UNKNOWN != 0:

@@ -525,20 +525,21 @@ def show(wants, field, inverted, normal, unit, out, j):
 
 
 @jitable
-def keep(tile, j, field, inverted, normal, gain):
-    """Write a unit down for the stages that follow."""
-    tile["x"][j], tile["y"][j], tile["z"][j] = field.x, field.y, field.z
-    tile["strength"][j], tile["gain"][j] = field.strength, gain
-    tile["radius"][j], tile["along"][j] = inverted.radius, inverted.along
-    tile["each"][j], tile["variance"][j] = inverted.each, inverted.variance
-    tile["turn"][j] = inverted.turn
-    tile["depth"][j], tile["push"][j] = normal.depth, normal.push
-    tile["depth_sigma"][j], tile["push_sigma"][j] = normal.depth_sigma, normal.push_sigma
+def keep(wants, tile, j, field, inverted, normal, gain):
+    """Write down what the check of a unit's field reads, and what is shown after it."""
+    tile["z"][j], tile["strength"][j], tile["gain"][j] = field.z, field.strength, gain
+    tile["radius"][j], tile["depth"][j] = inverted.radius, normal.depth
+    if wants.sigma is not None:
+        tile["x"][j], tile["y"][j] = field.x, field.y
+        tile["along"][j], tile["each"][j] = inverted.along, inverted.each
+        tile["variance"][j], tile["turn"][j] = inverted.variance, inverted.turn
+        tile["push"][j], tile["push_sigma"][j] = normal.push, normal.push_sigma
+        tile["depth_sigma"][j] = normal.depth_sigma
 
 
 @jitable
 def invert_units(wants, unit, counts, background, size, tile, flag):
-    """Fields, depths and R of the units of a block; shown here where no check follows."""
+    """Fields, depths and R of the units of a block; shown here unless a check may widen sigmas."""
     assume_noalias()
     for j in range(min(size, LANES)):
         field = field_at(wants, unit, counts, background, j, tile)
@@ -551,14 +552,14 @@ def invert_units(wants, unit, counts, background, size, tile, flag):
             found |= EXTRAPOLATED if inverted.radius > unit["displacement_max"][j] else 0
             flag[j] = flags if flags & SILENT else flags | found
             if wants.check is not None:
-                keep(tile, j, field, inverted, normal, gain)
-            else:
+                keep(wants, tile, j, field, inverted, normal, gain)
+            if wants.check is None or wants.sigma is None:
                 show(wants, field, inverted, normal, unit, tile["result"], j)
 
 
 @jitable
 def show_units(wants, unit, size, tile):
-    """Show the units of a block after their fields have been checked."""
+    """Show the units of a block whose sigmas the check of their fields may have widened."""
     assume_noalias()
     for j in range(min(size, LANES)):
         strength = tile["strength"][j]
