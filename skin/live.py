@@ -23,12 +23,12 @@ from bus.memory import MemoryTransport
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import IdleWindow, Waiter
-from skin.errors import OptionError, SkinError, as_numbers, check_kind
+from skin.errors import OptionError, SkinError, check_kind
+from skin.patch import as_pose
 from skin.pipeline import Pipeline
 from skin.sinks import Attachable, Ending
 from skin.state import INVALID, State, Status
 from topology import Topology
-from topology.pose import pose_fault
 
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
@@ -304,15 +304,7 @@ class Skin(Attachable):
         topology = self.topology
         if name not in topology.patch_names:
             raise OptionError.unknown("patch", name, topology.patch_names)
-        turn, shift = as_numbers("rotation", rotation), as_numbers("translation", translation)
-        if turn.shape != (3, 3) or shift.shape != (3,):
-            raise SkinError(
-                "rotation, translation: must have shapes (3, 3) and (3,); "
-                f"got {turn.shape} and {shift.shape}"
-            )
-        fault = pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis], "translation")
-        if fault is not None:
-            raise SkinError(fault[1])
+        turn, shift = as_pose(rotation, translation)
         units = topology.patch == topology.patch_names.index(name)
         position, turned = (pose.copy() for pose in self.pipeline.poses)
         position[:, units] = turn @ topology.position[:, units] + shift[:, np.newaxis]

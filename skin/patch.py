@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skin.errors import OptionError
+from skin.errors import OptionError, SkinError, as_numbers
+from topology.pose import pose_fault
 
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
     from skin.state import Reading, State
 
-__all__ = ["Patch", "wrench_adjoint"]
+__all__ = ["Patch", "as_pose", "wrench_adjoint"]
 
 
 class Patch:
@@ -167,6 +168,27 @@ class Patch:
                 f"{len(self.contacts)} contacts, force ({force}) N>")  # fmt: skip
 
 
+def as_pose(
+    rotation: np.ndarray, translation: np.ndarray, name: str = "translation"
+) -> tuple[np.ndarray, np.ndarray]:
+    """A rotation and a translation as arrays of numbers; `name` is that of the translation.
+
+    Raises
+    ------
+    SkinError
+        An array of another shape, a translation that is not finite, or no rotation.
+    """
+    turn, shift = as_numbers("rotation", rotation), as_numbers(name, translation)
+    if turn.shape != (3, 3) or shift.shape != (3,):
+        raise SkinError(
+            f"rotation, {name}: must have shapes (3, 3) and (3,); got {turn.shape} and "
+            f"{shift.shape}"
+        )
+    if (fault := pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis], name)) is not None:
+        raise SkinError(fault[1])
+    return turn, shift
+
+
 def wrench_adjoint(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """The matrix that turns a wrench about the origin of the skin frame into that in another frame.
 
@@ -181,13 +203,18 @@ def wrench_adjoint(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape (6, 6)
 
+    Raises
+    ------
+    SkinError
+        As of `as_pose`.
+
     Examples
     --------
     >>> (wrench_adjoint(np.eye(3), [0.1, 0, 0]) @ [0, 0, 2.0, 0, -0.2, 0]).tolist()
     [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
     """
-    x, y, z = origin
-    turn, adjoint = np.transpose(rotation), np.zeros((6, 6))
+    rotation, (x, y, z) = as_pose(rotation, origin, "origin")
+    turn, adjoint = rotation.T, np.zeros((6, 6))
     adjoint[:3, :3] = adjoint[3:, 3:] = turn
     adjoint[3:, :3] = -turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return adjoint

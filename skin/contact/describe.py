@@ -138,12 +138,14 @@ def add_apart(touched, model, data):
     """Add to the total what units may bear that are in no contact: light ones next to contacts,
     silent ones, the others, and the even load that zeros may hide.
 
-    Comes after `add_around`. `touched` is whether there is any contact.
+    Comes after `add_around`. `touched` is whether there is any contact. Returns whether anything is
+    known of the total: a unit is heard, or the load of a silent one has a bound.
     """
-    units, poses, s = data.units, model.poses, data.sums[1]
+    units, poses, s, heard = data.units, model.poses, data.sums[1], False
     keep_sigma, total, variance, most, lone = model.settings[0]["keep_sigma"], 0.0, 0.0, 0.0, -1
     for i in range(units.size):
         u, pose = units[i], poses[i]
+        heard |= u["kind"] <= OPEN or u["possible"] > 0.0
         if pose["doubt"] > 0.0:
             add(s["unseen"], pose["doubt"], pose["position"])
         if u["kind"] > OPEN:
@@ -165,6 +167,7 @@ def add_apart(touched, model, data):
             u, sigma = units[i], units[i]["force_sigma"][2]
             if u["kind"] <= OPEN and u["counted"] == UNCOUNTED and sigma < np.inf:
                 add(s["unseen"], square / variance * sigma * sigma, poses[i]["position"])
+    return heard
 
 
 @jitable
@@ -422,9 +425,12 @@ def describe_python(model, data):
             end = max(end, last)
         record, members = data.contacts[slot], data.members[first:last]
         if row == 1:
-            add_apart(end > 0, model, data)
+            is_known = add_apart(end > 0, model, data)
             if s["units"] == 0.0:
                 data.contacts[slot] = UNTOUCHED[0]
+            if not is_known:
+                s["noise"]["sum"] = s["wrench"][:] = s["wrench_covariance"][:] = np.nan
+                record["load"] = np.nan
         elif first < last:
             _clear(0, data)
             for i in members:

@@ -65,7 +65,7 @@ def take_readings(readings, model, data):
         load, sigma = np.float64(readings.force[2, i]), np.float64(readings.force_sigma[2, i])
         u["force"][2], u["force_sigma"][2] = load, sigma
         data.label[i] = -1
-        heard = readings.valid[i] and np.isfinite(load) and sigma >= 0.0
+        heard = readings.valid[i] and np.isfinite(load) and 0.0 <= sigma < np.inf
         u["kind"] = OUT
         if heard and load > settings["keep_sigma"] * sigma:
             heard = _take_loaded(i, u, readings, settings["slip"], cycle)

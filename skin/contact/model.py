@@ -16,7 +16,7 @@ import numpy as np
 from skin.contact.record import CONTACT, UNTOUCHED
 from skin.contact.slip.parameters import SlipSettings
 from skin.contact.slip.state import SLIP, SLIP_UNIT
-from skin.errors import SkinError
+from skin.errors import SkinError, as_numbers, shown
 from skin.options import Options
 from topology.pose import pose_fault
 
@@ -24,7 +24,7 @@ __all__ = [
     "ADDED", "CYCLE", "KEEP_SIGMA", "LIST", "PAIR", "POSE", "SETTINGS", "SLOT", "SUMS", "UNIT",
     "WAYPOINTS", "Common", "ContactData", "ContactModel", "Readings",
     "check_poses", "checked_graph", "contact_capacity", "contact_data", "contact_model",
-    "neighbour_graph", "no_readings", "set_poses",
+    "neighbour_graph", "no_readings", "positions_in", "positive", "set_poses",
     "start_sigmas",
 ]  # fmt: skip
 
@@ -305,15 +305,31 @@ def contact_model(
     neighbour_start: np.ndarray, neighbour_index: np.ndarray,
 ) -> ContactModel:  # fmt: skip
     """Constants of units by position (3, n), rotation (3, 3, n) and area, one or n of them, m²."""
-    n, area = np.shape(position)[-1], np.asarray(area, np.float64)
+    n = positions_in(position)
+    check_poses(n, position, rotation)
+    area = positive("area", area, n)
     graph = checked_graph(n, neighbour_start, neighbour_index)
-    if area.shape not in ((), (n,)) or not np.all(area > 0.0):
-        raise SkinError(f"area: must be positive, one or {n} of them; got shape {area.shape}")
     model = ContactModel(np.zeros(1, SETTINGS), np.zeros(n, POSE), *graph)
     model.settings["memory_ns"], model.settings["settle_ns"] = MEMORY_NS, SETTLE_NS
     model.poses["area"], model.poses["feels"], model.poses["most"] = area, 1.0, np.inf
     set_poses(model, position, rotation)
     return model
+
+
+def positions_in(position: np.ndarray) -> int:
+    """How many units have these positions, shape (3, n); raises SkinError where it is none."""
+    shape = np.shape(position)
+    if len(shape) != 2 or shape[0] != 3 or shape[1] == 0:
+        raise SkinError(f"position: must have shape (3, n), n at least 1; got {shape}")
+    return shape[1]
+
+
+def positive(name: str, values: np.ndarray | float, n: int) -> np.ndarray:
+    """A number for each of n units, or one for all; raises SkinError unless all are above 0."""
+    found = as_numbers(name, values)
+    if found.shape not in ((), (n,)) or not np.all(found > 0.0):
+        raise SkinError(f"{name}: must be positive, one or {n} of them; got {shown(values)}")
+    return found
 
 
 def set_poses(model: ContactModel, position: np.ndarray, rotation: np.ndarray) -> None:
@@ -356,6 +372,9 @@ def checked_graph(
     SkinError
         It is not a graph of n units; kernels do not check indices.
     """
+    for name, given in (("start", neighbour_start), ("index", neighbour_index)):
+        if (kind := np.asarray(given).dtype).kind not in "iu" and np.size(given):
+            raise SkinError(f"neighbour_{name}: must be whole numbers; got {kind}")
     start = np.array(neighbour_start, np.int32)
     index = np.array(neighbour_index, np.int32)
     if start.shape != (n + 1,) or start[0] != 0 or np.any(np.diff(start) < 0):
@@ -371,6 +390,12 @@ def checked_graph(
     if index.size and not 0 <= index.min() <= index.max() < n:
         raise SkinError(
             f"neighbour_index: must be units 0 to {n - 1}; got {index.min()} to {index.max()}"
+        )
+    unit = np.repeat(np.arange(n), np.diff(start))
+    for i in np.flatnonzero((index == unit) | ~np.isin(index * n + unit, unit * n + index))[:1]:
+        raise SkinError(
+            "neighbour_index: must have each pair of units both ways, and none with itself; "
+            f"got {index[i]} for unit {unit[i]}"
         )
     return start, index
 
@@ -394,7 +419,9 @@ def neighbour_graph(position: np.ndarray, reach_m: float) -> tuple[np.ndarray, n
 
     if not (isfinite(reach_m) and reach_m > 0.0):
         raise SkinError(f"reach_m: must be a positive number of metres; got {reach_m}")
-    n = np.shape(position)[1]
+    n = positions_in(position)
+    if not np.isfinite(position).all():
+        raise SkinError("position: must be finite; got NaN or infinity")
     pairs = KDTree(np.transpose(position)).query_pairs(reach_m * (1 + 1e-9), output_type="ndarray")
     both = np.concatenate([pairs, pairs[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]

@@ -23,6 +23,8 @@ from skin.contact.model import (
     contact_data,
     contact_model,
     no_readings,
+    positions_in,
+    positive,
     set_poses,
     start_sigmas,
 )  # fmt: skip
@@ -128,7 +130,7 @@ class ContactStream:
     ) -> None:
         wants = wanted(want, CONTACT_WANTS)
         check_numbers(1e-9, 1e9, rate_hz=rate_hz, false_contacts_per_day=false_contacts_per_day)
-        n = np.shape(position)[-1]
+        n = positions_in(position)
         self.capacity = capacity = contact_capacity(n) if capacity is None else capacity
         check_number("capacity", capacity, 1, MOST_CONTACTS, whole=True)
         if slip is not None and not isinstance(slip, SlipSettings):
@@ -145,7 +147,12 @@ class ContactStream:
         }  # fmt: skip
         for name, value in settings.items():
             self.model.settings[name] = value
-        poses["feels"], poses["most"] = 1.0 if feels is None else feels, most_n
+        poses["feels"], poses["most"] = 1.0, positive("most_n", most_n, n)
+        if feels is not None:
+            _copy("feels", feels, found := np.empty(n, bool))
+            poses["feels"] = found
+        if unit_names is not None and len(unit_names) != n:
+            raise SkinError(f"unit_names: must be {n} names; got {len(unit_names)}")
         self.data = contact_data(n, capacity, edges, rate_hz, slip=slips)
         self.shocks = Shocks(rate_hz) if "shocks" in wants else None
         self.records, self.label, self.unit_slip = (
@@ -254,6 +261,7 @@ class ContactStream:
         given = (
             force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid
         )  # fmt: skip
+        check_number("stamp_ns", stamp_ns, -(1 << 63), (1 << 63) - 1, whole=True)
         self._give(displacement_mm, displacement_sigma_mm, temperature)
         if not self._alone.acquire(blocking=False):
             raise SkinError("update: must be called from one thread at a time; got a second one")
@@ -360,10 +368,13 @@ class ContactStream:
 
 
 def _copy(name: str, values: object, own: np.ndarray) -> None:
-    """Copy numbers of any type, one for each unit or one for all."""
-    array = np.asarray(values)
-    if array.dtype.kind not in "biuf":
-        raise SkinError(f"{name}: must be real numbers; got {array.dtype}")
+    """Copy numbers of any type, or truth values, one for each unit or one for all."""
+    array, is_flag = np.asarray(values), own.dtype == bool
+    if array.dtype.kind not in ("b" if is_flag else "iuf"):
+        kind = "True or False" if is_flag else "real numbers"
+        raise SkinError(f"{name}: must be {kind}; got {array.dtype}")
+    if name.endswith(("sigma", "sigma_mm")) and (array < 0.0).any():
+        raise SkinError(f"{name}: must not be negative; got {array.min()}")
     try:
         if array.ndim > own.ndim:
             raise ValueError

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
 from skin.contact.record import Flag
+from skin.errors import SkinError
 from skin.patch import wrench_adjoint
 from tests.fixtures.contact_features import contact_features
 
@@ -91,6 +92,20 @@ def test_wrench_is_covariant_under_rigid_motion(seed):
         assert b["shear"] == pytest.approx(a["shear"], rel=1e-7, abs=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("rotation", "origin", "words"),
+    [
+        (np.diag([1.0, 1.0, -1.0]), np.zeros(3), "rotation: must be right-handed; got a mirror"),
+        (2.0 * np.eye(3), np.zeros(3), "rotation: must be orthonormal within 1e-06; got"),
+        (np.eye(3), np.zeros(2), r"rotation, origin: must have shapes \(3, 3\) and \(3,\); got"),
+        (np.eye(3), [0.0, np.nan, 0.0], "origin: must be within 1000 m; got nan"),
+    ],
+)
+def test_a_frame_that_is_none_is_refused(rotation, origin, words):
+    with pytest.raises(SkinError, match=words):
+        wrench_adjoint(rotation, origin)
+
+
 def test_a_load_below_five_sigma_has_no_centre():
     position, n = naive.grid(2, 2), 4
     force = np.zeros((3, n))
@@ -108,7 +123,7 @@ def test_a_load_below_five_sigma_has_no_centre():
 
 def test_a_skin_far_from_the_origin_loses_no_digits():
     label, force, sigma, position, rotation = scene(7)
-    far = np.array([1e4, -2e4, 5e3])
+    far = np.array([400.0, -800.0, 200.0])
     a, _ = contact_features(label, force, sigma, position, rotation, AREA)
     b, _ = contact_features(label, force, sigma, position + far[:, np.newaxis], rotation, AREA)
     np.testing.assert_allclose(b["moment"], a["moment"], atol=1e-9)

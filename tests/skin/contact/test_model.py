@@ -12,7 +12,7 @@ from skin.errors import SkinError
 
 @pytest.mark.parametrize("area", [0.0, -1.0, np.nan, [1.0, 1.0, 0.0], np.ones(2), np.ones((3, 1))])
 def test_an_area_that_is_none_is_refused(area):
-    with pytest.raises(SkinError, match="area: must be positive, one or 3 of them; got shape"):
+    with pytest.raises(SkinError, match="area: must be positive, one or 3 of them; got"):
         contact_model(np.zeros((3, 3)), naive.facing_down(3), area, [0, 0, 0, 0], [])
 
 
@@ -49,6 +49,9 @@ def test_reach_is_up_to_rounding_and_no_further():
     for reach in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(SkinError, match="reach_m: must be a positive number of metres"):
             neighbour_graph(np.zeros((3, 2)), reach)
+    for position in (np.zeros((2, 3)), np.zeros((3, 0)), np.full((3, 2), np.nan)):
+        with pytest.raises(SkinError, match="position: must "):
+            neighbour_graph(position, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -60,6 +63,9 @@ def test_reach_is_up_to_rounding_and_no_further():
         ([0, 2, 1], [1], "neighbour_start: .* that begin with 0 and do not fall"),
         ([0, 1, 2], [1, -1], "neighbour_index: must be units 0 to 1; got -1 to 1"),
         ([0, 1, 2], [2, 0], "neighbour_index: must be units 0 to 1; got 0 to 2"),
+        ([0, 1, 2], [1.0, 0.0], "neighbour_index: must be whole numbers; got float64"),
+        ([0, 1, 1], [1], "neighbour_index: must have each pair .* both ways.*; got 1 for unit 0"),
+        ([0, 1, 2], [0, 1], "neighbour_index: .* none with itself; got 0 for unit 0"),
     ],
 )
 def test_what_is_no_graph_is_refused(start, index, words):

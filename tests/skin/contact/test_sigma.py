@@ -57,6 +57,18 @@ def test_a_contact_without_its_strongest_unit_says_so_and_covers_the_truth():
     assert np.mean(covered) > 0.66
 
 
+def test_a_wrench_of_which_nothing_is_known_is_not_zero():
+    stream = stream_of(naive.grid(2, 2, PITCH), naive.facing_down(4), want={"wrench"})
+    for stamp, sigma in enumerate((np.nan, np.inf)):  # no unit is heard, and no load has a bound
+        stream.update(np.zeros((3, 4)), sigma, stamp_ns=stamp)
+        total = stream.total
+        assert np.isnan([total.load, total.load_sigma, *total.wrench, *total.wrench_sigma]).all()
+        assert (stream.coverage, total.whole) == (0.0, False)
+    stream.update(np.zeros((3, 4)), 0.01, stamp_ns=2)
+    assert stream.total.wrench.tolist() == [0.0] * 6
+    assert stream.total.whole
+
+
 def test_no_wrench_is_zero_within_zero_while_units_are_silent():
     position = naive.grid(4, 4, PITCH)
     stream = stream_of(position, naive.facing_down(16), want={"wrench"}, most_n=7.0,
