@@ -285,13 +285,12 @@ def _tables() -> Tables:
 def _units(table: FilmTable, fabrication: Fabrication) -> Units:
     orders = np.concatenate([table.near_orders, table.far_orders])
     coefficients = fabrication.coefficients(orders)
-    return Units(
-        np.ascontiguousarray(np.real(coefficients)), np.ascontiguousarray(np.imag(coefficients)),
-        fabrication.centre_mm, fabrication.tilt_rad,
-    )  # fmt: skip
+    of_units = coefficients.real, coefficients.imag, fabrication.centre_mm, fabrication.tilt_rad
+    return Units(*map(np.ascontiguousarray, of_units))
 
 
 def _contiguous(array: np.ndarray, whole: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
-    """The array, spread out to `whole`, as the compiled code takes it."""
+    """The array, spread out to `whole`, as the compiled code takes it: one that may be written,
+    whatever is given, for numba compiles anew for one that may not."""
     array = array if np.shape(array) == whole else np.broadcast_to(array, whole)
-    return np.ascontiguousarray(array, np.float64).reshape(shape)
+    return np.require(array, np.float64, "CW").reshape(shape)
