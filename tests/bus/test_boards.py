@@ -7,15 +7,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bus import Assembler
+from bus import Assembler, FrameCounters
 from bus.diagnose import diagnose
 from bus.diagnose_bus import identities
 from bus.discover import Survey
 from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
-from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, STATES, heartbeat_nodes
+from bus.heartbeat import (
+    COMMAND_ID,
+    FIRST_ID,
+    LAST_ID,
+    LAYOUT,
+    STATES,
+    heartbeat_nodes,
+    node_numbers,
+)
 from tests.fixtures.bus import PERIOD_NS, data_frames, frame, join, make_topology, sync
 from tests.topology.test_messages import check_golden
-from topology import LAYOUTS, WireLayout
+from topology import LAYOUTS, WireLayout, load
 
 START_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000
@@ -202,3 +210,18 @@ def test_heartbeats_are_counted_up_to_the_last_node(can_id):
     list(assembler.feed(frame(can_id, bytes(8))))
     assert assembler.counters.heartbeat == (FIRST_ID <= can_id <= LAST_ID)
     assert assembler.counters.configuration == (can_id == LAST_ID + 1)
+
+
+def test_commands_to_boards_are_not_foreign():
+    assembler, record = Assembler(make_topology("f3t-fd16", 2)), frame(COMMAND_ID, bytes(8))
+    list(assembler.feed(record))
+    record["origin"] = ECHO
+    list(assembler.feed(record))
+    assert assembler.counters == FrameCounters(configuration=1, echo=1)
+
+
+def test_boards_are_numbered_on_each_bus():
+    hand = load("hand")
+    for bus in range(2):
+        here = hand.frames.bus == bus
+        np.testing.assert_array_equal(node_numbers(hand)[here], np.arange(1, here.sum() + 1))

@@ -110,6 +110,7 @@ def test_a_copy_has_arrays_of_its_own(cycles):
     other.contacts[0].wrench[:] = 7.0
     assert not (state.units.force == 7.0).any()
     assert not (state.contacts[0].wrench == 7.0).any()
+    assert other.time_s == state.time_s == pytest.approx(0.004 * state.cycle, abs=1e-3)
 
 
 def test_what_is_not_wanted_says_which_want_gives_it():

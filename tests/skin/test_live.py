@@ -214,7 +214,9 @@ def test_host_that_is_slow_leaves_out_syncs_and_counts_them(periods):
         ({"want": {"wrnch"}}, "wrench"),
         ({"options": "sine"}, "options: must be "),
         ({"record": "run.txt"}, "record: run.txt: must end in one of .mcap, .log, .log.gz"),
-        ({"sync": "bus", "simulate": True}, "sync: must be 'host' with simulate; got 'bus'"),
+        ({"sync": "bus"}, "sync: must be 'host' with simulate; got 'bus'"),
+        ({"simulate": "pres"}, r"a ready-made scene .*nearest: 'press'"),
+        ({"simulate": 2}, "simulate: must be True, a scene, or the name or file of one; got 2"),
     ],
 )
 def test_wrong_option_is_refused(options, message):
@@ -380,18 +382,6 @@ def test_stamps_that_jump_are_said_to_and_stay_those_of_the_system(tmp_path, cap
     (said,) = [text for text in caplog.messages if "jump" in text]
     assert said.startswith(f"bus 'main': stamps jump by {'+' if jump_s > 0 else '-'}")
     assert said.endswith(": a clock was set")
-
-
-@pytest.mark.parametrize(
-    ("simulate", "message"),
-    [
-        ("pres", r"a ready-made scene .*nearest: 'press'"),
-        (2, "simulate: must be True, a scene, or the name or file of one; got 2"),
-    ],
-)
-def test_what_is_no_scene_is_refused(simulate, message):
-    with pytest.raises(ValueError, match=message):
-        skin.open("strip", simulate=simulate)
 
 
 def test_refused_skin_closes_its_buses(monkeypatch):

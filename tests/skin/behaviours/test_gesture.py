@@ -152,16 +152,6 @@ def test_while_the_bus_stops_nothing_is_told_and_a_pull_is_told_after():
     assert play(gestures, held, nothing, 0.4) == []
 
 
-def test_a_magnet_that_is_seen_is_no_gesture():
-    gestures, held = rested()
-    held.status[:6] = int(Status.MAGNETIC_ANOMALY)
-    assert play(gestures, held, nothing, 0.6) == []
-    held.status[:16] = int(Status.MAGNETIC_ANOMALY)
-    assert play(gestures, held, PULL, 0.8) == []
-    held.status[:] = 0
-    assert play(gestures, held, nothing, 0.4) == []
-
-
 @pytest.mark.long
 def test_people_are_understood_on_the_simulator():
     trial = run(3, lambda random: story(random)[6:])

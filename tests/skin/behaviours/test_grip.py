@@ -226,16 +226,6 @@ def test_a_bus_that_stops_for_200_ms_drops_nothing_and_is_forgotten():
     assert any(one.what == "hears all pads again" for one in control.decisions)
 
 
-def test_units_that_a_magnet_makes_invalid_drop_nothing():
-    pinch, control = held()
-    slid_m = pinch.slid_m
-    pinch.silent[16:30] = True  # MAGNETIC_ANOMALY: the numbers are there, and not valid
-    pinch.units.force[:2, 16:30] = 3.0
-    grips = pinch.go(control, 0.5)
-    assert (grips > pinch.needed_n).all()
-    assert pinch.slid_m == slid_m
-
-
 def test_states_that_come_late_do_not_let_go():
     pinch, control = held()
     pinch.state.stamp_ns += 200_000_000
@@ -294,12 +284,6 @@ def test_without_a_probe_the_belief_stays():
 def test_parameters_that_cannot_be_are_refused(options, message):
     with pytest.raises(OptionError, match=message):
         GripParameters(**options)
-
-
-def test_unknown_pads_are_named():
-    pinch = Pinch()
-    with pytest.raises(OptionError, match="pads"):
-        GripControl(pinch.topology, pinch, pads=("thumb",))
 
 
 def test_a_pull_while_it_dips_is_gripped_for():

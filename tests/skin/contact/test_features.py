@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
 from skin.contact.record import Flag
-from skin.patch import wrench_adjoint
 from tests.fixtures.contact_features import contact_features
 
 AREA = 1.1e-4
@@ -63,32 +62,6 @@ def test_wrenches_of_clusters_add_up_to_the_total(loose, seed):
         np.testing.assert_allclose(contacts[name].sum(0), total[name], rtol=1e-9, atol=1e-12)
     centre = contacts["load"] @ contacts["centroid"] / total["load"]
     np.testing.assert_allclose(total["centroid"], centre, atol=1e-12)
-
-
-@given(seeds)
-def test_wrench_is_covariant_under_rigid_motion(seed):
-    label, force, sigma, position, rotation = scene(seed)
-    rng = np.random.default_rng(seed)
-    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(0.0, 0.5, 3)
-    here, _ = contact_features(label, force, sigma, position, rotation, AREA)
-    there, _ = contact_features(
-        label,
-        force,
-        sigma,
-        turn @ position + shift[:, np.newaxis],
-        np.einsum("ij,jkn->ikn", turn, rotation),
-        AREA,
-    )
-    back, origin = turn.T, -turn.T @ shift
-    for a, b in zip(here, there, strict=True):
-        adjoint = wrench_adjoint(back, origin)
-        moved, covariance = adjoint @ a["wrench"], adjoint @ a["wrench_covariance"] @ adjoint.T
-        np.testing.assert_allclose(b["wrench"], moved, atol=1e-9)
-        np.testing.assert_allclose(b["wrench_covariance"], covariance, atol=1e-9)
-        np.testing.assert_allclose(b["centroid"], turn @ a["centroid"] + shift, atol=1e-11)
-        # along a normal that is fitted, and turns by rounding where the units hardly tell it
-        assert b["torsion"] == pytest.approx(a["torsion"], rel=1e-7, abs=1e-8)
-        assert b["shear"] == pytest.approx(a["shear"], rel=1e-7, abs=1e-8)
 
 
 def test_a_load_below_five_sigma_has_no_centre():

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from skin.errors import SkinError
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.surroundings import Surroundings, Tool, dipole_field_ut
-from tests.naive.film import dipole_sum_ut
+from tests.fixtures.film import grains, sum_of_dipoles
 from topology import load
 
 TIP = load("fingertip")
@@ -99,7 +99,7 @@ def test_iron_answers_the_films_and_the_ambient_field():
     for i in range(n):
         middle = 1e3 * TIP.position[:, i] + film.middle_mm * TIP.rotation[:, 2, i]
         point = TIP.rotation[:, :, i].T @ (1e3 * np.array(AWAY) - middle)
-        local += TIP.rotation[:, :, i] @ dipole_sum_ut(film, point[:, np.newaxis])[:, 0]
+        local += TIP.rotation[:, :, i] @ sum_of_dipoles(point[:, np.newaxis], *grains(film))[:, 0]
     assert np.linalg.norm(local - ambient) > 5.0
     moment = 6.0**3 * 499.0 / 502.0 * local
     offset = chips_mm() - 1e3 * np.array(AWAY)[:, np.newaxis]

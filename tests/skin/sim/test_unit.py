@@ -142,6 +142,3 @@ def test_noise_is_as_large_as_the_model_says() -> None:
         assert noise[:, channel].std() == pytest.approx(sigma, rel=5.0 / np.sqrt(2 * samples))
         assert abs(noise[:, channel].mean()) < 5.0 * sigma / np.sqrt(samples)
     assert np.all(noise[:, HALL_TEMPERATURE] == 0.0)
-
-
-# -- assembly and Hall chip ------------------------------------------------------------------------
