@@ -86,49 +86,24 @@ def found_with(skin, records):
 def cases():
     """Name, skin and frames of every trouble, alone."""
     skin = make_topology("f3t-fd64", 20, buses=2)  # two boards on each bus
-    yield "missing-heartbeat, never", skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)])
-    yield (
-        "missing-heartbeat, stopped",
-        skin,
-        data_of(skin, 4),
-        all_beats(skin, but=[(0, 2)]),
-        beats(2, seconds=1),
-    )
-    yield "missing-heartbeat, of all", skin, data_of(skin, 4), all_beats(skin, but=[(0, 1), (0, 2)])
-    strange = beats(77, serial=2)
-    yield (
-        "missing-heartbeat, another node",
-        skin,
-        data_of(skin, 4),
-        all_beats(skin, but=[(0, 2)]),
-        strange,
-    )
-    yield (
-        "missing-unit of a board that beats",
-        skin,
-        data_of(skin, 4, without=[(1, 0x101)]),
-        all_beats(skin),
-    )
-    without = [(1, 0x101)]
-    yield (
-        "missing-unit of a dead board",
-        skin,
-        data_of(skin, 4, without=without),
-        all_beats(skin, but=[(1, 2)]),
-    )
+    data, others = data_of(skin, 4), all_beats(skin, but=[(0, 2)])
+    dead = data_of(skin, 4, without=[(1, 0x101)])
+    faulty = beats(2, bus=1, state="fault")
+    for name, *parts in (
+        ("missing-heartbeat, never", data, others),
+        ("missing-heartbeat, stopped", data, others, beats(2, seconds=1)),
+        ("missing-heartbeat, of all", data, all_beats(skin, but=[(0, 1), (0, 2)])),
+        ("missing-heartbeat, another node", data, others, beats(77, serial=2)),
+        ("missing-unit of a board that beats", dead, all_beats(skin)),
+        ("missing-unit of a dead board", dead, all_beats(skin, but=[(1, 2)])),
+        ("unknown-board", data, all_beats(skin), beats(0xDF, serial=9)),
+        ("duplicate-node", data, all_beats(skin), beats(2, serial=50, late_ns=300)),
+        ("board-fault", data, all_beats(skin, but=[(1, 2)]), faulty),
+    ):
+        yield name, skin, *parts
     one = make_topology("f3t-fd64", 20)
     ids = [(0, 0x102), (0, 0x103)]
     yield "silent-branch of boards that beat", one, data_of(one, 4, without=ids), all_beats(one)
-    yield "unknown-board", skin, data_of(skin, 4), all_beats(skin), beats(0xDF, serial=9)
-    yield (
-        "duplicate-node",
-        skin,
-        data_of(skin, 4),
-        all_beats(skin),
-        beats(2, serial=50, late_ns=300),
-    )
-    faulty = beats(2, bus=1, state="fault")
-    yield "board-fault", skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
     four = make_topology("f3t-classic", 4)
     others = join(beats(77, serial=77), beats(78, serial=78), all_beats(four, but=[(0, 2), (0, 3)]))
     yield "unknown-board, two of other numbers", four, data_of(four, 4), others

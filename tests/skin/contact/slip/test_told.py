@@ -77,3 +77,14 @@ def test_a_contact_of_one_unit_says_nothing_of_the_slip_of_one_before():
     assert contact.slip == SlipState.UNKNOWN
     assert np.isnan(contact.slip_probability)
     assert np.isnan(contact.slip_direction).all()
+
+
+def test_a_copy_keeps_who_began_and_the_noise():
+    hold, _, _ = until_slip(0)
+    kept = hold.contact.copy()
+    began, noise = hold.contact.slip_began.copy(), hold.contact.noise_ratio.copy()
+    for _ in range(300):
+        hold.step(hold.dome(), (3.0, 0.0), noise=0.1 * hold.rng.standard_normal((2, 25)))
+    np.testing.assert_array_equal(kept.slip_began, began)
+    np.testing.assert_array_equal(kept.noise_ratio, noise)
+    assert not np.array_equal(hold.contact.noise_ratio, noise)
