@@ -65,17 +65,6 @@ def test_a_bus_within_the_process_that_need_not_wait_has_a_time_of_its_own():
     assert np.diff(stamps_ns).tolist() == [period_ns] * 49
 
 
-def test_state_follows_the_truth():
-    with skin.open("palm", simulate=True, pace=False) as palm:
-        state = take(palm, 400)[-1]
-        truth = palm.nodes.truth
-        assert truth.contact.any()
-        loaded = truth.force[2] > 0.05
-        error = (state.units.force - truth.force)[:, loaded]
-        assert np.sqrt((error**2).mean()) < 0.05
-        assert np.abs(state.wrench[:3] - truth.wrench[:3]).max() < 0.3
-
-
 def test_pace_keeps_the_cycle_rate():
     with skin.open("strip", simulate=True) as strip:
         states = iter(strip)

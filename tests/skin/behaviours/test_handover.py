@@ -165,14 +165,8 @@ def test_a_magnet_at_one_pad_is_no_hand_whether_it_is_seen_or_not():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (
-            {"up": (0.0, 1.0)},
-            "handover: up: must be three numbers (x, y, z)",
-        ),
-        (
-            {"up": (0.0, 0.0, 0.0)},
-            "handover: up: must be three numbers (x, y, z)",
-        ),
+        ({"up": (0.0, 1.0)}, "handover: up: must be three numbers (x, y, z)"),
+        ({"up": (0.0, 0.0, 0.0)}, "handover: up: must be three numbers (x, y, z)"),
     ],
 )
 def test_a_wrong_parameter_is_named(wrong, message):
