@@ -10,7 +10,6 @@ import pytest
 
 from skin.behaviours.grip import GripControl, GripParameters, Phase
 from skin.contact.record import SlipState
-from skin.errors import OptionError
 from tests.fixtures.cases import long_after_first
 from tests.skin.behaviours.pinch import PERIOD_S, Pinch
 
@@ -199,20 +198,6 @@ def test_to_close_on_what_is_held_loosens_nothing():
     assert pinch.slid_m == slid_m
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"gripper": None}, "gripper: must have 'squeeze'; got None"),
-        ({"parameters": {"safety": 0.2}}, "parameters: must be a GripParameters"),
-        ({"pads": ("left",)}, "pads: must be two or more; got left"),
-    ],
-)
-def test_what_is_no_gripper_is_refused(options, message):
-    pinch = Pinch()
-    with pytest.raises(OptionError, match=message):
-        GripControl(pinch.topology, **({"gripper": pinch} | options))
-
-
 def test_a_bus_that_stops_for_200_ms_drops_nothing_and_is_forgotten():
     pinch, control = held(seconds=4.0)
     before_n, slid_m = pinch.go(control, 0.3).mean(), pinch.slid_m
@@ -271,19 +256,6 @@ def test_without_a_probe_the_belief_stays():
     pinch.go(control, 2.0)
     assert control.least_friction == pytest.approx(0.25, rel=0.05)
     assert pinch.slid_m == 0.0
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"safety": -0.1}, "safety: must be a number from 0 to 10"),
-        ({"probe": 1}, "probe: must be"),
-        ({"first_grip_n": 30.0}, "first_grip_n: must be from least_grip_n to most_grip_n"),
-    ],
-)
-def test_parameters_that_cannot_be_are_refused(options, message):
-    with pytest.raises(OptionError, match=message):
-        GripParameters(**options)
 
 
 def test_a_pull_while_it_dips_is_gripped_for():
