@@ -86,7 +86,7 @@ def cases():
     hand = topology.load("hand")
     records = traffic(hand, 60, period_ns=4_000_000)
     yield "silent-branch, a patch", hand, hurt(hand, records, kinds.Kill(units=("index",)))
-    swapped = records.copy()
+    swapped = traffic(hand, 40, period_ns=4_000_000)
     swapped["bus"] = 1 - swapped["bus"]
     yield "swapped-buses", hand, swapped
     yield "silent-bus", two, join(_without_data(two, traffic(two), 1), _on(HEARTBEATS, 1))
