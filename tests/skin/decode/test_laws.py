@@ -1,4 +1,4 @@
-"""Laws of the decoder: symmetries, monotony, independence, and the truth where nothing is noisy."""
+"""Laws of the decoder: the truth where nothing is noisy, the naive one, and no more than asked."""
 
 from __future__ import annotations
 
@@ -23,14 +23,6 @@ from tests.fixtures.decode import (
 from tests.naive.decode import naive_decode
 
 FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "status", "valid")
-
-
-def nominal_counts(gel=1430, frequency=12000, bx=0, by=0, chip=0, n=1, layout="f3t-fd16"):
-    """One cycle of equal units, chip and gel warm, pressed 1.67 mm."""
-    raw = np.zeros((6, n), np.int16)
-    for row, value in zip((0, 1, 2, 3, 5), (gel, frequency, bx, by, chip), strict=True):
-        raw[row] = value
-    return raw
 
 
 def off_centre(skin, seed=2, most_mm=0.15):
@@ -96,7 +88,7 @@ def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
         assert sure.sum() > 50
 
 
-# -- edges ---------------------------------------------------------------------------------------
+# -- no more than is asked for ------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("interpreted")

@@ -1,4 +1,4 @@
-"""The magnetic field of films against magnet theory, twice, and against Maxwell's laws."""
+"""The magnetic field of films against magnet theory, twice, and by its symmetry and scale."""
 
 from __future__ import annotations
 
