@@ -65,3 +65,15 @@ def test_stray_sigma_of_a_unit_model_is_that_of_films_as_made():
             spread = np.einsum("kap,kl,lap->ap", field, covariance, field) @ weight
             found = np.sqrt(spread.sum() / size.sum())
             assert found == pytest.approx(UnitModel().stray_sigma_relative, abs=0.03)
+
+
+def test_the_field_of_a_multipole_has_no_divergence_and_no_curl():
+    at, step = np.array([[9.0], [4.0], [3.0]]), 1e-4
+    slope = np.stack([
+        (multipole_field(at + step * axis[:, None]) - multipole_field(at - step * axis[:, None]))
+        [..., 0] / (2.0 * step)
+        for axis in np.eye(3)
+    ], axis=-1)  # fmt: skip
+    size = np.abs(slope).max(axis=(1, 2))
+    assert (np.abs(np.trace(slope, axis1=1, axis2=2)) < 1e-6 * size).all()
+    assert (np.abs(slope - slope.transpose(0, 2, 1)).max(axis=(1, 2)) < 1e-6 * size).all()
