@@ -38,13 +38,6 @@ def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, shar
     assert np.median(shares) < 1.6
 
 
-def test_before_anything_is_known_the_belief_is_small():
-    pinch, control = held(seconds=0.6)
-    assert not control.is_tested
-    assert pinch.grip_n > 1.5 * pinch.needed_n
-    assert control.least_friction == pytest.approx(GripParameters().least_friction, rel=0.05)
-
-
 @pytest.mark.parametrize("rise_s", [0.1, 0.3])
 def test_the_grip_rises_with_a_pull_before_it_slips(rise_s):
     pinch, control = held()
