@@ -194,10 +194,8 @@ class HalbachField:
         at_rest = np.empty_like(local)
         film_fields(self._tables, self._units, film, local, at_rest)
         at_rest = np.einsum("mab,mbc,mc->ma", turn, turned, at_rest)
-        return Rows(
-            start, film, np.ascontiguousarray(offset_mm),
-            np.ascontiguousarray(turn).reshape(-1, 9), at_rest,
-        )  # fmt: skip
+        turn = np.ascontiguousarray(turn).reshape(-1, 9)
+        return Rows(start, film, *map(np.ascontiguousarray, (offset_mm, turn, at_rest)))
 
     def _out_of_range(self, out: np.ndarray, films: Films) -> SkinError:
         displacement, depth, tilt, _ = films
@@ -290,7 +288,7 @@ def _units(table: FilmTable, fabrication: Fabrication) -> Units:
 
 
 def _contiguous(array: np.ndarray, whole: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
-    """The array, spread out to `whole`, as the compiled code takes it: one that may be written,
-    whatever is given, for numba compiles anew for one that may not."""
+    """The array, spread out to `whole`, as the compiled code takes it: always one that may be
+    written, since numba compiles a second time for one that may not."""
     array = array if np.shape(array) == whole else np.broadcast_to(array, whole)
     return np.require(array, np.float64, "CW").reshape(shape)

@@ -93,16 +93,3 @@ def test_a_contact_that_slides_slides_on_while_units_are_silent(heard, cycles, b
             states.append(SlipState(record["slip"]))
     if cycles * 0.01 < PARAMETERS.rest_s:
         assert set(states[states.index(GROSS) :]) == {GROSS}
-
-
-def test_units_in_a_row_and_all_at_one_place(bench_of):
-    rng = np.random.default_rng(52)
-    _, frames = flat_skin(4, rng)
-    along = np.array([[1.0], [0.5], [0.2]])
-    for spread in (0.01, 0.0):
-        bench = bench_of((spread * along * np.arange(4), frames), rng)
-        for t in range(25):
-            bench.read(np.array([1.0, 0.4, 1.2, 0.9]), bench.drag((0.04 * t, 0.0)), 0.4)
-            (record,) = bench.judge([{"id": 4, "members": [2, 0, 3, 1]}], 0.02)
-        assert np.linalg.norm(record["motion"]) > 0.5
-        assert np.any(record["rotation"]) == (spread > 0.0)
