@@ -283,7 +283,8 @@ def _tables() -> Tables:
 def _units(table: FilmTable, fabrication: Fabrication) -> Units:
     orders = np.concatenate([table.near_orders, table.far_orders])
     coefficients = fabrication.coefficients(orders)
-    of_units = coefficients.real, coefficients.imag, fabrication.centre_mm, fabrication.tilt_rad
+    parts = np.real(coefficients), np.imag(coefficients)
+    of_units = *parts, fabrication.centre_mm, fabrication.tilt_rad
     return Units(*map(np.ascontiguousarray, of_units))
 
 
@@ -291,4 +292,4 @@ def _contiguous(array: np.ndarray, whole: tuple[int, ...], shape: tuple[int, ...
     """The array, spread out to `whole`, as the compiled code takes it: always one that may be
     written, since numba compiles a second time for one that may not."""
     array = array if np.shape(array) == whole else np.broadcast_to(array, whole)
-    return np.require(array, np.float64, "CW").reshape(shape)
+    return np.require(array, np.float64, ["C", "W"]).reshape(shape)
