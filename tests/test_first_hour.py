@@ -25,7 +25,7 @@ pytestmark = pytest.mark.long
 
 NOT_THERE = ("No matching distribution found", "Could not find a version", "Connection")
 """What pip says where packages of others cannot be had."""
-UNITS, OF_FINGER = 15, 6
+UNITS = 15
 URDF = """<robot name="two_fingers">
   <link name="palm"/>
   <link name="finger"><collision><geometry><sphere radius="0.012"/></geometry></collision></link>

@@ -299,10 +299,9 @@ def parse_python(text, end, names, buses, left_out, words, data, states):
 
 
 _ints, _words, _data = types.int64[::1], types.int64[:, ::1], types.uint8[:, ::1]
-_text_in = types.Array(types.uint8, 1, "C", readonly=True)
 _states = from_dtype(STATE)[::1]
 # See `bus.codec_kernels` for the options.
 parse = compiled(
     parse_python,
-    [types.int64(_text_in, types.int64, _data, _ints, _ints, _words, _data, _states)],
+    [types.int64(types.uint8[::1], types.int64, _data, _ints, _ints, _words, _data, _states)],
 )

@@ -126,6 +126,7 @@ class Ambient:
             blocks, units, near_start, places[near], crosstalk, slow_s, self.period_s
         )  # fmt: skip
         self._memory, self._bodies = zeros(blocks.size, MEMORY), np.zeros(len(self.bodies), BODY)
+        self.covariance_ut2 = np.zeros((len(self.bodies), 3, 3))
         self.reset()
 
     def _write(self, records: np.ndarray, name: str, values: np.ndarray | float) -> None:
@@ -159,12 +160,6 @@ class Ambient:
         field = np.einsum("ban,bn->an", self._known["skin_chip"], self.field_ut[:, self.body])
         field[:2] = np.einsum("abn,bn->an", self._known["inverse_map"], field[:2] + aside_ut)
         return field
-
-    @property
-    def covariance_ut2(self) -> np.ndarray:
-        """Of `field_ut`, from the noise of the votes and how fast fields turn: one array, shape
-        (bodies, 3, 3), that the kernel writes."""
-        return self._bodies["now"]["covariance_ut2"]
 
     @property
     def voters(self) -> np.ndarray:
@@ -206,7 +201,8 @@ class Ambient:
         """
         return kernels.update, self._model, AmbientData(
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status,
-            reading.valid, self.elapsed_s, self._memory, self._runs, self._bodies, self.taken,
+            reading.valid, self.elapsed_s, self._memory, self._runs, self._bodies,
+            self.covariance_ut2, self.taken,
         )  # fmt: skip
 
     def reset(self) -> None:
@@ -254,6 +250,7 @@ class Ambient:
         self._bodies[:] = 0
         for name in ("now", "newer", "older"):
             self._bodies[name]["covariance_ut2"] = PRIOR_UT2 * np.eye(3)
+        self.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
         self._turned = [Turned() for _ in self.bodies]
 
     def turn(self, attitude: np.ndarray, body: int | None = None) -> None:
@@ -279,6 +276,7 @@ class Ambient:
         attitude = as_rotation(attitude)
         for g in range(len(self.bodies)) if body is None else (body,):
             self._turned[g](self._bodies[g], attitude)
+            self.covariance_ut2[g] = self._bodies[g]["now"]["covariance_ut2"]
 
 
 def as_rotation(attitude: Any) -> np.ndarray:

@@ -180,6 +180,7 @@ class AmbientData(NamedTuple):
     memory: np.ndarray  # (b,), MEMORY
     runs: np.ndarray  # (r,), RUN
     bodies: np.ndarray  # (g,), BODY
+    covariance_ut2: np.ndarray  # (g, 3, 3), written: of the fields, for the contact stage
     taken: np.ndarray  # (5, n), written: Hz, µT in the axes of the chips, variance of an axis
 
 
@@ -578,6 +579,9 @@ def update_python(model, data):
         _vote(model.units[b], data.memory[b], body, refused, field, size)
     for g in range(data.bodies.size):
         _filter(data.bodies[g], dt_s, FAST_OF_SLOW * slow_s)
+        for a in range(3):
+            for b in range(3):
+                data.covariance_ut2[g, a, b] = data.bodies[g]["now"]["covariance_ut2"][a, b]
     for b in range(model.blocks.size):
         block = model.blocks[b]
         unit, memory, first, size = model.units[b], data.memory[b], block["first"], block["size"]

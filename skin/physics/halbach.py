@@ -194,10 +194,8 @@ class HalbachField:
         at_rest = np.empty_like(local)
         film_fields(self._tables, self._units, film, local, at_rest)
         at_rest = np.einsum("mab,mbc,mc->ma", turn, turned, at_rest)
-        return Rows(
-            start, film, np.ascontiguousarray(offset_mm),
-            np.ascontiguousarray(turn).reshape(-1, 9), at_rest,
-        )  # fmt: skip
+        turn = np.ascontiguousarray(turn).reshape(-1, 9)
+        return Rows(start, film, *map(np.ascontiguousarray, (offset_mm, turn, at_rest)))
 
     def _out_of_range(self, out: np.ndarray, films: Films) -> SkinError:
         displacement, depth, tilt, _ = films
@@ -285,13 +283,13 @@ def _tables() -> Tables:
 def _units(table: FilmTable, fabrication: Fabrication) -> Units:
     orders = np.concatenate([table.near_orders, table.far_orders])
     coefficients = fabrication.coefficients(orders)
-    return Units(
-        np.ascontiguousarray(np.real(coefficients)), np.ascontiguousarray(np.imag(coefficients)),
-        fabrication.centre_mm, fabrication.tilt_rad,
-    )  # fmt: skip
+    parts = np.real(coefficients), np.imag(coefficients)
+    of_units = *parts, fabrication.centre_mm, fabrication.tilt_rad
+    return Units(*map(np.ascontiguousarray, of_units))
 
 
 def _contiguous(array: np.ndarray, whole: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
-    """The array, spread out to `whole`, as the compiled code takes it."""
+    """The array, spread out to `whole`, as the compiled code takes it: always one that may be
+    written, since numba compiles a second time for one that may not."""
     array = array if np.shape(array) == whole else np.broadcast_to(array, whole)
-    return np.ascontiguousarray(array, np.float64).reshape(shape)
+    return np.require(array, np.float64, ["C", "W"]).reshape(shape)

@@ -72,10 +72,7 @@ def streamed(**options):
 STRIP = topology.load("strip")
 SCENE = {"file": "press", "topology": STRIP}
 OPTIONS = {
-    "skin.open": (
-        opened,
-        "want slip options sync pace seed faults",
-    ),
+    "skin.open": (opened, "want slip options sync pace seed faults"),
     "Options": (
         skin.Options,
         "want estimator dtype sweeps ambient skip slip false_contacts_per_day capacity",
@@ -85,10 +82,7 @@ OPTIONS = {
         "want estimator dtype consistency skip sweeps ambient",
     ),
     "Pipeline": (lambda **options: skin.Pipeline(STRIP, **options), "deadline_s"),
-    "ContactStream": (
-        streamed,
-        "want slip capacity rate_hz false_contacts_per_day",
-    ),
+    "ContactStream": (streamed, "want slip capacity rate_hz false_contacts_per_day"),
     "SlipSettings": (
         skin.SlipSettings,
         "false_alarms_per_hour slips_per_hour gain_error floor_mm incipient_ratio gross_ratio "

@@ -25,10 +25,7 @@ def short(monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "benchmark",
-    [decode, fig3, contact, skip, recorded],
-)
+@pytest.mark.parametrize("benchmark", [decode, fig3, contact, skip, recorded])
 def test_a_benchmark_runs_and_shows(benchmark):
     figures = json.loads(json.dumps(benchmark.run(True)))
     assert benchmark.table(figures)

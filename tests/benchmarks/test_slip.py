@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks import slip, workers
-from benchmarks.slip_play import FIRST, GROSS, ONSET, Plan, play, skin_of
+from benchmarks.slip_play import FIRST, GROSS, ONSET, Plan, play
 from benchmarks.slip_scenes import stage
 from benchmarks.slip_scoring import WARNING_S, outcome, watch
 from benchmarks.slip_seen import see
-from skin.contact.record import SlipState
-from skin.contact.stream import ContactStream
 from skin.sim.mechanics.body import Body
 
 pytestmark = pytest.mark.long
@@ -73,37 +71,6 @@ def test_a_grip_that_holds_is_quiet(modulation):
     assert np.ptp(load) / np.median(load) == pytest.approx(2.0 * modulation, abs=0.02)
     alarm, _ = watch(trial, see(trial))
     assert not alarm.any()
-
-
-@pytest.mark.parametrize("rate_hz", [10.0, 250.0])
-def test_an_hour_of_holding_is_quiet_while_the_elastomer_relaxes(rate_hz):
-    held = play(plan(kind="hold", farthest_mm=0.5, friction=np.full(64, 0.9)))
-    skin, rng = skin_of("flat"), np.random.default_rng(8)
-    moved, force = held.displacement_mm[-1], held.force[-1]
-    seen = see(held)
-    sigma, force_sigma = (
-        array[-1].astype(np.float32) for array in (seen.displacement_sigma_mm, seen.force_sigma)
-    )
-    stream = ContactStream(
-        skin.position, skin.rotation, skin.area, skin.neighbour_start, skin.neighbour_index,
-        want={"slip"}, rate_hz=rate_hz,
-    )  # fmt: skip
-    said, told = np.zeros((2, 3, skin.n), np.float32)
-    worst = SlipState.UNKNOWN
-    for second in range(3600):
-        cycles = int(rate_hz)
-        noise = rng.standard_normal((cycles, 3, skin.n), np.float32)
-        # creep by a tenth and more, each unit by its own share
-        creep = 1.0 + np.log1p(second + np.arange(cycles) / rate_hz)[:, np.newaxis] * np.linspace(
-            0.008, 0.014, skin.n
-        )
-        for t in range(cycles):
-            said[:] = force * creep[t] + force_sigma * noise[t]
-            told[:] = moved * creep[t] + sigma * noise[t]
-            stamp_ns = round(1e9 * (second + (t + 1) / rate_hz))
-            for contact in stream.update(said, force_sigma, told, sigma, stamp_ns=stamp_ns):
-                worst = max(worst, contact.slip)
-    assert worst == SlipState.STICK
 
 
 def test_trials_are_what_they_were_when_the_stored_figures_were_measured():

@@ -322,21 +322,6 @@ def test_a_restart_of_the_host_is_not_counted_as_loss():
 # -- sequence numbers ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16"])
-@given(missing=st.lists(st.integers(1, 6), min_size=1, max_size=8))
-def test_every_missing_frame_is_counted_where_it_is_missing(layout, missing):
-    small = make_topology(layout, units=3)
-    assembler = Assembler(small, stale_cycles=100)
-    number, parts = 0, [cycle_frames(small, 0)]
-    for gap in missing:
-        parts += [cycle_frames(small, number + 1 + i)[[0, 1, 3]] for i in range(gap)]
-        number += gap + 1
-        parts.append(cycle_frames(small, number))
-    run(assembler, *parts)
-    assert assembler.by_frame("lost").tolist() == [0, sum(missing), 0]
-    assert assembler.counters.lost == sum(missing)
-
-
 def test_a_frame_that_came_and_could_not_be_used_is_not_lost_as_well():
     small = make_topology("f3t-fd16", units=1)
     parts = [cycle_frames(small, i) for i in range(6)]

@@ -10,15 +10,7 @@ from hypothesis import strategies as st
 from bus import INVALID, Assembler, Status
 from bus.assemble import cycles, feed
 from tests.bus.test_assemble import counting, cycle_frames, run, total
-from tests.fixtures.bus import (
-    PERIOD_NS,
-    SYNC_ID,
-    TWO_PARTS,
-    frame,
-    join,
-    make_topology,
-    name_of,
-)
+from tests.fixtures.bus import PERIOD_NS, SYNC_ID, TWO_PARTS, frame, join, make_topology, name_of
 
 RECORDS = st.tuples(
     st.sampled_from([0x100, 0x101, 0x102, 0x103, SYNC_ID, 0x701, 0x80000100, None]),

@@ -7,15 +7,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bus import Assembler
+from bus import Assembler, FrameCounters
 from bus.diagnose import diagnose
 from bus.diagnose_bus import identities
 from bus.discover import Survey
 from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
-from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, STATES, heartbeat_nodes
+from bus.heartbeat import (
+    COMMAND_ID,
+    FIRST_ID,
+    LAST_ID,
+    LAYOUT,
+    STATES,
+    heartbeat_nodes,
+    node_numbers,
+)
 from tests.fixtures.bus import PERIOD_NS, data_frames, frame, join, make_topology, sync
 from tests.topology.test_messages import check_golden
-from topology import LAYOUTS, WireLayout
+from topology import LAYOUTS, WireLayout, load
 
 START_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000
@@ -78,49 +86,24 @@ def found_with(skin, records):
 def cases():
     """Name, skin and frames of every trouble, alone."""
     skin = make_topology("f3t-fd64", 20, buses=2)  # two boards on each bus
-    yield "missing-heartbeat, never", skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)])
-    yield (
-        "missing-heartbeat, stopped",
-        skin,
-        data_of(skin, 4),
-        all_beats(skin, but=[(0, 2)]),
-        beats(2, seconds=1),
-    )
-    yield "missing-heartbeat, of all", skin, data_of(skin, 4), all_beats(skin, but=[(0, 1), (0, 2)])
-    strange = beats(77, serial=2)
-    yield (
-        "missing-heartbeat, another node",
-        skin,
-        data_of(skin, 4),
-        all_beats(skin, but=[(0, 2)]),
-        strange,
-    )
-    yield (
-        "missing-unit of a board that beats",
-        skin,
-        data_of(skin, 4, without=[(1, 0x101)]),
-        all_beats(skin),
-    )
-    without = [(1, 0x101)]
-    yield (
-        "missing-unit of a dead board",
-        skin,
-        data_of(skin, 4, without=without),
-        all_beats(skin, but=[(1, 2)]),
-    )
+    data, others = data_of(skin, 4), all_beats(skin, but=[(0, 2)])
+    dead = data_of(skin, 4, without=[(1, 0x101)])
+    faulty = beats(2, bus=1, state="fault")
+    for name, *parts in (
+        ("missing-heartbeat, never", data, others),
+        ("missing-heartbeat, stopped", data, others, beats(2, seconds=1)),
+        ("missing-heartbeat, of all", data, all_beats(skin, but=[(0, 1), (0, 2)])),
+        ("missing-heartbeat, another node", data, others, beats(77, serial=2)),
+        ("missing-unit of a board that beats", dead, all_beats(skin)),
+        ("missing-unit of a dead board", dead, all_beats(skin, but=[(1, 2)])),
+        ("unknown-board", data, all_beats(skin), beats(0xDF, serial=9)),
+        ("duplicate-node", data, all_beats(skin), beats(2, serial=50, late_ns=300)),
+        ("board-fault", data, all_beats(skin, but=[(1, 2)]), faulty),
+    ):
+        yield name, skin, *parts
     one = make_topology("f3t-fd64", 20)
     ids = [(0, 0x102), (0, 0x103)]
     yield "silent-branch of boards that beat", one, data_of(one, 4, without=ids), all_beats(one)
-    yield "unknown-board", skin, data_of(skin, 4), all_beats(skin), beats(0xDF, serial=9)
-    yield (
-        "duplicate-node",
-        skin,
-        data_of(skin, 4),
-        all_beats(skin),
-        beats(2, serial=50, late_ns=300),
-    )
-    faulty = beats(2, bus=1, state="fault")
-    yield "board-fault", skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
     four = make_topology("f3t-classic", 4)
     others = join(beats(77, serial=77), beats(78, serial=78), all_beats(four, but=[(0, 2), (0, 3)]))
     yield "unknown-board, two of other numbers", four, data_of(four, 4), others
@@ -202,3 +185,18 @@ def test_heartbeats_are_counted_up_to_the_last_node(can_id):
     list(assembler.feed(frame(can_id, bytes(8))))
     assert assembler.counters.heartbeat == (FIRST_ID <= can_id <= LAST_ID)
     assert assembler.counters.configuration == (can_id == LAST_ID + 1)
+
+
+def test_commands_to_boards_are_not_foreign():
+    assembler, record = Assembler(make_topology("f3t-fd16", 2)), frame(COMMAND_ID, bytes(8))
+    list(assembler.feed(record))
+    record["origin"] = ECHO
+    list(assembler.feed(record))
+    assert assembler.counters == FrameCounters(configuration=1, echo=1)
+
+
+def test_boards_are_numbered_on_each_bus():
+    hand = load("hand")
+    for bus in range(2):
+        here = hand.frames.bus == bus
+        np.testing.assert_array_equal(node_numbers(hand)[here], np.arange(1, here.sum() + 1))

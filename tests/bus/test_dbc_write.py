@@ -2,11 +2,10 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bus import Packer
@@ -15,13 +14,10 @@ from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID
 from skin.cli import main
 from skin.sim.node import Heartbeats
-from tests.fixtures.cases import long_after_first
 from tests.fixtures.dbc import Unpacker, by_cantools
-from tests.fixtures.logs import read_all
 from tests.fixtures.topology import write_topology
 from topology import CHANNELS, builtin, load
 
-LOGS = Path(__file__).parents[1] / "golden" / "logs"
 ROW = 'kind = "grid"\nrows = 1\npitch_m = 0.02\n'
 
 
@@ -53,21 +49,8 @@ def check_frame(record, message, unpack, names):
 # -- the same values ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["strip", "palm"])
-def test_a_candump_log_decodes_to_the_same_values_in_cantools(name):
-    topology = load(name)
-    frames = read_all(LOGS / f"{name}-vcan.log")
-    database = by_cantools(topology)
-    unpack, names = Unpacker(topology), signal_names(topology)
-    data = frames[np.isin(frames["id"], topology.frames.can_id)]
-    assert len(data) > 100
-    for record in data[:: len(data) // 60]:
-        message = database.get_message_by_frame_id(int(record["id"]))
-        _, codes = check_frame(record, message, unpack, names)
-        assert not any(codes.values())
-
-
-@long_after_first("layout", ["xela-uskin", "f3t-classic", "f3t-fd16", "f3t-fd64"])
+@pytest.mark.parametrize("layout", ["xela-uskin", "f3t-classic", "f3t-fd16", "f3t-fd64"])
+@settings(max_examples=3)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_counts_mean_the_same_to_cantools(layout, seed, tmp_path_factory):
     topology = topology_of(tmp_path_factory.mktemp("any"), layout, 7)

@@ -62,57 +62,48 @@ def on_boards(units=20, **options):
 
 def cases():
     """Name, skin and frames of every trouble, alone."""
-    fd16, boards = make_topology("f3t-fd16", 6), on_boards()
-    two = on_boards(buses=2)
-    free = make_topology("f3t-fd16", 3, sync_id=None)
-    last = [int(i) for i in boards.frames.can_id[2:]]
-    yield "missing-unit", fd16, hurt(fd16, traffic(fd16), kinds.Kill(units=("patch/2",)))
-    yield (
-        "missing-unit, later",
-        fd16,
-        hurt(fd16, traffic(fd16), kinds.Kill(units=("patch/2",), from_s=0.6)),
-    )
-    yield "silent-branch", boards, hurt(boards, traffic(boards), kinds.Kill(ids=last))
-    yield (
-        "silent-branch, later",
-        boards,
-        hurt(boards, traffic(boards), kinds.Kill(ids=last, from_s=0.5)),
-    )
+    fd16, boards, two = make_topology("f3t-fd16", 6), on_boards(), on_boards(buses=2)
+    one, last = (0x100,), tuple(int(i) for i in boards.frames.can_id[2:])
+    for name, fault in (
+        ("missing-unit", kinds.Kill(units=("patch/2",))),
+        ("missing-unit, later", kinds.Kill(units=("patch/2",), from_s=0.6)),
+        ("bus-errors", kinds.Error(what="passive", every=50)),
+        ("unknown-id, a babbling node", kinds.Babble(id=0x10, ids=one)),
+        ("wrong-length", kinds.Truncate(length=8, ids=(0x101,))),
+        ("wrong-length, some", kinds.Truncate(length=8, ids=(0x101,), every=4, to_s=0.9)),
+        ("wrong-rate", kinds.Drop(every=2, ids=(0x104,))),
+        ("duplicate-id", kinds.Duplicate(ids=(0x102,))),
+        ("intermittent", kinds.Kill(ids=(0x103,), from_s=0.2, to_s=0.7)),
+        ("sequence-gaps", kinds.Drop(probability=0.05, to_s=0.9)),
+        ("sequence-gaps, one unit", kinds.Drop(probability=0.1, to_s=0.9, ids=one)),
+        ("crc", kinds.Corrupt(probability=0.1, to_s=0.9, ids=(0x105,))),
+        ("late", kinds.Delay(delay_s=0.012, every=9, to_s=0.9)),
+        ("controller-overflow", kinds.Error(what="overflow", at_s=0.3)),
+    ):
+        yield name, fd16, hurt(fd16, traffic(fd16), fault)
+    for name, start in (("silent-branch", {}), ("silent-branch, later", {"from_s": 0.5})):
+        yield name, boards, hurt(boards, traffic(boards), kinds.Kill(ids=last, **start))
     hand = topology.load("hand")
     records = traffic(hand, 60, period_ns=4_000_000)
     yield "silent-branch, a patch", hand, hurt(hand, records, kinds.Kill(units=("index",)))
+    swapped = traffic(hand, 40, period_ns=4_000_000)
+    swapped["bus"] = 1 - swapped["bus"]
+    yield "swapped-buses", hand, swapped
     yield "silent-bus", two, join(_without_data(two, traffic(two), 1), _on(HEARTBEATS, 1))
-    yield "no-traffic", fd16, np.zeros(0, FRAME_DTYPE)
-    yield (
-        "no-traffic, another interface",
-        _changed(fd16, interface="socketcan"),
-        np.zeros(0, FRAME_DTYPE),
-    )
+    nothing = np.zeros(0, FRAME_DTYPE)
+    yield "no-traffic", fd16, nothing
+    yield "no-traffic, another interface", _changed(fd16, interface="socketcan"), nothing
     yield "wrong-bitrate", fd16, np.repeat(frame(CAN_ERR | 0x88, bytes(8), stamp_ns=START_NS), 70)
-    yield "bus-errors", fd16, hurt(fd16, traffic(fd16), kinds.Error(what="passive", every=50))
     strange = join(*(frame(0x400, b"abc", stamp_ns=START_NS + i) for i in range(7)))
     strange = join(strange, frame(CAN_EFF | 0x1FFF, b"", stamp_ns=START_NS))
     yield "unknown-id", fd16, join(traffic(fd16), strange)
     records = traffic(fd16)
     records["id"][records["id"] == 0x103] = 0x123
     yield "unknown-id, a wrong address", fd16, records
-    hand = topology.load("hand")
-    records = traffic(hand, 40, period_ns=4_000_000)
-    records["bus"] = 1 - records["bus"]
-    yield "swapped-buses", hand, records
     pair = with_data_ids(make_topology("f3t-fd16", 6, buses=2), [1, 2, 3, 4, 5, 6])
     records = traffic(pair)
     records["bus"][records["id"] == 2] = 1
     yield "unknown-id, a unit on the wrong bus", pair, records
-    yield (
-        "unknown-id, a babbling node",
-        fd16,
-        hurt(fd16, traffic(fd16), kinds.Babble(id=0x10, ids=(0x100,))),
-    )
-    cut = kinds.Truncate(length=8, ids=(0x101,))
-    yield "wrong-length", fd16, hurt(fd16, traffic(fd16), cut)
-    cut = kinds.Truncate(length=8, ids=(0x101,), every=4, to_s=0.9)
-    yield "wrong-length, some", fd16, hurt(fd16, traffic(fd16), cut)
     records = traffic(fd16)
     records["flags"] &= ~np.uint8(FD_FDF)
     records["length"] = np.minimum(records["length"], 8)
@@ -121,22 +112,16 @@ def cases():
     records = traffic(classic)
     records["flags"][records["id"] == 0x101] = FD_FDF
     yield "fd-mismatch, one", classic, records
-    yield "wrong-rate", fd16, hurt(fd16, traffic(fd16), kinds.Drop(every=2, ids=(0x104,)))
+    free = make_topology("f3t-fd16", 3, sync_id=None)
     records = traffic(free, 400, period_ns=PERIOD_NS // 4)
-    keep = (records["id"] != 0x101) | (np.arange(records.size) // 3 % 2 == 0)
-    slow = records[keep]
+    slow = records[(records["id"] != 0x101) | (np.arange(records.size) // 3 % 2 == 0)]
     mine = slow["id"] == 0x101
     slow[mine] = _renumbered(free, slow[mine])
     yield "wrong-rate, without SYNC", replace(free, cycle_rate_hz=400.0), slow
     yield "wrong-rate, SYNC", fd16, traffic(fd16, period_ns=PERIOD_NS * 2)
     yield "no-sync", fd16, traffic(fd16, syncs=False)
-    yield "duplicate-id", fd16, hurt(fd16, traffic(fd16), kinds.Duplicate(ids=(0x102,)))
-    records = traffic(free)
-    yield (
-        "duplicate-id, counting for themselves",
-        free,
-        hurt(free, records, kinds.Duplicate(ids=(0x102,), offset=90)),
-    )
+    twice = hurt(free, traffic(free), kinds.Duplicate(ids=(0x102,), offset=90))
+    yield "duplicate-id, counting for themselves", free, twice
     skin = make_topology("f3t-fd16", 4, frozen_cycles=20)
     yield "frozen", skin, hurt(skin, traffic(skin), kinds.Freeze(ids=(0x101,), from_s=0.2))
     parts = []
@@ -146,20 +131,6 @@ def cases():
         parts += [sync(n, stamp_ns=stamp_ns),
                   data_frames(fd16, n, n, stamp_ns=stamp_ns, fault_code=codes)]  # fmt: skip
     yield "unit-fault", fd16, join(*parts)
-    gap = kinds.Kill(ids=(0x103,), from_s=0.2, to_s=0.7)
-    yield "intermittent", fd16, hurt(fd16, traffic(fd16), gap)
-    yield "sequence-gaps", fd16, hurt(fd16, traffic(fd16), kinds.Drop(probability=0.05, to_s=0.9))
-    few = kinds.Drop(probability=0.1, to_s=0.9, ids=(0x100,))
-    yield "sequence-gaps, one unit", fd16, hurt(fd16, traffic(fd16), few)
-    few = kinds.Corrupt(probability=0.1, to_s=0.9, ids=(0x105,))
-    yield "crc", fd16, hurt(fd16, traffic(fd16), few)
-    late = kinds.Delay(delay_s=0.012, every=9, to_s=0.9)
-    yield "late", fd16, hurt(fd16, traffic(fd16), late)
-    yield (
-        "controller-overflow",
-        fd16,
-        hurt(fd16, traffic(fd16), kinds.Error(what="overflow", at_s=0.3)),
-    )
 
 
 def _on(records, bus):

@@ -34,10 +34,7 @@ def test_a_pair_is_reached_by_no_name():
         assert far.receive(FrameBatch(1)) == 1
 
 
-@given(
-    st.integers(1, 7),
-    st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=20),
-)
+@given(st.integers(1, 7), st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=20))
 def test_what_is_sent_is_received_or_counted_as_overflow(capacity, steps):
     near, far = MemoryTransport.pair(capacity=capacity)
     with near, far:

@@ -1,9 +1,9 @@
 """All tests but the long ones: ``python -m tests.house.run [PYTEST ARGUMENTS]``, for `make test`.
 
-Kernels that many tests share are compiled first, once, or each worker would compile them. The tests
-on a vcan wait most of their time for the one processor of their guest: they run at the same time
-as the others, and their report comes last, so that pytest's closing line ends the output. The
-exit status is that of the others, or of these where the others have passed.
+Kernels that many tests share are compiled first, once and side by side, or each worker would
+compile them. The tests on a vcan wait most of their time for the one processor of their guest: they
+run at the same time as the others, and their report comes last, so that pytest's closing line ends
+the output. The exit status is that of the others, or of these where the others have passed.
 """
 
 from __future__ import annotations
@@ -22,18 +22,28 @@ SHARED_OUT = ("--ignore=tests/vcan", "-n", str(processors() + 1), "--dist", "loa
 make, and so a worker. One worker more than processors: a fifth of the time of tests is waiting
 [measured]."""
 WARM = """
-import itertools
+import threading
 import tests.conftest
 import skin, topology
+from bus.compiled.warm import jobs_of, side_by_side
+from skin.pipeline import Pipeline
+from skin.sim.scenes.load import open_scene
+
+palm, calls = topology.load("palm"), []
 for name, chosen in (
-    ("palm", {}), ("hand", {}), ("strip", {}), ("palm", {"estimator": "sine"}),
-    ("palm", {"want": "contacts"}), ("palm", {"dtype": "float64"}),
-    ("palm", {"want": "temperature"}),
+    ("palm", {}), ("strip", {}), ("palm", {"estimator": "sine"}), ("palm", {"want": "contacts"}),
+    ("palm", {"dtype": "float64"}), ("palm", {"want": "temperature"}),
 ):
-    with skin.open(name, simulate=True, pace=False, options=skin.Options(**chosen)) as opened:
-        for _ in itertools.islice(opened, 3):
-            pass
-skin.Decoder(topology.load("palm"), dtype="float64", sweeps=0, ambient=False).warmup()
+    calls += Pipeline(topology.load(name), skin.Options(**chosen)).calls()
+calls += skin.Decoder(palm, dtype="float64", sweeps=0, ambient=False).calls()
+jobs = dict.fromkeys(jobs_of(calls))
+compiling = threading.Thread(target=side_by_side, args=(jobs, lambda job: None))
+compiling.start()
+scene = open_scene("demo", palm)
+scene.units.counts(scene.at(1.5))
+compiling.join()
+with skin.open(palm, simulate=True, pace=False) as opened:
+    next(iter(opened))
 list(skin.decode_log("strip", "tests/golden/logs/strip-vcan.log"))
 """
 

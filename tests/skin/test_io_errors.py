@@ -15,7 +15,6 @@ import pytest
 import topology
 from bus.assemble import Assembler
 from bus.dbc import write_dbc
-from bus.frame import FrameBatch
 from skin.calibrate.tare import tare
 from skin.errors import SkinError
 from skin.io.bulk import decode_logs
@@ -29,6 +28,7 @@ from skin.sim.scenes.record import Recorder
 from skin.sim.truth import Truth
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.failing_disk import FailingDisk
+from tests.fixtures.live import cycles_of
 from tests.fixtures.logs import write
 
 STRIP = topology.load("strip")
@@ -37,22 +37,14 @@ EVERY = 10_000
 """More operations than any writer has."""
 
 
-def frames_of(count, nodes=None):
-    nodes, parts = SimulatedUnits(STRIP, seed=1) if nodes is None else nodes, []
-    for cycle in range(count):
-        batch, answers = FrameBatch(64), FrameBatch(64)
-        batch.append(STRIP.sync_id, bytes([cycle & 255]), stamp_ns=1 + cycle * 4_000_000)
-        nodes.respond(batch.frames, answers)
-        parts += [batch.frames.copy(), answers.frames.copy()]
-    return np.concatenate(parts)
-
-
 @pytest.fixture(scope="module")
 def run():
     """Frames of a run, and counts of units that nothing touches."""
-    nodes, assembler = SimulatedUnits(STRIP, Still(), seed=2), Assembler(STRIP)
-    counts = [c.counts.copy() for c in assembler.feed(frames_of(CYCLES, nodes))]
-    return frames_of(CYCLES), np.stack(counts)
+    rest, touched = (
+        np.concatenate([*cycles_of(SimulatedUnits(STRIP, scene, seed=2), CYCLES)])
+        for scene in (Still(), None)
+    )
+    return touched, np.stack([cycle.counts.copy() for cycle in Assembler(STRIP).feed(rest)])
 
 
 class Still:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import topology
-from bus.frame import FrameBatch
 from skin.contact.model import neighbour_graph
 from skin.contact.record import CONTACT
 from skin.contact.stream import ContactStream
@@ -21,6 +20,7 @@ from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.state import Reading, if_wanted
 from tests.fixtures.decode import any_counts
+from tests.fixtures.live import cycles_of
 
 STRIP = topology.load("strip").exact()
 CYCLES = 40
@@ -58,11 +58,8 @@ def cycles():
     """What each of some cycles said when it came, and the states that were kept."""
     nodes, pipeline = SimulatedUnits(STRIP, Growing(), seed=3), Pipeline(STRIP, Options())
     said, kept, now = [], [], []
-    for cycle in range(CYCLES):
-        batch, answers = FrameBatch(64), FrameBatch(64)
-        batch.append(STRIP.sync_id, bytes([cycle]), stamp_ns=1 + cycle * 4_000_000)
-        nodes.respond(batch.frames, answers)
-        for state in pipeline.feed(np.concatenate([batch.frames, answers.frames])):
+    for cycle, frames in enumerate(cycles_of(nodes, CYCLES)):
+        for state in pipeline.feed(frames):
             now.append(told(pipeline.now))
             kept.append(state)
             if cycle % 2:  # some are read when they come, and some are not
@@ -110,14 +107,12 @@ def test_a_copy_has_arrays_of_its_own(cycles):
     other.contacts[0].wrench[:] = 7.0
     assert not (state.units.force == 7.0).any()
     assert not (state.contacts[0].wrench == 7.0).any()
+    assert other.time_s == state.time_s == pytest.approx(0.004 * state.cycle, abs=1e-3)
 
 
 def test_what_is_not_wanted_says_which_want_gives_it():
     pipeline = Pipeline(STRIP, Options(want={"temperature"}, auto_tare=False))
-    nodes, batch, answers = SimulatedUnits(STRIP), FrameBatch(64), FrameBatch(64)
-    batch.append(STRIP.sync_id, b"\0")
-    nodes.respond(batch.frames, answers)
-    (state,) = pipeline.feed(np.concatenate([batch.frames, answers.frames]))
+    (state,) = pipeline.feed(*cycles_of(SimulatedUnits(STRIP), 1))
     for kept in (state, state.copy(), pickle.loads(pickle.dumps(state))):
         for record, name in ((kept.units, "force"), (kept, "wrench"), (kept, "label"),
                              (kept, "contacts"), (kept, "whole"), (kept, "slips")):  # fmt: skip

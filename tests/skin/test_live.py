@@ -65,17 +65,6 @@ def test_a_bus_within_the_process_that_need_not_wait_has_a_time_of_its_own():
     assert np.diff(stamps_ns).tolist() == [period_ns] * 49
 
 
-def test_state_follows_the_truth():
-    with skin.open("palm", simulate=True, pace=False) as palm:
-        state = take(palm, 400)[-1]
-        truth = palm.nodes.truth
-        assert truth.contact.any()
-        loaded = truth.force[2] > 0.05
-        error = (state.units.force - truth.force)[:, loaded]
-        assert np.sqrt((error**2).mean()) < 0.05
-        assert np.abs(state.wrench[:3] - truth.wrench[:3]).max() < 0.3
-
-
 def test_pace_keeps_the_cycle_rate():
     with skin.open("strip", simulate=True) as strip:
         states = iter(strip)
@@ -214,7 +203,9 @@ def test_host_that_is_slow_leaves_out_syncs_and_counts_them(periods):
         ({"want": {"wrnch"}}, "wrench"),
         ({"options": "sine"}, "options: must be "),
         ({"record": "run.txt"}, "record: run.txt: must end in one of .mcap, .log, .log.gz"),
-        ({"sync": "bus", "simulate": True}, "sync: must be 'host' with simulate; got 'bus'"),
+        ({"sync": "bus"}, "sync: must be 'host' with simulate; got 'bus'"),
+        ({"simulate": "pres"}, r"a ready-made scene .*nearest: 'press'"),
+        ({"simulate": 2}, "simulate: must be True, a scene, or the name or file of one; got 2"),
     ],
 )
 def test_wrong_option_is_refused(options, message):
@@ -380,18 +371,6 @@ def test_stamps_that_jump_are_said_to_and_stay_those_of_the_system(tmp_path, cap
     (said,) = [text for text in caplog.messages if "jump" in text]
     assert said.startswith(f"bus 'main': stamps jump by {'+' if jump_s > 0 else '-'}")
     assert said.endswith(": a clock was set")
-
-
-@pytest.mark.parametrize(
-    ("simulate", "message"),
-    [
-        ("pres", r"a ready-made scene .*nearest: 'press'"),
-        (2, "simulate: must be True, a scene, or the name or file of one; got 2"),
-    ],
-)
-def test_what_is_no_scene_is_refused(simulate, message):
-    with pytest.raises(ValueError, match=message):
-        skin.open("strip", simulate=simulate)
 
 
 def test_refused_skin_closes_its_buses(monkeypatch):

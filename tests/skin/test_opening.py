@@ -17,7 +17,6 @@ from skin.cli import main
 from skin.errors import SkinError
 from skin.sim import load_scene
 from skin.state import INVALID
-from skin.view.terminal import LiveTable
 from tests.fixtures.cases import long_after_first
 
 PALM = topology.load("palm")
@@ -74,23 +73,6 @@ def test_faults_of_a_scene_strike_through_open(scene):
     for given in (str(scene), scene, load_scene(scene, PALM)):
         flags, _ = played(simulate=given)
         np.testing.assert_array_equal(is_silent(flags), expected())
-
-
-def test_open_has_the_flags_of_the_command(scene, monkeypatch):
-    """The command is stopped after as many cycles, and does not wait between them."""
-    seen = []
-
-    def show(_table, state, _work_ns):
-        seen.append(state.units.status.copy())
-        if len(seen) == CYCLES:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(LiveTable, "show", show)
-    monkeypatch.setattr("skin.live.wait_until", lambda due, _period: (due, 0))
-    assert main(["run", "palm", "--simulate", str(scene)]) == 0
-    flags, _ = played(simulate=scene, want=None)
-    np.testing.assert_array_equal(np.stack(seen), flags)
-    assert is_silent(flags).any()
 
 
 def test_given_faults_take_the_place_of_those_of_the_scene(scene, tmp_path):

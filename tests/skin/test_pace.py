@@ -26,10 +26,7 @@ PERIOD_NS = 4_000_000
 @pytest.fixture
 def slow_palm(tmp_path):
     """A palm at 50 Hz."""
-    text = (
-        topology.load("palm").path.read_text().replace("cycle_rate_hz = 250", "cycle_rate_hz = 50")
-    )
-    file = tmp_path / "palm.toml"
+    text, file = topology.load("palm").path.read_text(), tmp_path / "palm.toml"
     file.write_text(text.replace("cycle_rate_hz = 250", "cycle_rate_hz = 50"))
     return topology.load(file)
 

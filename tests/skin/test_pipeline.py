@@ -1,16 +1,12 @@
-"""The spine: frames and cycles give the same states, live and from a log."""
+"""The spine: cycles that expire, arrays that stay, contacts beyond the capacity."""
 
 from __future__ import annotations
-
-import itertools
 
 import numpy as np
 import pytest
 
 import topology
-from bus.assemble import Assembler
 from bus.cycle import ClosedBy, RawCycle
-from bus.frame import FrameBatch
 from skin.errors import OptionError
 from skin.options import Options
 from skin.physics.elastic import Elastic
@@ -19,67 +15,15 @@ from skin.sim.node import SimulatedUnits
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from skin.sinks import Ending
+from tests.fixtures.live import cycles_of
 
 STRIP = topology.load("strip").exact()
 OPTIONS = Options(want={"force", "temperature", "wrench", "contacts"})
 
 
-def frames_of(cycles, seed=4):
-    """Frames of the simulated strip, cycle by cycle."""
-    nodes, batches = SimulatedUnits(STRIP, seed=seed), []
-    for cycle in range(cycles):
-        batch, answers = FrameBatch(64), FrameBatch(64)
-        batch.append(STRIP.sync_id, bytes([cycle]))
-        nodes.respond(batch.frames, answers)
-        batches.append(np.concatenate([batch.frames, answers.frames]))
-    return batches
-
-
-def seen(state):
-    """What a state says, kept."""
-    contacts = [contact.record.copy() for contact in state.contacts]
-    units, arrays = state.units, (state.wrench, state.label)
-    copies = [array.copy() for array in (units.force, units.temperature, *arrays)]
-    return (state.cycle, state.closed_by, state.coverage, *copies, contacts)
-
-
-def assert_same(one, other):
-    for mine, theirs in zip(one, other, strict=True):
-        for a, b in zip(mine, theirs, strict=True):
-            np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
-
-
-@pytest.fixture(scope="module")
-def fed():
-    """Frames of 30 cycles, and the states of a pipeline that was fed with them one by one."""
-    batches, pipeline = frames_of(30), Pipeline(STRIP, OPTIONS)
-    states = [seen(state) for batch in batches for state in pipeline.feed(batch)]
-    assert len(states) == 30
-    return batches, states
-
-
-def test_a_log_gives_the_states_that_were_live(fed):
-    batches, live = fed
-    pipeline = Pipeline(STRIP, OPTIONS)
-    frames = np.concatenate(batches)
-    assert_same([seen(state) for state in pipeline.feed(frames)], live)
-    assert pipeline.assembler.counters.data == 30 * len(STRIP.frames)
-    assert pipeline.end(Ending.FLUSHED) is None
-
-
-def test_cycles_of_another_assembler_give_the_same_states(fed):
-    batches, live = fed
-    assembler, pipeline = Assembler(STRIP), Pipeline(STRIP, OPTIONS)
-    states = []
-    for cycle in assembler.feed(np.concatenate(batches)):
-        pipeline.counts[:], pipeline.status[:] = cycle.counts, cycle.status
-        states.append(seen(pipeline.state(cycle)))
-    assert_same(states, live)
-
-
 def test_an_open_cycle_expires():
     pipeline = Pipeline(STRIP, OPTIONS, deadline_s=1e-3)
-    (batch,) = frames_of(1)
+    (batch,) = cycles_of(SimulatedUnits(STRIP), 1)
     assert list(pipeline.feed(batch[:2])) == []
     assert pipeline.end(Ending.EXPIRED, 0) is None
     late = pipeline.end(Ending.EXPIRED, 2**62)
@@ -88,11 +32,10 @@ def test_an_open_cycle_expires():
     assert not late.units.valid.all()
 
 
-def test_the_arrays_that_stages_write_are_the_same_every_cycle(fed):
-    batches, _ = fed
+def test_the_arrays_that_stages_write_are_the_same_every_cycle():
     pipeline = Pipeline(STRIP, OPTIONS)
     force, wrench = pipeline.now.units.force, pipeline.now.wrench
-    for state in itertools.islice(pipeline.feed(np.concatenate(batches)), 2):
+    for state in pipeline.feed(np.concatenate([*cycles_of(SimulatedUnits(STRIP), 3)])):
         assert pipeline.now.units.force is force
         assert pipeline.now.wrench is wrench
         np.testing.assert_array_equal(state.units.force, force)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import threading
 
-import numpy as np
 import pytest
 
 import skin
@@ -16,23 +14,6 @@ from bus.logs.channels import names_of
 from skin.cli import main
 from tests.fixtures.cases import long_after_first
 from tests.fixtures.live import frames_of
-
-
-@long_after_first("suffix", [".log", ".log.gz"])
-@long_after_first("name", ["strip", "hand"])
-def test_what_a_skin_recorded_decodes_to_what_it_felt(name, suffix, tmp_path):
-    log = tmp_path / f"run{suffix}"
-    with skin.open(name, simulate=True, pace=False, record=log) as opened:
-        live = [
-            (state.cycle, state.units.force.copy(), state.wrench.copy())
-            for state in itertools.islice(opened, 30)
-        ]
-    decoded = skin.decode_log(opened.topology, log)
-    for state, (cycle, force, wrench) in zip(decoded, live, strict=True):
-        assert state.cycle == cycle
-        np.testing.assert_array_equal(state.units.force, force)
-        np.testing.assert_array_equal(state.wrench, wrench)
-    assert decoded.faults == []
 
 
 def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):

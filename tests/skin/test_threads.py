@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import threading
 
-import numpy as np
 import pytest
 
 import skin
@@ -48,35 +46,6 @@ def test_a_skin_closed_within_a_send_ends():
 
         near.send = send_and_close
         assert list(opened) == []
-
-
-def values_of(state):
-    """All that a state says, as plain values."""
-    units = {name: if_wanted(state.units, name) for name in state.units.__slots__[:-2]}
-    contacts = [
-        (repr(contact.record), contact.units.copy(), contact.path, contact.impact,
-         contact.vibration, contact.unit_names)
-        for contact in state.contacts
-    ]  # fmt: skip
-    own = (state.cycle, state.stamp_ns, state.coverage, dataclasses.asdict(state.counters))
-    arrays = (state.wrench, state.wrench_sigma, state.centroid, state.centroid_covariance,
-              state.label, state.slip)  # fmt: skip
-    kept = {name: None if value is None else value.copy() for name, value in units.items()}
-    return own, [array.copy() for array in arrays], kept, contacts
-
-
-def test_a_copy_keeps_what_the_state_said():
-    with skin.open("palm", simulate="slide", pace=False, want=set(skin.state.WANTS)) as palm:
-        seen = [
-            (state.copy(), values_of(state))
-            for state in itertools.islice(palm, 800)
-            if state.cycle % 100 == 99
-        ]
-    assert any(copied.contacts for copied, _ in seen)
-    for copied, values in seen:
-        np.testing.assert_equal(values_of(copied), values)
-        np.testing.assert_equal(values_of(copied.copy()), values)
-        assert copied.time_s == pytest.approx(0.004 * copied.cycle, abs=1e-3)
 
 
 @pytest.mark.long

@@ -51,10 +51,7 @@ def test_no_fd_frame_takes_more_than_the_worst_case(address, data):
 
 @pytest.mark.parametrize(
     ("can_id", "extended", "data", "bits"),
-    [
-        (0x7FE, False, "3c3c3c3c3c3c3c07", 132),
-        (0x01E001BE, True, "3c3c3c3c3c3c3c3c", 155),
-    ],
+    [(0x7FE, False, "3c3c3c3c3c3c3c07", 132), (0x01E001BE, True, "3c3c3c3c3c3c3c3c", 155)],
     ids=["11 bit", "29 bit"],
 )
 def test_the_worst_case_of_a_classic_frame_is_nearly_reached(can_id, extended, data, bits):

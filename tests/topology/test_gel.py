@@ -22,12 +22,6 @@ def test_the_share_of_a_temperature_has_that_temperature(bend, twist):
 
 
 @pytest.mark.parametrize(("bend", "twist"), LAWS)
-def test_20_and_80_degrees_stay_where_current_and_ratio_have_them(bend, twist):
-    told = gel_share(law(bend, twist), np.array([[20.0], [80.0]]))
-    np.testing.assert_allclose(told[:, 0], [1.0, 12.0], rtol=1e-12)
-
-
-@pytest.mark.parametrize(("bend", "twist"), LAWS)
 def test_the_share_is_the_root_that_a_search_finds(bend, twist):
     p = law(bend, twist)
 

@@ -8,10 +8,7 @@ from hypothesis import strategies as st
 import tests.naive.topology as naive
 from topology import pose
 from topology.layout import count, place
-from topology.neighbours import (
-    compressed_rows,
-    neighbour_pairs,
-)
+from topology.neighbours import compressed_rows, neighbour_pairs
 from topology.schema import Cylinder, Dome, Grid, Hex, List, ListUnit
 
 COMMON = {"name": "patch", "bus": "main", "layout": "f3t-fd64", "first_id": 0x100}

@@ -81,9 +81,7 @@ def test_fingers_of_a_hand_are_no_neighbours_however_near(tmp_path):
     joint = {}
     for frame in "ab":
         file = write_topology(
-            tmp_path,
-            patch=two.format("a", 0),
-            more=more.format(frame, 0.048) + "\n" + head,
+            tmp_path, patch=two.format("a", 0), more=more.format(frame, 0.048) + "\n" + head
         )
         joint[frame] = neighbours(load(file), "patch/r0c3")
     assert {"other/r0c0", "other/r1c0"} <= joint["a"]

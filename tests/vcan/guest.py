@@ -16,7 +16,7 @@ import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["run_program", "run_tests", "unavailable"]
+__all__ = ["run_tests", "unavailable"]
 
 KERNEL = "linux.uml"
 PROGRAMS = {
@@ -73,30 +73,6 @@ def run_tests(nodeids, root):
         lines = written.split("\n")[:-1]  # a last one without its end was cut short
         # Literals, and nothing else is taken for one: JSON would make lists of a report's tuples.
         return [ast.literal_eval(line) for line in lines], (directory / "up").exists(), console
-
-
-def run_program(command, root):
-    """Boot, run a program and power off.
-
-    Parameters
-    ----------
-    command : list of str
-    root : Path
-        Where the program is started.
-
-    Returns
-    -------
-    output : str
-        What it wrote to its standard output.
-    console : str
-        All that the guest printed besides.
-    """
-    with _shared_directory() as directory:
-        output = directory / "output"
-        output.touch()
-        into = ["sh", "-c", f"exec {shlex.join(command)} >{shlex.quote(str(output))}"]
-        console = _run(into, root, directory)
-        return output.read_text(), console
 
 
 @contextmanager

@@ -115,10 +115,7 @@ def test_transport_keeps_the_contract(check, link):
 
 
 def test_frames_of_python_can_and_of_ours_are_the_same(link):
-    with (
-        can.Bus(interface="socketcan", channel=link, fd=True) as theirs,
-        on(link) as ours,
-    ):
+    with can.Bus(interface="socketcan", channel=link, fd=True) as theirs, on(link) as ours:
         theirs.send(can.Message(arbitration_id=0x101, data=b"classic", is_extended_id=False))
         theirs.send(
             can.Message(

@@ -137,16 +137,6 @@ def test_a_damaged_log_is_read_as_far_as_it_is_good(data, tmp_path_factory):
     assert log.damage is None or f"; {len(bad)} line" in str(log.damage)
 
 
-@pytest.mark.parametrize("number", ["F2345678", "80000123", "40000000", "BFFFFFFF"])
-def test_an_identifier_has_no_bits_beyond_those_of_an_error_frame(number, tmp_path):
-    """Bits 30 and 31 of an identifier are flags of the kernel's, which no log has."""
-    text = f"(1.0) can0 123#11\n(1.1) can0 {number}#R\n".encode()
-    found, log = of_bytes(text, tmp_path)
-    assert found.size == len(naive_logs.candump(text)[0]) == 1
-    assert naive_logs.candump(text)[1] == [2]
-    assert "some.log:2: column 12: must be an identifier of at most 1FFFFFFF" in str(log.damage)
-
-
 @given(chunk=st.integers(100, 300), batch=st.integers(1, 9))
 def test_neither_chunks_nor_batches_show(chunk, batch, tmp_path_factory):
     folder = tmp_path_factory.getbasetemp()
@@ -223,24 +213,6 @@ def _damage(path):
     log = read(path, strict=False)
     assert sum(len(batch) for batch in log) == 0
     return log.damage
-
-
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"length": 9}, "frame 1: must be at most 8 data bytes, or 64 in a CAN FD frame; got 9"),
-        ({"flags": 4, "length": 65}, "frame 1: must be at most 8 data bytes, or 64"),
-        ({"flags": 4, "id": CAN_RTR}, "frame 1: must be a data frame where it is a CAN FD one"),
-        ({"bus": 2}, "frame 1: must be of a bus with a name, below 2; got 2"),
-        ({"stamp_ns": -1}, "frame 1: must be of a time since 1970; got -1"),
-    ],
-)
-def test_what_is_no_frame_is_not_written(change, text, tmp_path):
-    found = np.zeros(2, FRAME_DTYPE)
-    for name, value in change.items():
-        found[name][1] = value
-    with pytest.raises(LogError, match=text):
-        write(tmp_path / "some.log", found, channels=["a", "b"])
 
 
 @pytest.mark.parametrize("name", ["", "can 0", "c" * 64, "can\n"])

@@ -87,6 +87,7 @@ def test_every_message_is_the_one_that_was_looked_at(tmp_path, monkeypatch):
         lambda: LogWriter("some.asc"),
         lambda: LogWriter("some.lgo"),
         lambda: _write(length=9),
+        lambda: _write(flags=4, length=65),
         lambda: _write(flags=4, id=1 << 30),
         lambda: _write(bus=9),
         lambda: _write(stamp_ns=-1),

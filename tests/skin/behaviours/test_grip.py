@@ -10,7 +10,6 @@ import pytest
 
 from skin.behaviours.grip import GripControl, GripParameters, Phase
 from skin.contact.record import SlipState
-from skin.errors import OptionError
 from tests.fixtures.cases import long_after_first
 from tests.skin.behaviours.pinch import PERIOD_S, Pinch
 
@@ -37,13 +36,6 @@ def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, shar
         shares.append(pinch.grip_n / pinch.needed_n)
     assert min(shares) > 1.0
     assert np.median(shares) < 1.6
-
-
-def test_before_anything_is_known_the_belief_is_small():
-    pinch, control = held(seconds=0.6)
-    assert not control.is_tested
-    assert pinch.grip_n > 1.5 * pinch.needed_n
-    assert control.least_friction == pytest.approx(GripParameters().least_friction, rel=0.05)
 
 
 @pytest.mark.parametrize("rise_s", [0.1, 0.3])
@@ -199,20 +191,6 @@ def test_to_close_on_what_is_held_loosens_nothing():
     assert pinch.slid_m == slid_m
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"gripper": None}, "gripper: must have 'squeeze'; got None"),
-        ({"parameters": {"safety": 0.2}}, "parameters: must be a GripParameters"),
-        ({"pads": ("left",)}, "pads: must be two or more; got left"),
-    ],
-)
-def test_what_is_no_gripper_is_refused(options, message):
-    pinch = Pinch()
-    with pytest.raises(OptionError, match=message):
-        GripControl(pinch.topology, **({"gripper": pinch} | options))
-
-
 def test_a_bus_that_stops_for_200_ms_drops_nothing_and_is_forgotten():
     pinch, control = held(seconds=4.0)
     before_n, slid_m = pinch.go(control, 0.3).mean(), pinch.slid_m
@@ -224,16 +202,6 @@ def test_a_bus_that_stops_for_200_ms_drops_nothing_and_is_forgotten():
     assert pinch.slid_m == slid_m
     assert pinch.go(control, 0.3).mean() == pytest.approx(before_n, rel=0.1)
     assert any(one.what == "hears all pads again" for one in control.decisions)
-
-
-def test_units_that_a_magnet_makes_invalid_drop_nothing():
-    pinch, control = held()
-    slid_m = pinch.slid_m
-    pinch.silent[16:30] = True  # MAGNETIC_ANOMALY: the numbers are there, and not valid
-    pinch.units.force[:2, 16:30] = 3.0
-    grips = pinch.go(control, 0.5)
-    assert (grips > pinch.needed_n).all()
-    assert pinch.slid_m == slid_m
 
 
 def test_states_that_come_late_do_not_let_go():
@@ -281,25 +249,6 @@ def test_without_a_probe_the_belief_stays():
     pinch.go(control, 2.0)
     assert control.least_friction == pytest.approx(0.25, rel=0.05)
     assert pinch.slid_m == 0.0
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"safety": -0.1}, "safety: must be a number from 0 to 10"),
-        ({"probe": 1}, "probe: must be"),
-        ({"first_grip_n": 30.0}, "first_grip_n: must be from least_grip_n to most_grip_n"),
-    ],
-)
-def test_parameters_that_cannot_be_are_refused(options, message):
-    with pytest.raises(OptionError, match=message):
-        GripParameters(**options)
-
-
-def test_unknown_pads_are_named():
-    pinch = Pinch()
-    with pytest.raises(OptionError, match="pads"):
-        GripControl(pinch.topology, pinch, pads=("thumb",))
 
 
 def test_a_pull_while_it_dips_is_gripped_for():

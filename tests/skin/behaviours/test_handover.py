@@ -1,7 +1,5 @@
 """Handovers of a block whose forces are made by hand, and of a person on the simulator."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from skin.behaviours.handover import Handover, Phase
 from skin.errors import OptionError
 from tests.fixtures.cases import long_after_first
 from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
-from topology import load
 
 
 def giving(held=None):
@@ -160,21 +157,3 @@ def test_a_magnet_at_one_pad_is_no_hand_whether_it_is_seen_or_not():
     held.status[:16] = int(Status.MAGNETIC_ANOMALY)
     assert taken_s(play(handover, held, nothing, 0.5)) is None
     assert handover.phase is Phase.GIVING
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (
-            {"up": (0.0, 1.0)},
-            "handover: up: must be three numbers (x, y, z)",
-        ),
-        (
-            {"up": (0.0, 0.0, 0.0)},
-            "handover: up: must be three numbers (x, y, z)",
-        ),
-    ],
-)
-def test_a_wrong_parameter_is_named(wrong, message):
-    with pytest.raises(OptionError, match=re.escape(message)):
-        Handover(load("gripper"), **wrong)

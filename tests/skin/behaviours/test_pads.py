@@ -1,7 +1,5 @@
 """Loads of pads against sums by hand, with units that fall silent."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -103,19 +101,6 @@ def test_what_is_not_wanted_is_not_needed():
         loads = Pads(topology).read(state)
     assert np.isfinite(loads.load_n).all()
     assert np.isnan(loads.sigma_n).all()
-
-
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        ((), "pads: must be one patch or more; got none"),
-        (("left", "left"), "pads: must name a patch once; got 'left' twice"),
-        ("left", "pads: must be a tuple of patches; got 'left'"),
-    ],
-)
-def test_patches_that_cannot_be_are_refused(names, message):
-    with pytest.raises(OptionError, match=re.escape(message)):
-        Pads(load("gripper"), names)
 
 
 def test_a_state_of_another_skin_or_without_force_is_refused():

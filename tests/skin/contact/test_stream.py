@@ -95,27 +95,6 @@ def test_without_contact_there_is_no_force_and_no_centre():
     assert (stream.label == -1).all()
 
 
-@given(seeds)
-@settings(max_examples=20)
-def test_permutation_of_units_changes_no_contact(seed):
-    order = np.random.default_rng(seed).permutation(N)
-    position, rotation = naive.grid(ROWS, COLUMNS, PITCH), naive.facing_down(N)
-    shuffled = ContactStream(
-        position[:, order], rotation[:, :, order], AREA,
-        *neighbour_graph(position[:, order], 1.01 * PITCH), want={"slip"},
-    )  # fmt: skip
-    stream = plate(want={"slip"})
-    for number in range(1, 5):
-        force = press(ONE, TWO, shear=0.1 * number)
-        cycle(stream, force, number)
-        cycle(shuffled, force[:, order], number)
-    one, other = (sorted(s.contacts, key=lambda c: c.load) for s in (stream, shuffled))
-    for a, b in zip(one, other, strict=True):
-        assert set(order[b.units].tolist()) == set(a.units.tolist())
-        for name in ("wrench", "centroid", "moment", "stick_ratio"):
-            assert getattr(b, name) == pytest.approx(getattr(a, name), abs=1e-9), name
-
-
 def test_invalid_units_change_coverage_and_no_number_of_the_rest():
     force, valid = BOTH.copy(), np.ones(N, bool)
     valid[::7] = False

@@ -58,13 +58,7 @@ def test_a_field_is_an_anomaly_beyond_its_tolerance(part, estimator):
     stray_ut = 300.0
     most = np.sqrt(0.02**2 + share + (stray_ut**2 + field_ut2) / whole_ut(skin) ** 2)
     decoder = Decoder(
-        skin,
-        None,
-        estimator,
-        dtype="float64",
-        consistency=True,
-        sweeps=0,
-        ambient=False,
+        skin, None, estimator, dtype="float64", consistency=True, sweeps=0, ambient=False
     )
     for way in (1.0, -1.0):
         for times, odd in ((0.97, False), (1.03, True)):

@@ -107,9 +107,6 @@ def test_zero_goes_no_farther_than_its_span_and_wants_a_tare():
     assert load_hz(ambient, world)[0] == pytest.approx(12.0)
 
 
-# -- what the decoder itself compensates -----------------------------------------------------------
-
-
 # -- with the decoder ------------------------------------------------------------------------------
 
 

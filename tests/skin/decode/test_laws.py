@@ -1,8 +1,6 @@
-"""Laws of the decoder: symmetries, monotony, independence, and the truth where nothing is noisy."""
+"""Laws of the decoder: the truth where nothing is noisy, the naive one, and no more than asked."""
 
 from __future__ import annotations
-
-import functools
 
 import numpy as np
 import pytest
@@ -23,17 +21,8 @@ from tests.fixtures.decode import (
     with_parameters,
 )
 from tests.naive.decode import naive_decode
-from topology import THETA_KNOTS
 
 FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "status", "valid")
-
-
-def nominal_counts(gel=1430, frequency=12000, bx=0, by=0, chip=0, n=1, layout="f3t-fd16"):
-    """One cycle of equal units, chip and gel warm, pressed 1.67 mm."""
-    raw = np.zeros((6, n), np.int16)
-    for row, value in zip((0, 1, 2, 3, 5), (gel, frequency, bx, by, chip), strict=True):
-        raw[row] = value
-    return raw
 
 
 def off_centre(skin, seed=2, most_mm=0.15):
@@ -99,34 +88,7 @@ def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
         assert sure.sum() > 50
 
 
-# -- symmetries ----------------------------------------------------------------------------------
-
-
-# -- edges ---------------------------------------------------------------------------------------
-
-
-def test_direction_is_corrected_by_its_table():
-    """A table that is the same everywhere turns; a single knot acts between its neighbours only."""
-    n, arcsine = 64, functools.partial(Decoder, estimator="sine", dtype="float64")
-    direction = np.linspace(-np.pi, np.pi, n, endpoint=False) + 0.01
-    raw = nominal_counts(n=n)
-    raw[2], raw[3] = np.round(2000 * np.cos(direction)), np.round(2000 * np.sin(direction))
-    plain = arcsine(row_of(n))(raw)
-    even = with_parameters(row_of(n), theta_correction_rad=0.25)
-    turned = arcsine(even)(raw)
-    shift = (turned.theta - plain.theta + np.pi) % (2.0 * np.pi) - np.pi
-    np.testing.assert_allclose(shift, 0.25, atol=1e-12)
-    np.testing.assert_allclose(turned.tangential, plain.tangential, atol=1e-12)
-    np.testing.assert_allclose(np.hypot(*turned.force[:2]), turned.tangential, atol=1e-12)
-
-    for knot in (0, 5):
-        table = np.zeros((THETA_KNOTS, n))
-        table[knot] = 0.2
-        one = arcsine(with_parameters(row_of(n), theta_correction_rad=table))(raw)
-        shift = (one.theta - plain.theta + np.pi) % (2.0 * np.pi) - np.pi
-        away = (plain.theta - (-np.pi + knot * np.pi / 8.0) + np.pi) % (2.0 * np.pi) - np.pi
-        hat = 0.2 * np.maximum(1.0 - np.abs(away) / (np.pi / 8.0), 0.0)
-        np.testing.assert_allclose(shift, hat, atol=1e-12)
+# -- no more than is asked for ------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("interpreted")

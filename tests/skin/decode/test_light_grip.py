@@ -19,38 +19,22 @@ from skin.options import Options
 from skin.pipeline import Pipeline
 from tests.fixtures.ambient import look
 from tests.fixtures.cases import long_after_first
+from tests.fixtures.topology import write_topology
 
 RATE_HZ = 250.0
 EARTH = np.array([20.0, 30.0, -44.0])
-PAIR = """format = 1
-name = "pair"
-cycle_rate_hz = 250
-[[buses]]
-name = "main"
-interface = "memory"
-data_bitrate = 5_000_000
-"""
-PAD = """[[patches]]
-name = "{name}"
-kind = "grid"
-rows = 4
-columns = 4
-pitch_m = 0.012
-bus = "main"
-layout = "f3t-fd16"
-first_id = {first_id}
-pose = {{ xyz_m = [0.0, 0.0, {z_m}], rpy_deg = [{roll_deg}, 0.0, 0.0] }}
-"""
-PADS = (("a", 0x100, 0.0, 0.0), ("b", 0x180, 0.1, 180.0))
+PAD = 'kind = "grid"\nrows = 4\ncolumns = 4\npitch_m = 0.012\nlayout = "f3t-fd16"\n'
+FACING = "pose = { xyz_m = [0.0, 0.0, 0.1], rpy_deg = [180.0, 0.0, 0.0] }\n"
 
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory):
     """Two pads of 16 units that face each other, on one body."""
-    file = tmp_path_factory.mktemp("pair") / "pair.toml"
-    pads = (PAD.format(name=name, first_id=first_id, z_m=z_m, roll_deg=roll_deg)
-            for name, first_id, z_m, roll_deg in PADS)  # fmt: skip
-    file.write_text(PAIR + "".join(pads))
+    file = write_topology(
+        tmp_path_factory.mktemp("pair"), head="cycle_rate_hz = 250",
+        patch=f"{PAD}first_id = 0x100\n",
+        more=f'[[patches]]\nname = "other"\nbus = "main"\n{PAD}first_id = 0x180\n{FACING}',
+    )  # fmt: skip
     return topology.load(file).exact()
 
 

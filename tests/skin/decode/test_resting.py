@@ -26,7 +26,7 @@ from tests.fixtures.plant import BX, BZ, Plant, Touch, Units
 from tests.fixtures.plant_skin import Skin, shape_of, square
 from topology import Topology
 
-MIDDLE, UNITS = 27, 4
+UNITS = 4
 SIGMA_OF_LAWS = ("temperature_sigma_c", "frequency_sigma_hz", "depth_sigma_mm",
                  "normal_sigma_relative", "normal_sigma_n", "shear_sigma_relative",
                  "shear_sigma_n")  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 from skin.physics.film_table import load_film_table
 from skin.physics.multipoles import ORDERS, films_as_made, multipole_field
 from skin.physics.stray import scan_poses
-from tests.naive.film import dipole_sum_ut
+from tests.fixtures.film import grains, sum_of_dipoles
 
 FILMS = {
     "as drawn": {},
@@ -22,7 +22,7 @@ FILMS = {
 def crest_ut(film):
     away = np.linspace(1.5, 3.5, 21)
     up = np.full(21, load_film_table().film.chip_mm - 2.0)
-    return np.abs(dipole_sum_ut(film, np.stack([away, 0.0 * away, up]))[0]).max()
+    return np.abs(sum_of_dipoles(np.stack([away, 0.0 * away, up]), *grains(film))[0]).max()
 
 
 def around(pitch_mm, count=12):
@@ -34,7 +34,7 @@ def around(pitch_mm, count=12):
 def test_a_few_multipoles_tell_the_field_of_any_film_at_its_neighbours(name):
     film = dataclasses.replace(load_film_table().film, **FILMS[name])
     points = np.concatenate([around(12.0), around(17.0)], axis=1)
-    field = dipole_sum_ut(film, points) / crest_ut(film) * 11073.0
+    field = sum_of_dipoles(points, *grains(film)) / crest_ut(film) * 11073.0
     basis = multipole_field(points)[:6].reshape(6, -1).T
     found = basis @ np.linalg.lstsq(basis, field.ravel(), rcond=None)[0]
     assert np.sqrt(np.mean((found - field.ravel()) ** 2)) < 1e-3 * np.abs(field).max()
@@ -43,7 +43,7 @@ def test_a_few_multipoles_tell_the_field_of_any_film_at_its_neighbours(name):
 def test_the_mean_of_films_as_made_is_the_film_as_drawn():
     mean, covariance = films_as_made()
     film, points = load_film_table().film, around(12.0)
-    field = dipole_sum_ut(film, points) / crest_ut(film)
+    field = sum_of_dipoles(points, *grains(film)) / crest_ut(film)
     found = np.einsum("k,kap->ap", mean, multipole_field(points))
     # eight orders at 9.5 mm: what is left out is a series in 0.6
     assert np.abs(found - field).max() < 0.6**ORDERS * 2.5 * np.abs(field).max()

@@ -70,6 +70,3 @@ def test_a_body_that_turns_on_the_spot_carries_faces_around_it(
     np.testing.assert_allclose(
         1e-3 * (way[0] + 1j * way[1]), arm * (1.0 - np.exp(-1j * angle)), atol=1e-12
     )
-
-
-# -- the rest --------------------------------------------------------------------------------------

@@ -106,10 +106,7 @@ def test_a_scene_in_which_nothing_happens_is_one(palm: Topology, tmp_path: Path)
         assert np.all(truth.temperature == truth.temperature[0])
 
 
-@pytest.mark.parametrize(
-    ("on", "where"),
-    [("", "'palm'"), ('on = "palm/r3c3"\n', "'palm/r3c3'")],
-)
+@pytest.mark.parametrize(("on", "where"), [("", "'palm'"), ('on = "palm/r3c3"\n', "'palm/r3c3'")])
 def test_a_body_that_cannot_be_there_is_told_in_whose_frame_it_stands(tmp_path, on, where):
     file = tmp_path / "deep.toml"
     file.write_text(

@@ -76,13 +76,6 @@ def test_how_time_is_cut_does_not_matter(dt_s: float, pieces: int, direct: bool)
         np.testing.assert_allclose(parts, whole, atol=1e-9)
 
 
-@pytest.mark.parametrize("direct", [False, True])
-def test_after_long_contact_each_layer_keeps_its_share(direct: bool) -> None:
-    found = (touch(ThermalChain(strip(), ambient=20.0, direct=direct), 1e5) - 20.0) / 60.0
-    shares = np.ones(4) if direct else np.array(STEADY_SHARES)
-    np.testing.assert_allclose(found, shares[:, np.newaxis] * np.ones(10))
-
-
 def test_a_chip_that_is_faster_than_what_is_before_it_is_refused() -> None:
     with pytest.raises(OptionError, match=r"^strip/.*: hall_lag_s: must be at least film_lag_s and "
                        r"60 s of the elastomer; got 65$"):  # fmt: skip

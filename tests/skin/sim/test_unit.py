@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,15 +15,6 @@ from topology import CHANNELS, MODELS, Topology, load
 
 PALM, STRIP = load("palm"), load("strip")
 GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
-
-
-def with_parameters(topology: Topology, **values: object) -> Topology:
-    """The topology with some parameters changed, for all units or for each."""
-    changed = {
-        name: np.broadcast_to(np.asarray(value, float), topology.parameters[name].shape)
-        for name, value in values.items()
-    }
-    return replace(topology, parameters={**topology.parameters, **changed})
 
 
 def random_truth(n: int, seed: int) -> Truth:
@@ -142,6 +131,3 @@ def test_noise_is_as_large_as_the_model_says() -> None:
         assert noise[:, channel].std() == pytest.approx(sigma, rel=5.0 / np.sqrt(2 * samples))
         assert abs(noise[:, channel].mean()) < 5.0 * sigma / np.sqrt(samples)
     assert np.all(noise[:, HALL_TEMPERATURE] == 0.0)
-
-
-# -- assembly and Hall chip ------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from tests.fixtures.bench import fits
 from tests.fixtures.decode import apart, posed, row_of, strokes
 from topology import Topology
 
-UNITS, SHARE = 1, 0.5
+UNITS, SHARE, QUICK = 1, 0.5, 0.25
 
 
 class Made(NamedTuple):
@@ -38,7 +38,7 @@ the amplitude is that of a law which a film does not have."""
 
 
 @functools.cache
-def on_the_bench(fabricated):
+def on_the_bench(fabricated, share=SHARE):
     """Units, and their results, of films as made or as drawn."""
     nominal = row_of(UNITS)
     films = Fabrication.draw(UNITS, seed=3) if fabricated else Fabrication.perfect(UNITS)
@@ -46,11 +46,11 @@ def on_the_bench(fabricated):
     field = HalbachField(true, fabrication=films, reach_m=0.0)
     bench = Bench(nominal, lambda: UnitSimulator(true, seed=5, field=field), Elastic(true), seed=5)
     units = Made(true, nominal, films)
-    return units, fits(bench, protocol(share=SHARE))
+    return units, fits(bench, protocol(share=share))
 
 
-def known(fabricated):
-    units, results = on_the_bench(fabricated)
+def known(fabricated, share=SHARE):
+    units, results = on_the_bench(fabricated, share)
     return with_fits(units.known, {result.unit: result.fits for result in results})
 
 
@@ -86,9 +86,9 @@ def test_the_sigma_of_a_film_is_the_error_of_its_displacement(fabricated):
 
 
 def test_a_skin_that_was_on_the_bench_decodes_better():
-    units = on_the_bench(True)[0]
+    units = on_the_bench(True, QUICK)[0]
     before, after = (np.sqrt(np.mean(off_mm(units, skin) ** 2))
-                     for skin in (units.known, known(True)))  # fmt: skip
+                     for skin in (units.known, known(True, QUICK)))  # fmt: skip
     assert after < 0.3 * before
 
 

@@ -82,43 +82,6 @@ def test_an_episode_differs_as_drawn_and_dead_units_feel_nothing() -> None:
         assert world.truth.units.force[2, dead].min() > 0.1
 
 
-@pytest.mark.parametrize(
-    ("thing", "message"),
-    [
-        (dict(mass_kg=0.0), "mass_kg: must be a number from 1e-06 to 1000; got 0.0"),
-        (dict(shape="sfere"), "nearest: 'sphere'"),
-        (dict(shape="sphere"), "size_m: must have 1 numbers of a sphere; got 3"),
-        (
-            dict(shape="mesh", file="none.stl"),
-            "file: must be a mesh .*got 'none.stl', which is not",
-        ),
-        (dict(friction=float("nan")), "friction: must be a number from 0 to 10; got nan"),
-    ],
-)
-def test_an_object_that_cannot_be_is_refused(thing: dict, message: str) -> None:
-    with pytest.raises(SkinError, match=message):
-        replace(CUBE, **thing)
-
-
-def test_an_object_inside_the_skin_is_refused_with_unit_and_depth() -> None:
-    wide = replace(CUBE, size_m=(0.047, 0.02, 0.03))
-    with pytest.raises(SceneError, match=r"must start outside the skin; got 2.00 mm inside it at "):
-        skin.sim.grasp("gripper", objects=[wide])
-
-
-@pytest.mark.parametrize(
-    ("objects", "message"),
-    [
-        (["hant"], "nearest: 'hand'"),
-        ([7], "objects: must be GraspObjects or names of bodies; got 7"),
-        ([CUBE, replace(CUBE, name="left_pad")], "names of their own; got 'left_pad'"),
-    ],
-)
-def test_objects_that_are_none_are_refused(objects: list, message: str) -> None:
-    with pytest.raises(OptionError, match=message):
-        skin.sim.grasp("gripper", objects=objects)
-
-
 @long_after_first(
     ("name", "target", "message"),
     [
@@ -139,16 +102,6 @@ def test_pushing_what_is_not_there_is_refused() -> None:
             world.push("cub", (0, 0, 1))
         with pytest.raises(OptionError, match="push"):
             world.push("cube", (0, 0, float("inf")))
-
-
-def test_a_skin_without_a_robot_is_refused() -> None:
-    with pytest.raises(OptionError, match=r"must have \[robot\] model"):
-        skin.sim.grasp("palm")
-
-
-def test_a_model_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="must be an MJCF or URDF file"):
-        skin.sim.grasp("gripper", model=tmp_path / "none.xml")
 
 
 def test_an_object_without_a_surface_is_refused(tmp_path: Path) -> None:
@@ -226,27 +179,44 @@ def test_a_skin_without_noise_does_not_take_standing_still_for_a_fault() -> None
             assert len(state.contacts) == 2
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: GraspObject(name="a", size_m=0.02), "size_m: must have 3 numbers of a box; got 0"),
-        (lambda: GraspObject(name="a", position_m=(0.0, 0.0)), "position_m: must have 3 numbers"),
-        (lambda: GraspObject(name="a", rpy_deg=None), "rpy_deg: must have 3 numbers; got None"),
-        (lambda: GraspScene("gripper", seed=-1), "seed: must be an integer from 0"),
-        (lambda: GraspScene("gripper", noise="no"), "noise: must be True or False"),
-        (lambda: Ranges(mass=(2.0, 1.0)), "mass: must be least, then largest"),
-        (
-            lambda: GraspScene("gripper", episode=Ranges().draw(load("palm"), seed=1)),
-            "stiffness: must be of the 32 units of 'gripper'; got 64",
-        ),
-        (
-            lambda: GraspScene("gripper", episode=Episode(stiffness=np.zeros(32))),
-            "stiffness: must be above 0; got 0",
-        ),
-    ],
-)
-def test_what_cannot_be_is_told_before_anything_moves(make, message: str) -> None:
-    with pytest.raises(OptionError, match=message):
+def cube(**changed: object) -> GraspObject:
+    return replace(CUBE, **changed)
+
+
+def grasp(*objects: object, **options: object):
+    return skin.sim.grasp("gripper", objects=objects, **options)
+
+
+OF_PALM = Ranges().draw(load("palm"), seed=1)
+REFUSED = [
+    (lambda: cube(mass_kg=0.0), "mass_kg: must be a number from 1e-06 to 1000; got 0.0"),
+    (lambda: cube(shape="sfere"), "nearest: 'sphere'"),
+    (lambda: cube(shape="sphere"), "size_m: must have 1 numbers of a sphere; got 3"),
+    (lambda: cube(shape="mesh", file="none.stl"), "must be a mesh .*'none.stl', which is not"),
+    (lambda: cube(friction=float("nan")), "friction: must be a number from 0 to 10; got nan"),
+    (lambda: cube(size_m=0.02), "size_m: must have 3 numbers of a box; got 0"),
+    (lambda: cube(position_m=(0.0, 0.0)), "position_m: must have 3 numbers"),
+    (lambda: cube(rpy_deg=None), "rpy_deg: must have 3 numbers; got None"),
+    (lambda: grasp(cube(size_m=(0.047, 0.02, 0.03))),
+     "must start outside the skin; got 2.00 mm inside it at "),
+    (lambda: grasp("hant"), "nearest: 'hand'"),
+    (lambda: grasp(7), "objects: must be GraspObjects or names of bodies; got 7"),
+    (lambda: grasp(CUBE, cube(name="left_pad")), "names of their own; got 'left_pad'"),
+    (lambda: grasp(model="none.xml"), "must be an MJCF or URDF file"),
+    (lambda: skin.sim.grasp("palm"), r"must have \[robot\] model"),
+    (lambda: GraspScene("gripper", seed=-1), "seed: must be an integer from 0"),
+    (lambda: GraspScene("gripper", noise="no"), "noise: must be True or False"),
+    (lambda: Ranges(mass=(2.0, 1.0)), "mass: must be least, then largest"),
+    (lambda: GraspScene("gripper", episode=OF_PALM),
+     "stiffness: must be of the 32 units of 'gripper'; got 64"),
+    (lambda: GraspScene("gripper", episode=Episode(stiffness=np.zeros(32))),
+     "stiffness: must be above 0; got 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "message"), REFUSED)
+def test_what_cannot_be_is_refused_before_anything_moves(make, message: str) -> None:
+    with pytest.raises(SkinError, match=message):
         make()
 
 
