@@ -31,7 +31,6 @@ from scipy.special import ndtri
 
 from bus.status import INVALID, Status
 from skin.calibrate.files import (
-    OfUnits,
     calibration_file,
     calibration_files,
     read_calibration,
@@ -207,23 +206,23 @@ class Tare:
         for patch, path in files.items():
             source = calibration_file(self.topology, patch)
             source = None if source is None or missing(source) else source
-            before, units = read_calibration(source)
+            table, units = read_calibration(source)
             here = self.topology.patch == self.topology.patch_names.index(patch)
-            tared, of_none = {*before.get("tared", ())}, {*before.get("simulated", ())}
+            tared, of_none = {*table.get("tared", ())}, {*table.get("simulated", ())}
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
                 known = units.setdefault(unit, [])
                 known.append(self._fit(int(i), known, beyond_ut))
                 tared.add(unit)
                 (of_none.add if simulated else of_none.discard)(unit)
+            bench = TARED.sub("", table.get("bench", ""))
+            table |= {
+                "patch": patch, "date": date or datetime.date.today().isoformat(),
+                "bench": f"{bench}; {HOW}" if bench else HOW,
+                "tared": sorted(tared), "simulated": sorted(of_none),
+            }  # fmt: skip
             path.parent.mkdir(parents=True, exist_ok=True)
-            bench = TARED.sub("", before.get("bench", ""))
-            write_calibration(
-                path, patch, units, date=date or datetime.date.today().isoformat(),
-                bench=f"{bench}; {HOW}" if bench else HOW, tangential_max_mm=0.0,
-                before="" if source is None else source.read_text(encoding="utf-8"),
-                of_units=OfUnits(tared, of_none, before.get("measured", {})),
-            )  # fmt: skip
+            write_calibration(path, table, units, tangential_max_mm=0.0, before=source)
         return files
 
     def _fit(self, i: int, known: Sequence[Fit], beyond_ut: np.ndarray) -> Fit:

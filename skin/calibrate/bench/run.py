@@ -21,7 +21,6 @@ from skin.calibrate.bench.series import Series, load_series
 from skin.calibrate.bench.unit import UnitResult, fit_unit
 from skin.calibrate.crosstalk import Learned, learn_stencil
 from skin.calibrate.files import (
-    OfUnits,
     calibration_files,
     read_calibration,
     with_fits,
@@ -92,18 +91,20 @@ class Outcome:
         files = calibration_files(self.topology, taken, out)
         for patch, path in files.items():
             head = f"{patch}/"
-            before, units = read_calibration(path if path.exists() else None)
-            measured, tared = dict(before.get("measured", {})), {*before.get("tared", ())}
+            source = path if path.exists() else None
+            table, units = read_calibration(source)
+            measured, tared = dict(table.get("measured", {})), {*table.get("tared", ())}
             for name, result in found.items():
                 if name.startswith(head):
                     units[name.removeprefix(head)] = result.fits
                     measured[name.removeprefix(head)] = self._measured(result)
                     tared.discard(name.removeprefix(head))
-            write_calibration(
-                path, patch, units, date=self.bench.date or datetime.date.today().isoformat(),
-                bench=self.bench.bench, of_units=OfUnits(tared, measured=measured),
-                before=path.read_text(encoding="utf-8") if path.exists() else "",
-            )  # fmt: skip
+            table |= {
+                "patch": patch, "date": self.bench.date or datetime.date.today().isoformat(),
+                "bench": self.bench.bench, "tared": sorted(tared), "simulated": [],
+                "measured": measured,
+            }  # fmt: skip
+            write_calibration(path, table, units, before=source)
         return files
 
     def write_stencil(self, out: str | os.PathLike[str] | None = None) -> Path | None:

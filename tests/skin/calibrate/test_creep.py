@@ -153,7 +153,7 @@ def test_terms_go_through_a_calibration_file(tmp_path):
     law, skin = recording(Prony((1,), WEIGHTS, TIMES_S), 10.0), topology.load("strip")
     fits = [fit_creep(*law, name).fit for name in ("normal", "shear")]
     patch, unit = skin.unit_names[0].split("/")
-    write_calibration(tmp_path / "strip.toml", patch, {unit: fits})
+    write_calibration(tmp_path / "strip.toml", {"patch": patch}, {unit: fits})
     text = (Path(topology.__file__).parent / "builtin" / "strip.toml").read_text()
     text = text.replace("[[patches]]", '[[patches]]\ncalibration = "strip.toml"', 1)
     (tmp_path / "skin.toml").write_text(text)
