@@ -37,7 +37,8 @@ from skin.calibrate.files import (
     write_calibration,
 )
 from skin.calibrate.fit import Fit, as_fit
-from skin.errors import CountsError, OptionError, ScanError
+from skin.decode.arrays import check
+from skin.errors import OptionError, ScanError
 from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, film_at_rest_ut, inverse_map
 from skin.physics.stencil import neighbours_at_rest
 from topology import CHANNELS, Topology, UnitModel
@@ -296,9 +297,10 @@ def tare(
         There is no unit of that name to be left out, or none is left.
     """
     taken = chosen(topology, leave_out)
-    _check("counts", counts, np.int16, (len(CHANNELS), topology.n))
+    cycles = np.shape(counts)[:1]
+    check(topology, "counts", counts, np.int16, (*cycles, len(CHANNELS), topology.n))
     flags = np.zeros(counts.shape[::2], np.uint16) if status is None else status
-    _check("status", flags, np.uint16, (topology.n,), len(counts))
+    check(topology, "status", flags, np.uint16, (*cycles, topology.n))
     readings = Readings(topology)
     readings.add_all(counts, flags)
     faults, _ = readings.faults(taken, rest_ut)
@@ -306,18 +308,6 @@ def tare(
         raise ScanError("\n".join(f"{topology.unit_names[i]}: {fault}"
                                   for i, each in faults.items() for fault in each))  # fmt: skip
     return readings.zeros(taken, neighbours_at_rest(topology) if rest_ut is None else rest_ut)
-
-
-def _check(
-    name: str, array: np.ndarray, kind: type, shape: tuple[int, ...], cycles: int | None = None
-) -> None:
-    is_array = isinstance(array, np.ndarray) and array.ndim == len(shape) + 1
-    if is_array and array.dtype == kind and array.shape[1:] == shape:
-        if cycles in (None, len(array)):
-            return
-    got = f"{array.dtype}, shape {array.shape}" if isinstance(array, np.ndarray) else type(array)
-    wanted = ", ".join(map(str, ("t" if cycles is None else cycles, *shape)))
-    raise CountsError(f"{name}: must be an array of {kind.__name__}, shape ({wanted}); got {got}")
 
 
 # -- what untouched units read --------------------------------------------------------------------

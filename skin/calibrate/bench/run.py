@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -179,12 +179,7 @@ def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None =
     results, scores, faults, serials = [], {}, [], {}
     touched: list[Series] = []
     bare: dict[str, Series] = {}
-    # chips without film first: what they show belongs to the units' other recordings
-    recordings = sorted(bench.recordings, key=lambda each: not _is_bare(each))
-    for done, recording in enumerate(recordings):
-        if progress is not None:
-            progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench)
+    for recording, series, found in _recordings(bench, skin, folder, progress):
         faults += found
         serials |= _serials(recording, series)
         if found:
@@ -195,7 +190,11 @@ def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None =
         if kinds <= ALONE:
             continue
         try:
-            new = _fitted(skin, series, bench.mount_radius_mm, bare)
+            if len(series.units) > 1:
+                new = fit_array(skin, series)
+            else:
+                chip = bare.get(*recording.units)
+                new = [fit_unit(skin, series, *series.units, bench.mount_radius_mm, chip)]
         except ScanError as error:
             faults.append(f"{', '.join(recording.units)}: {error}")
             continue
@@ -204,8 +203,6 @@ def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None =
         if len(new) == 1:
             scores[new[0].unit] = told = score(known, series, series.units[0])
             faults += [f"{new[0].unit}: result: {fault}" for fault in told.faults]
-    if progress is not None:
-        progress(len(bench.recordings), len(bench.recordings), "")
     known = with_fits(skin, {result.unit: result.fits for result in results})
     fitted = tuple(result.unit for result in results)
     learned, notes = _learned(known, touched, fitted)
@@ -275,10 +272,7 @@ def check_bench(
     serials = {f"{patch}/{name}": entry.get("serial", "")
                for name, entry in table.get("measured", {}).items()}  # fmt: skip
     told: dict[str, dict[str, Any]] = {}
-    for done, recording in enumerate(bench.recordings):
-        if progress is not None:
-            progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench)
+    for recording, series, found in _recordings(bench, skin, folder, progress):
         for name, serial in _serials(recording, series).items():
             index = skin.index(name)
             faults = [*found, *_swapped(name, serial, serials)]
@@ -320,28 +314,25 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
     return bench, skin, source.path.parent
 
 
-def _judged(
-    skin: Topology, recording: Recording, folder: Path, bench: BenchFile
-) -> tuple[Series, list[str]]:
-    series = load_series(skin, recording, folder, bench.channels)
+def _recordings(
+    bench: BenchFile, skin: Topology, folder: Path, progress: Progress | None
+) -> Iterator[tuple[Recording, Series, list[str]]]:
+    """Each recording, read, with what is wrong with it; chips without film first, since what they
+    show belongs to the units' other recordings."""
+    count = len(bench.recordings)
     everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
-    heard = series.counts.serials
-    compared = compare_serials(recording.units, heard, everywhere, "BENCH").items()
-    wrong = [f"{name}: {text}" for name, text in compared if text]
-    return series, wrong + find_faults(skin, recording, series)
+    for done, each in enumerate(sorted(bench.recordings, key=lambda each: not _is_bare(each))):
+        if progress is not None:
+            progress(done, count, ", ".join(each.units))
+        series = load_series(skin, each, folder, bench.channels)
+        compared = compare_serials(each.units, series.counts.serials, everywhere, "BENCH").items()
+        wrong = [f"{name}: {text}" for name, text in compared if text]
+        yield each, series, wrong + find_faults(skin, each, series)
+    if progress is not None:
+        progress(count, count, "")
 
 
 def _serials(recording: Recording, series: Series) -> dict[str, str]:
     """Serial numbers of BENCH; where it has none, of heartbeats."""
     heard = series.counts.serials
     return {name: serial or heard.get(name, "") for name, serial in recording.units.items()}
-
-
-def _fitted(
-    skin: Topology, series: Series, radius_mm: float | None, bare: dict[str, Series]
-) -> list[UnitResult]:
-    """Units of a recording: one by all its laws, several by their shares of a common force."""
-    if len(series.units) == 1:
-        (unit,) = series.units
-        return [fit_unit(skin, series, unit, radius_mm, bare.get(skin.unit_names[unit]))]
-    return fit_array(skin, series)
