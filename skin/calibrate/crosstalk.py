@@ -227,7 +227,7 @@ class StrayEstimate:
         """
         told = np.isfinite(field_ut)
         weight = np.where(told, 1.0 / np.square(np.broadcast_to(sigma_ut, told.shape)), 0.0)
-        is_seen = told.any(axis=(0, 1))
+        is_seen = np.asarray(told.any(axis=(0, 1)))
         at, by = self._pairs if moved_mm is None else (self.theory.unit, self.theory.neighbour)
         keep = is_seen[at]
         if moved_mm is not None:

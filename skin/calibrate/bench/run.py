@@ -190,11 +190,12 @@ def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None =
         if kinds <= ALONE:
             continue
         try:
-            if len(series.units) > 1:
-                new = fit_array(skin, series)
+            if len(series.units) == 1:
+                (unit,) = series.units
+                chip = bare.get(skin.unit_names[unit])
+                new = [fit_unit(skin, series, unit, bench.mount_radius_mm, chip)]
             else:
-                chip = bare.get(*recording.units)
-                new = [fit_unit(skin, series, *series.units, bench.mount_radius_mm, chip)]
+                new = fit_array(skin, series)
         except ScanError as error:
             faults.append(f"{', '.join(recording.units)}: {error}")
             continue
