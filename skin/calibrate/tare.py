@@ -297,7 +297,7 @@ def tare(
         There is no unit of that name to be left out, or none is left.
     """
     taken = chosen(topology, leave_out)
-    cycles = np.shape(counts)[:1]
+    cycles = np.shape(counts)[:1] if np.ndim(counts) == 3 else (LEAST_CYCLES,)
     check(topology, "counts", counts, np.int16, (*cycles, len(CHANNELS), topology.n))
     flags = np.zeros(counts.shape[::2], np.uint16) if status is None else status
     check(topology, "status", flags, np.uint16, (*cycles, topology.n))
