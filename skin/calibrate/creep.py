@@ -72,8 +72,6 @@ class CreepFit:
         By which the stiffnesses of the elastic law are to be multiplied.
     determined : tuple of bool, length CREEP_TERMS
         Of each term: whether the data leave its weight less than `KEPT` of its prior variance.
-    scores : tuple of float
-        Error in stretches that were left out, N, without terms and with them.
     rms_n : float
         Of what is left of the force.
     """
@@ -82,7 +80,6 @@ class CreepFit:
     gain: float
     gain_sigma: float
     determined: tuple[bool, ...]
-    scores: tuple[float, ...]
     rms_n: float
 
     @property
@@ -148,7 +145,7 @@ def fit_creep(
         at = dict(zip(fit.names, fit.values.tolist(), strict=True))
         return np.minimum(residual(at)[~training] ** 2, 9.0)
 
-    has_terms, scores = cross_validated((False, True), folds, error)
+    has_terms, _ = cross_validated((False, True), folds, error)
     every = np.ones(folds.size, bool)
     whole = fitted(True, every)
     values = _tied(dict(zip(whole.names, whole.values.tolist(), strict=True)), resolved)
@@ -164,7 +161,7 @@ def fit_creep(
     return CreepFit(
         _parameters(taken, law, float(np.sqrt(unknown2)), folds.size), taken["gain"],
         float(taken.sigma[taken.names.index("gain")]), tuple(determined.tolist()),
-        tuple((data.sigma * np.sqrt(scores.mean(axis=1))).tolist()), rms(left_n),
+        rms(left_n),
     )  # fmt: skip
 
 

@@ -21,7 +21,6 @@ sigma.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +35,7 @@ from skin.errors import ScanError, SkinError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
 from skin.physics.multipoles import ORDERS, STRENGTH, films_as_made, multipole_field
-from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, film_at_rest_ut, inverse_map
+from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, inverse_map
 from skin.physics.stencil import Stencil
 from skin.physics.stray import HORIZON_M, monomials, near, scan_poses
 from topology import Topology
@@ -78,127 +77,6 @@ ENOUGH = 40
 """Readings under a press that determine a unit: those of the shortest window."""
 
 
-class StrayModel:
-    """What films add at their neighbours' chips, as a function of what may be wrong in it.
-
-    The parameters, in one array: the multipoles that all films share; the ambient field of the
-    tare, skin frame, µT; of each unit its strength above the stencil's, as a share, its place
-    against the drawing, mm, skin frame, its tilt about its own x and y, rad, and what the field of
-    its chip at rest is off that of the tare, µT, axes of the chip.
-
-    Parameters
-    ----------
-    topology : Topology
-    theory : Stencil
-        Which units have films, and how strong.
-    """
-
-    def __init__(self, topology: Topology, theory: Stencil) -> None:
-        self._topology, self._strength = topology, theory.strength
-        self._films = np.flatnonzero(theory.strength > 0.0)
-        # a film of one frame is not seen from another
-        frames = topology.patch_frames or ("",) * len(topology.patch_names)
-        self._frame = np.unique(np.array(frames)[topology.patch], return_inverse=True)[1]
-
-    @functools.cached_property
-    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Chips, and the films that they see at rest."""
-        i, j = near(self._topology, HORIZON_M)
-        at, by = np.concatenate([i, j]), np.concatenate([j, i])
-        seen = (self._frame[at] == self._frame[by]) & np.isin(by, self._films)
-        return at[seen], by[seen]
-
-    @functools.cached_property
-    def to_chip(self) -> np.ndarray:
-        """From the skin frame to the axes of each chip, shape (3, 3, n)."""
-        return CHIP_AXES[:, np.newaxis, np.newaxis] * self._topology.rotation.transpose(1, 0, 2)
-
-    def units(self, mean: np.ndarray) -> np.ndarray:
-        """Parameters of the units, shape (EACH, n)."""
-        return mean[ORDERS + AXES :].reshape(-1, EACH).T
-
-    def _seen(
-        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, chip: np.ndarray, film: np.ndarray
-    ) -> np.ndarray:
-        """Field of each multipole of films at chips, shape (ORDERS, 3, p), given what is off in
-        the units of both, shape (OWN, p) each."""
-        rotation, layers = self._topology.rotation, load_film_table().film
-        turned = [_tilted(rotation[:, :, i], own[4:6]) for i, own in ((at, chip), (by, film))]
-        place = 1e3 * self._topology.position
-        between = place[:, at] + chip[1:4] - place[:, by] - film[1:4]
-        between += (layers.middle_mm + layers.chip_mm) * turned[0][:, 2]
-        between -= layers.middle_mm * turned[1][:, 2]
-        points = np.einsum("abm,am->bm", turned[1], between) - moved
-        turn = CHIP_AXES[:, np.newaxis, np.newaxis] * np.einsum("bam,bcm->acm", *turned)
-        strength = self._strength[by] * (1.0 + film[0])
-        return np.einsum("acm,kcm->kam", turn * strength, multipole_field(points))
-
-    def _fields(
-        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, mean: np.ndarray
-    ) -> np.ndarray:
-        """Field of films at chips, shape (3, p)."""
-        own = self.units(mean)[:OWN]
-        return np.einsum("k,kam->am", mean[:ORDERS],
-                         self._seen(at, by, moved, own[:, at], own[:, by]))  # fmt: skip
-
-    def slopes(
-        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, mean: np.ndarray
-    ) -> np.ndarray:
-        """Field of films that are moved, shape (3, p), at chips, and its slopes by the multipoles
-        and by the parameters of film and chip, shape (3, p, 1 + ORDERS + 2 OWN)."""
-        own = self.units(mean)[:OWN]
-        chip, film, poles = own[:, at], own[:, by], mean[:ORDERS]
-        shape = self._seen(at, by, moved, chip, film)
-        field = np.einsum("k,kam->am", poles, shape)
-        bumps = STEP * np.eye(OWN)[:, :, np.newaxis]
-        pairs = [(chip, film + bump) for bump in bumps] + [(chip + bump, film) for bump in bumps]
-        moves = [np.einsum("k,kam->am", poles, self._seen(at, by, moved, *pair)) - field
-                 for pair in pairs]  # fmt: skip
-        return np.stack([field, *shape, *(np.array(moves) / STEP)], axis=-1)
-
-    def rows(
-        self, slopes: np.ndarray, at: np.ndarray, by: np.ndarray, row: np.ndarray,
-        place: np.ndarray, rows: int, width: int,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Derivatives of the sums over films at each chip, shape (rows, 3, width), and the sums."""
-        matrix, sums = np.zeros((rows, AXES, width)), np.zeros((rows, AXES))
-        slopes = slopes.transpose(1, 0, 2)
-        np.add.at(sums, row, slopes[:, :, 0])
-        first = np.stack([ORDERS + AXES + EACH * place[unit] for unit in (by, at)], axis=1)
-        own = (first[:, :, np.newaxis] + np.arange(OWN)).reshape(-1, 2 * OWN)
-        columns = np.column_stack([np.tile(np.arange(ORDERS), (len(own), 1)), own])
-        axes = np.arange(AXES)[np.newaxis, :, np.newaxis]
-        np.add.at(matrix, (row[:, np.newaxis, np.newaxis], axes, columns[:, np.newaxis]),
-                  slopes[:, :, 1:])  # fmt: skip
-        return matrix, sums
-
-    def moving(
-        self, at: np.ndarray, by: np.ndarray, poses: np.ndarray, mean: np.ndarray
-    ) -> np.ndarray:
-        """Change of the field of each pair since rest, shape (p, 3, t)."""
-        poses = np.vstack([np.zeros(3), poses])
-        ats, bys = np.repeat(at, len(poses)), np.repeat(by, len(poses))
-        field = self._fields(ats, bys, np.tile(poses.T, at.size), mean)
-        field = field.reshape(AXES, at.size, len(poses))
-        return (field[:, :, 1:] - field[:, :, :1]).transpose(1, 0, 2)
-
-    def resting(self, mean: np.ndarray) -> np.ndarray:
-        """Field of all films at rest at every chip, shape (3, n)."""
-        at, by = self.pairs
-        each = self._fields(at, by, np.zeros((AXES, at.size)), mean)
-        return np.stack([np.bincount(at, axis, minlength=self._topology.n) for axis in each])
-
-
-def _tilted(rotation: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """Rotations, shape (3, 3, m), after turns by small rotation vectors in their own x and y."""
-    x, y = tilt
-    # to second order: what is left of a tilt of 0.1 rad is 2e-4
-    zero = np.zeros_like(x)
-    cross = np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]])
-    small = np.eye(3)[:, :, np.newaxis] + cross + 0.5 * np.einsum("abm,bcm->acm", cross, cross)
-    return np.einsum("abm,bcm->acm", rotation, small)
-
-
 class StrayEstimate:
     """Stray fields of the films of a skin, and how well they are known.
 
@@ -206,14 +84,17 @@ class StrayEstimate:
     ----------
     topology : Topology
         Places as drawn; `placement_sigma_mm` and `placement_sigma_rad` say how well they are kept.
-    stencil : Stencil, optional
-        From magnet theory, of these units; made if not given.
 
     Attributes
     ----------
     mean : ndarray, shape (p,)
-        Parameters of `StrayModel`.
+        The multipoles that all films share; the ambient field of the tare, skin frame, µT; of each
+        unit its strength above the stencil's, as a share, its place against the drawing, mm, skin
+        frame, its tilt about its own x and y, rad, and what the field of its chip at rest is off
+        that of the tare, µT, axes of the chip.
     covariance : ndarray, shape (p, p)
+    theory : Stencil
+        From magnet theory, of these units.
 
     Raises
     ------
@@ -221,32 +102,110 @@ class StrayEstimate:
         More than `MOST_UNITS` units.
     """
 
-    def __init__(self, topology: Topology, stencil: Stencil | None = None) -> None:
-        self.check_size(topology)
-        n = topology.n
-        self.topology = topology
-        self.theory = Stencil.of(topology) if stencil is None else stencil
-        p = topology.parameters
-        self._model = StrayModel(topology, self.theory)
+    def __init__(self, topology: Topology) -> None:
+        self.topology, p, n = topology, topology.parameters, topology.n
+        if n > MOST_UNITS:
+            raise SkinError(f"{topology.name}: must have {MOST_UNITS} units or fewer for its stray "
+                            f"fields to be learned; got {n}")  # fmt: skip
+        self.theory = Stencil.of(topology)
         shape, covariance = films_as_made()
-        size = ORDERS + AXES + EACH * n
-        self.mean = np.concatenate([shape, np.zeros(size - ORDERS)])
+        self.mean = np.concatenate([shape, np.zeros(AXES + EACH * n)])
         strength = np.hypot(p["field_amplitude_sigma_relative"], STRENGTH)
         place, tilt = p["placement_sigma_mm"], p["placement_sigma_rad"]
-        none = np.zeros(n)
-        each = np.stack([strength, *3 * [place], *2 * [tilt], *3 * [none]], axis=1)
+        each = np.stack([strength, *3 * [place], *2 * [tilt], *3 * [np.zeros(n)]], axis=1)
         sigma = np.concatenate([np.zeros(ORDERS), np.full(3, AMBIENT_UT), each.ravel()])
         self.covariance = np.diag(sigma**2)
         self.covariance[:ORDERS, :ORDERS] = covariance
         self._start = self.mean.copy()
+        # where the mean has what the field of a chip at rest is off, shape (n, 3)
+        self._off = ORDERS + AXES + EACH * np.arange(n)[:, np.newaxis] + np.arange(OWN, EACH)
         self._tared_ut: np.ndarray | None = None
+        # from the skin frame to the axes of each chip, shape (3, 3, n)
+        self._to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 0, 2)
+        # chips, and the films that they see at rest: a film of one frame is not seen from another
+        i, j = near(topology, HORIZON_M)
+        at, by = np.concatenate([i, j]), np.concatenate([j, i])
+        frames = np.array(topology.patch_frames or ("",) * len(topology.patch_names))
+        frame = frames[topology.patch]
+        seen = (frame[at] == frame[by]) & (self.theory.strength[by] > 0.0)
+        self._pairs = at[seen], by[seen]
 
-    @staticmethod
-    def check_size(topology: Topology) -> None:
-        """Raise SkinError if there are more than `MOST_UNITS` units."""
-        if topology.n > MOST_UNITS:
-            raise SkinError(f"{topology.name}: must have {MOST_UNITS} units or fewer for its stray "
-                            f"fields to be learned; got {topology.n}")  # fmt: skip
+    # -- what chips read, by the parameters --------------------------------------------------------
+
+    def _seen(
+        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, chip: np.ndarray, film: np.ndarray
+    ) -> np.ndarray:
+        """Field of each multipole of films at chips, shape (ORDERS, 3, p), given what is off in
+        the units of both, shape (OWN, p) each."""
+        rotation, layers = self.topology.rotation, load_film_table().film
+        turned = [_tilted(rotation[:, :, i], own[4:6]) for i, own in ((at, chip), (by, film))]
+        place = 1e3 * self.topology.position
+        between = place[:, at] + chip[1:4] - place[:, by] - film[1:4]
+        between += (layers.middle_mm + layers.chip_mm) * turned[0][:, 2]
+        between -= layers.middle_mm * turned[1][:, 2]
+        points = np.einsum("abm,am->bm", turned[1], between) - moved
+        turn = CHIP_AXES[:, np.newaxis, np.newaxis] * np.einsum("bam,bcm->acm", *turned)
+        strength = self.theory.strength[by] * (1.0 + film[0])
+        return np.einsum("acm,kcm->kam", turn * strength, multipole_field(points))
+
+    def _fields(
+        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, mean: np.ndarray
+    ) -> np.ndarray:
+        """Field of films at chips by parameters, shape (3, p)."""
+        own = mean[ORDERS + AXES :].reshape(-1, EACH).T[:OWN]
+        return np.einsum("k,kam->am", mean[:ORDERS],
+                         self._seen(at, by, moved, own[:, at], own[:, by]))  # fmt: skip
+
+    def _slopes(self, at: np.ndarray, by: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """Field of films at chips, and its slopes by the multipoles and by the parameters of film
+        and chip, shape (p, 3, 1 + ORDERS + 2 OWN)."""
+        own = self.mean[ORDERS + AXES :].reshape(-1, EACH).T[:OWN]
+        chip, film, poles = own[:, at], own[:, by], self.mean[:ORDERS]
+        shape = self._seen(at, by, moved, chip, film)
+        field = np.einsum("k,kam->am", poles, shape)
+        bumps = STEP * np.eye(OWN)[:, :, np.newaxis]
+        pairs = [(chip, film + bump) for bump in bumps] + [(chip + bump, film) for bump in bumps]
+        moves = [np.einsum("k,kam->am", poles, self._seen(at, by, moved, *pair)) - field
+                 for pair in pairs]  # fmt: skip
+        return np.stack([field, *shape, *(np.array(moves) / STEP)], axis=-1).transpose(1, 0, 2)
+
+    def _sums(
+        self, at: np.ndarray, by: np.ndarray, row: np.ndarray, rows: int,
+        moved: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Sums over the films at each chip, shape (rows, 3), and their derivatives, shape
+        (rows, 3, p): of films at rest, or of what they add since as they are moved."""
+        still = np.zeros((AXES, at.size))
+        slopes = self._slopes(at, by, still if moved is None else moved)
+        if moved is not None:
+            slopes = slopes - self._slopes(at, by, still)
+        sums, matrix = np.zeros((rows, AXES)), np.zeros((rows, AXES, self.mean.size))
+        np.add.at(sums, row, slopes[:, :, 0])
+        own = [(ORDERS + AXES + EACH * unit)[:, np.newaxis] + np.arange(OWN) for unit in (by, at)]
+        poles = np.tile(np.arange(ORDERS), (at.size, 1))
+        columns = np.column_stack([poles, *own])[:, np.newaxis]
+        axes = np.arange(AXES)[:, np.newaxis]
+        np.add.at(matrix, (row[:, np.newaxis, np.newaxis], axes, columns), slopes[:, :, 1:])
+        return sums, matrix
+
+    def _linear(
+        self, chips: np.ndarray, pairs: tuple[np.ndarray, np.ndarray], moved: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What chips read in each cycle, shape (t, c, 3), and its derivatives, shape (t, c, 3, p);
+        see `learn`."""
+        (at, by), count = pairs, 1 if moved is None else len(moved)
+        row = chips.size * np.arange(count)[:, np.newaxis] + np.searchsorted(chips, at)
+        there = None if moved is None else moved[:, :, by].transpose(1, 0, 2).reshape(AXES, -1)
+        sums, matrix = self._sums(
+            np.tile(at, count), np.tile(by, count), row.ravel(), count * chips.size, there
+        )
+        sums, matrix = (each.reshape(count, chips.size, AXES, -1) for each in (sums, matrix))
+        if moved is None:
+            matrix[..., AMBIENT] = self._to_chip[:, :, chips].transpose(2, 0, 1)
+        else:
+            matrix[:, np.arange(chips.size)[:, np.newaxis], np.arange(AXES), self._off[chips]] = 1.0
+        constant = np.append(np.arange(AMBIENT.start, AMBIENT.stop), self._off)
+        return sums[..., 0] + matrix[..., constant] @ self.mean[constant], matrix
 
     # -- readings ----------------------------------------------------------------------------------
 
@@ -267,72 +226,37 @@ class StrayEstimate:
             dx, dy, H of all films; 0 of those that nothing touches. None: nothing is touched.
         """
         told = np.isfinite(field_ut)
-        variance = np.where(told, np.broadcast_to(np.square(sigma_ut), told.shape), np.inf)
-        values = np.where(told, field_ut, 0.0)
+        weight = np.where(told, 1.0 / np.square(np.broadcast_to(sigma_ut, told.shape)), 0.0)
+        is_seen = np.asarray(told.any(axis=(0, 1)))
+        at, by = self._pairs if moved_mm is None else (self.theory.unit, self.theory.neighbour)
+        keep = is_seen[at]
+        if moved_mm is not None:
+            keep &= moved_mm[:, :, by].any(axis=(0, 1))
+        pairs = at[keep], by[keep]
+        chips = np.flatnonzero(is_seen) if moved_mm is None else np.unique(pairs[0])
+        field, weight = (np.nan_to_num(each)[:, :, chips].transpose(0, 2, 1)
+                         for each in (field_ut, weight))  # fmt: skip
         before, covariance = self.mean, self.covariance
-        normal, wanted, columns, miss = self._normal(values, variance, moved_mm, before)
-        if (odd := miss > OUTLIER**2).any():
-            variance = np.where(odd, np.inf, variance)
-            normal, wanted, columns, _ = self._normal(values, variance, moved_mm, before)
-        for _ in range(ROUNDS if moved_mm is None else TOUCH_ROUNDS):
-            seen = normal @ covariance[columns]
+        for turn in range(ROUNDS if moved_mm is None else TOUCH_ROUNDS):
+            expected, matrix = self._linear(chips, pairs, moved_mm)
+            columns = np.flatnonzero(matrix.any(axis=(0, 1, 2)))
+            matrix, known = matrix[..., columns], covariance[np.ix_(columns, columns)]
+            off = field - expected
+            if not turn:
+                variance = np.einsum("tcap,tcap->tca", matrix @ known, matrix)
+                share = off**2 * weight / (1.0 + variance * weight)
+                count = np.maximum(np.count_nonzero(weight, axis=(0, 2)), 1)
+                weight[:, share.sum(axis=(0, 2)) > OUTLIER**2 * count] = 0.0
+            off += matrix @ (self.mean - before)[columns]
+            matrix = matrix.reshape(-1, columns.size)
+            weighted = matrix.T * weight.ravel()
+            seen = weighted @ matrix @ covariance[columns]
             left = np.eye(columns.size) + seen[:, columns]
-            self.mean = before + covariance[:, columns] @ np.linalg.solve(left, wanted)
-            used = columns
-            normal, wanted, columns, _ = self._normal(values, variance, moved_mm, before)
-        after = covariance - covariance[:, used] @ np.linalg.solve(left, seen)
+            self.mean = before + covariance[:, columns] @ np.linalg.solve(
+                left, weighted @ off.ravel()
+            )
+        after = covariance - covariance[:, columns] @ np.linalg.solve(left, seen)
         self.covariance = 0.5 * (after + after.T)
-
-    def _normal(
-        self, values: np.ndarray, variance: np.ndarray, moved: np.ndarray | None,
-        before: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Normal equations of readings, linear about the mean, for steps from `before`: matrix
-        (p, p), right side (p,), which parameters of all they are of (p,), and of each chip the mean
-        square of its misses over the variance that is expected (n,)."""
-        n, cycles = self.topology.n, len(values)
-        tells = np.asarray(np.isfinite(variance).any(axis=(0, 1)))
-        at, by = self._model.pairs if moved is None else (self.theory.unit, self.theory.neighbour)
-        keep = tells[at]
-        if moved is not None:
-            keep &= moved[:, :, by].any(axis=(0, 1))
-        at, by = at[keep], by[keep]
-        chips = np.flatnonzero(tells) if moved is None else np.unique(at)
-        units = np.union1d(by, chips).astype(int)
-        first = ORDERS + AXES + EACH * units[:, np.newaxis]
-        columns = np.append(np.arange(ORDERS + AXES), first + np.arange(EACH))
-        row, place = np.zeros(n, int), np.zeros(n, int)
-        row[chips], place[units] = np.arange(chips.size), np.arange(units.size)
-        rows = chips.size * np.arange(cycles)[:, np.newaxis] + row[at]
-        ats, bys = np.tile(at, cycles), np.tile(by, cycles)
-        still = np.zeros((AXES, at.size))
-        there = still if moved is None else moved[:, :, by].transpose(1, 0, 2).reshape(AXES, -1)
-        slopes = self._model.slopes(ats, bys, there, self.mean)
-        if moved is not None:
-            resting = self._model.slopes(at, by, still, self.mean)
-            slopes = slopes - np.tile(resting, (1, cycles, 1))
-        matrix, expected = self._model.rows(
-            slopes, ats, bys, rows.ravel(), place, cycles * chips.size, columns.size
-        )
-        if moved is not None:
-            chip = np.tile(place[chips], cycles)[:, np.newaxis]
-            still_ut = ORDERS + AXES + EACH * chip + np.arange(EACH - AXES, EACH)
-            matrix[np.arange(len(matrix))[:, np.newaxis], np.arange(AXES), still_ut] = 1.0
-            expected += np.tile(self._model.units(self.mean)[-AXES:, chips].T, (cycles, 1))
-        else:
-            matrix[:, :, AMBIENT] = self._model.to_chip[:, :, chips].transpose(2, 0, 1)
-            expected += matrix[:, :, AMBIENT] @ self.mean[AMBIENT]
-        weight = 1.0 / variance[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES)
-        off = values[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES) - expected
-        matrix, weight, off = matrix.reshape(-1, columns.size), weight.ravel(), off.ravel()
-        spread = np.einsum("rp,rp->r", matrix @ self.covariance[np.ix_(columns, columns)], matrix)
-        told, chip = weight > 0.0, np.repeat(np.tile(chips, cycles), AXES)
-        share = np.where(told, off**2 * weight / (1.0 + spread * weight), 0.0)
-        count = np.bincount(chip, told, minlength=n)
-        miss = np.bincount(chip, share, minlength=n) / np.maximum(count, 1.0)
-        off = off + matrix @ (self.mean - before)[columns]
-        weighted = matrix.T * weight
-        return weighted @ matrix, weighted @ off, columns, miss
 
     def tared(self, found: Tare) -> Stencil:
         """Take the readings of a tare.
@@ -355,10 +279,8 @@ class StrayEstimate:
         lateral = np.hypot(p["field_sigma_ut"], found.offset_sigma_ut)
         sigma = np.vstack([lateral, axial_sigma_ut(self.topology, lateral.max(axis=0))])
         self.learn(np.where(found.taken & (sigma > 0.0), field, np.nan)[np.newaxis], sigma)
-        first = ORDERS + AXES + EACH * np.arange(self.topology.n) + EACH - AXES
         noise = np.where(found.taken, found.offset_sigma_ut.max(axis=0), 0.0) ** 2
-        for axis in range(AXES):
-            self.covariance[first + axis, first + axis] = noise
+        self.covariance[self._off, self._off] = noise[:, np.newaxis]
         stencil = self.stencil()
         self._tared_ut = stencil.rest_ut[:2].copy()
         return stencil
@@ -372,7 +294,7 @@ class StrayEstimate:
         ambient field of the tare. Once the skin is tared its lateral part stays that which the tare
         has left out of the offsets, and what chips were seen to be off it.
         """
-        theory = self.theory
+        theory, n = self.theory, self.topology.n
         at, by = theory.unit, theory.neighbour
         poses, share = scan_poses(theory.depth_max_mm, theory.displacement_max_mm)
         terms = monomials(poses.T, theory.degree)
@@ -381,17 +303,21 @@ class StrayEstimate:
         chunk = max(1, AT_ONCE // len(poses))
         for first in range(0, at.size, chunk):
             part = slice(first, first + chunk)
-            found = self._model.moving(at[part], by[part], poses, self.mean)
+            found, drawn = (self._moving(at[part], by[part], poses, mean)
+                            for mean in (self.mean, self._start))  # fmt: skip
             values[part] = np.einsum("pat,kt->pak", found, solve)
-            drawn = self._model.moving(at[part], by[part], poses, self._start)
             known = theory.coefficients[theory.kind[part]] * theory.strength[by[part], None, None]
             # what the multipoles cannot describe of the film as drawn, they cannot of another
             left = (found - values[part] @ terms) ** 2 + (drawn - known @ terms) ** 2
             missed[part] = np.sqrt(left @ share)
-        rest = theory.rest_ut + self._model.resting(self.mean) - self._model.resting(self._start)
-        rest += np.einsum("abn,b->an", self._model.to_chip, self.mean[AMBIENT])
+        (seen, film), rest = self._pairs, theory.rest_ut.copy()
+        still = np.zeros((AXES, seen.size))
+        for mean, sign in ((self.mean, 1.0), (self._start, -1.0)):
+            each = self._fields(seen, film, still, mean)
+            rest += sign * np.stack([np.bincount(seen, axis, minlength=n) for axis in each])
+        rest += np.einsum("abn,b->an", self._to_chip, self.mean[AMBIENT])
         if self._tared_ut is not None:
-            rest[:2] = self._tared_ut + self._model.units(self.mean)[-AXES:-1]
+            rest[:2] = self._tared_ut + self.mean[self._off].T[:2]
         return dataclasses.replace(
             theory, kind=np.arange(at.size, dtype=np.int32), coefficients=values, sigma_ut=missed,
             strength=np.where(theory.strength > 0.0, 1.0, 0.0), rest_ut=rest,
@@ -399,34 +325,48 @@ class StrayEstimate:
             rest_sigma_ut=self.rest_sigma_ut(), drawn=False,
         )  # fmt: skip
 
+    def _moving(
+        self, at: np.ndarray, by: np.ndarray, poses: np.ndarray, mean: np.ndarray
+    ) -> np.ndarray:
+        """Change of the field of each pair since rest, shape (p, 3, t)."""
+        poses = np.vstack([np.zeros(3), poses])
+        ats, bys = np.repeat(at, len(poses)), np.repeat(by, len(poses))
+        field = self._fields(ats, bys, np.tile(poses.T, at.size), mean)
+        field = field.reshape(AXES, at.size, len(poses))
+        return (field[:, :, 1:] - field[:, :, :1]).transpose(1, 0, 2)
+
     def sigma_ut(self) -> np.ndarray:
         """One sigma of a lateral axis of the field at every chip by what is not known, the mean
         over films that all move at random, µT, shape (n,)."""
         n, at, by = self.topology.n, self.theory.unit, self.theory.neighbour
         depth, far = self.theory.depth_max_mm, self.theory.displacement_max_mm
-        rng, each = np.random.default_rng(0), np.arange(n)
-        resting = self._model.slopes(at, by, np.zeros((3, at.size)), self.mean)
-        variance = np.zeros(n)
+        rng, variance = np.random.default_rng(0), np.zeros(n)
         for _ in range(SCENES):
             around, radius = rng.uniform(-np.pi, np.pi, n), far * np.sqrt(rng.random(n))
             moved = np.stack(
                 [radius * np.cos(around), radius * np.sin(around), depth * rng.random(n)]
             )
-            slopes = self._model.slopes(at, by, moved[:, by], self.mean) - resting
-            matrix, _ = self._model.rows(slopes, at, by, at, each, n, self.mean.size)
-            lateral = matrix[:, :2].reshape(2 * n, -1)
-            spread = np.einsum("rp,rp->r", lateral @ self.covariance, lateral)
-            variance += spread.reshape(n, 2).mean(axis=1) / SCENES
+            lateral = self._sums(at, by, at, n, moved[:, by])[1][:, :2]
+            spread = np.einsum("nap,nap->na", lateral @ self.covariance, lateral)
+            variance += spread.mean(axis=1) / SCENES
         return np.sqrt(variance)
 
     def rest_sigma_ut(self) -> np.ndarray:
         """One sigma of `Stencil.rest_ut`, shape (3, n)."""
-        n, (at, by) = self.topology.n, self._model.pairs
-        each = np.arange(n)
-        slopes = self._model.slopes(at, by, np.zeros((3, at.size)), self.mean)
-        matrix, _ = self._model.rows(slopes, at, by, at, each, n, self.mean.size)
-        matrix[:, :, AMBIENT] = self._model.to_chip.transpose(2, 0, 1)
-        return np.sqrt(np.einsum("nap,pq,naq->an", matrix, self.covariance, matrix, optimize=True))
+        (at, by), n = self._pairs, self.topology.n
+        matrix = self._sums(at, by, at, n)[1]
+        matrix[:, :, AMBIENT] = self._to_chip.transpose(2, 0, 1)
+        return np.sqrt(np.einsum("nap,nap->an", matrix @ self.covariance, matrix))
+
+
+def _tilted(rotation: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """Rotations, shape (3, 3, m), after turns by small rotation vectors in their own x and y."""
+    x, y = tilt
+    # to second order: what is left of a tilt of 0.1 rad is 2e-4
+    zero = np.zeros_like(x)
+    cross = np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]])
+    small = np.eye(3)[:, :, np.newaxis] + cross + 0.5 * np.einsum("abm,bcm->acm", cross, cross)
+    return np.einsum("abm,bcm->acm", rotation, small)
 
 
 class TouchTest:
@@ -440,9 +380,8 @@ class TouchTest:
         Is updated.
     stencil : Stencil
         Whose `rest_ut` the tare has left out.
-    still : ndarray, shape (t, c, n), int16, optional
-        Counts of the skin while nothing touched it; if not given, the zeros alone say what chips
-        read at rest, to their sigma.
+    still : ndarray, shape (t, c, n), int16
+        Counts of the skin while nothing touched it.
 
     Attributes
     ----------
@@ -451,22 +390,20 @@ class TouchTest:
     """
 
     def __init__(
-        self, topology: Topology, estimate: StrayEstimate, stencil: Stencil,
-        still: np.ndarray | None = None,
-    ) -> None:  # fmt: skip
+        self, topology: Topology, estimate: StrayEstimate, stencil: Stencil, still: np.ndarray
+    ) -> None:
         self.topology, self.estimate = topology, estimate
         self.pressed = np.zeros(topology.n, int)
-        self._decoder = _decoder(topology, stencil)
+        # does not hold the field against the own film: what neighbours add is looked for
+        self._decoder = Decoder(topology, {"displacement", "field"}, consistency=False, sweeps=0,
+                                ambient=False, stencil=stencil)  # fmt: skip
         self._to_counts = inverse_map(topology)
         p = topology.parameters
         step = np.abs(topology.scale) / np.sqrt(12.0)
         self._depth_sigma = np.hypot(p["frequency_noise_hz"], step[1])
         self._depth_sigma = self._depth_sigma / p["frequency_slope_hz_per_mm"]
         self._noise = np.hypot(p["field_noise_ut"], step[2:5].max(axis=0))
-        own = film_at_rest_ut(topology)
-        own[:2] = np.einsum("abn,bn->an", self._to_counts, own[:2])
-        own[2] = axial_at_rest_ut(topology)
-        self._rest = own if still is None else self._field(still)[0].mean(axis=0)
+        self._rest = self._field(still)[0].mean(axis=0)
 
     def __call__(self, counts: np.ndarray, status: np.ndarray | None = None) -> int:
         """Take a recording, of a second or so, and update the estimate.
@@ -496,10 +433,12 @@ class TouchTest:
         with np.errstate(invalid="ignore"):
             told = (moved[:, 2] > PRESSED_MM) & good & ~still
         moved[:, :, still | ~good] = 0.0
-        free = still & good & ~self._near(self.topology.enabled & ~good & ~still)
-        cycles = told.any(axis=1)
-        near = np.isin(self.estimate.theory.neighbour, np.flatnonzero(told.any(axis=0)))
-        if not cycles.any() or not free[self.estimate.theory.unit[near]].any():
+        theory, cycles = self.estimate.theory, told.any(axis=1)
+        # of films that are not seen nobody knows whether they are pressed
+        unseen = self.topology.enabled & ~good & ~still & (theory.strength > 0.0)
+        free = still & good
+        free[theory.unit[unseen[theory.neighbour]]] = False
+        if not free[theory.unit[told.any(axis=0)[theory.neighbour]]].any():
             return 0
         change = np.where(free, (field - self._rest)[cycles], np.nan)
         moved = np.nan_to_num(np.where(free, 0.0, moved[cycles]))
@@ -517,13 +456,6 @@ class TouchTest:
             still &= (count > 0) & (np.abs(total) <= count * room)
         return still
 
-    def _near(self, unseen: np.ndarray) -> np.ndarray:
-        """Chips that units of which nobody knows whether they are pressed would reach."""
-        theory, near = self.estimate.theory, np.zeros(self.topology.n, bool)
-        reaches = unseen[theory.neighbour] & (theory.strength[theory.neighbour] > 0.0)
-        near[theory.unit[reaches]] = True
-        return near
-
     def _field(
         self, counts: np.ndarray, status: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -534,14 +466,6 @@ class TouchTest:
         field = reading.field_ut.astype(float)
         field[:, :2] = np.einsum("abn,tbn->tan", self._to_counts, field[:, :2])
         return field, reading.displacement_mm.astype(float), reading.status & int(INVALID) == 0
-
-
-def _decoder(topology: Topology, stencil: Stencil | None = None) -> Decoder:
-    """Does not hold the field against the unit's own film: what neighbours add is looked for."""
-    return Decoder(
-        topology, {"displacement", "field"}, consistency=False, sweeps=0, ambient=False,
-        stencil=stencil,
-    )  # fmt: skip
 
 
 class Learned(NamedTuple):

@@ -12,7 +12,6 @@ import re
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import msgspec
@@ -27,7 +26,6 @@ from topology.load import is_builtin
 from topology.model import TABLES
 
 __all__ = [
-    "OfUnits",
     "calibration_file",
     "calibration_files",
     "carry_comments",
@@ -47,17 +45,7 @@ STRING = r'"(?:[^"\\]|\\.)*"|\'[^\']*\''
 TRAILING = re.compile(rf"^(?:{STRING}|[^#\"'])*?\s*(#.*)$")
 OWN = re.compile(r"# ± ")
 """How the comments begin that are written with a value, and again with each."""
-
-
-class OfUnits(NamedTuple):
-    """What is reported of units in addition to their parameters."""
-
-    tared: Collection[str] = ()
-    """Units whose zeros were taken in their places."""
-    simulated: Collection[str] = ()
-    """Those of them that were simulated."""
-    measured: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Unit to its table of `topology.calibration.Measured`."""
+HEAD = ("patch", "date", "bench", "tared", "simulated")
 
 
 # -- which file ----------------------------------------------------------------------------------
@@ -167,14 +155,11 @@ def read_calibration(path: Path | None) -> tuple[dict[str, Any], dict[str, list[
 
 def write_calibration(
     file: str | os.PathLike[str],
-    patch: str,
+    table: Mapping[str, Any],
     units: Mapping[str, Iterable[Fit]],
     *,
-    date: str = "",
-    bench: str = "",
     tangential_max_mm: float = UnitModel().tangential_max_mm,
-    before: str = "",
-    of_units: OfUnits | None = None,
+    before: Path | None = None,
 ) -> None:
     """Write what was fitted of the units of a patch, with the sigma of each value next to it.
 
@@ -183,18 +168,16 @@ def write_calibration(
     Parameters
     ----------
     file : str or path
-    patch : str
-        Its name in the topology file.
+    table : dict
+        ``patch`` and, where known, ``date``, ``bench``, ``tared``, ``simulated`` and ``measured``
+        of `topology.calibration.CalibrationFile`; the rest is left out.
     units : dict of str to list of Fit
         Unit, without the patch's name ("r3c4"), to its fits; a later fit stands above an earlier.
-    date, bench : str
-        When, where and how it was measured.
     tangential_max_mm : float
         Of the units' model. Where the crest of a fitted `field_wavenumber_rad_per_mm` lies before
         it, the range ends at the crest.
-    before : str
-        Text of the file whose comments go over to this one.
-    of_units : OfUnits, optional
+    before : path, optional
+        A file whose comments go over to this one.
 
     Raises
     ------
@@ -205,20 +188,17 @@ def write_calibration(
     FileExistsError
         A file is there that is no calibration file of the patch.
     """
-    lines = ["format = 1", f"patch = {_text(patch)}"]
-    lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
-    known = OfUnits() if of_units is None else of_units
-    lines += [f"tared = {_value(sorted(known.tared))}"] if known.tared else []
-    lines += [f"simulated = {_value(sorted(known.simulated))}"] if known.simulated else []
+    lines = ["format = 1", *(f"{key} = {_value(table[key])}" for key in HEAD if table.get(key))]
     for unit, fits in units.items():
-        found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
+        found = parameter_values(f"{table['patch']}/{unit}", fits, tangential_max_mm)
         lines += ["", f"[units.{_key(unit)}]"]
         lines += [_line(name, value, sigma) for name, (value, sigma) in found.items()]
-    for unit, table in known.measured.items():
+    for unit, measured in table.get("measured", {}).items():
         lines += ["", f"[measured.{_key(unit)}]"]
-        lines += [f"{_key(name)} = {_value(value)}" for name, value in table.items()]
-    with whole_file(Path(file), "w", over=calibration_of(patch), encoding="utf-8") as out:
-        out.write(carry_comments(before, "\n".join(lines) + "\n"))
+        lines += [f"{_key(name)} = {_value(value)}" for name, value in measured.items()]
+    text = "" if before is None else before.read_text(encoding="utf-8")
+    with whole_file(Path(file), "w", over=calibration_of(table["patch"]), encoding="utf-8") as out:
+        out.write(carry_comments(text, "\n".join(lines) + "\n"))
 
 
 def parameter_values(

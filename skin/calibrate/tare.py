@@ -31,14 +31,14 @@ from scipy.special import ndtri
 
 from bus.status import INVALID, Status
 from skin.calibrate.files import (
-    OfUnits,
     calibration_file,
     calibration_files,
     read_calibration,
     write_calibration,
 )
 from skin.calibrate.fit import Fit, as_fit
-from skin.errors import CountsError, OptionError, ScanError
+from skin.decode.arrays import check
+from skin.errors import OptionError, ScanError
 from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, film_at_rest_ut, inverse_map
 from skin.physics.stencil import neighbours_at_rest
 from topology import CHANNELS, Topology, UnitModel
@@ -207,23 +207,23 @@ class Tare:
         for patch, path in files.items():
             source = calibration_file(self.topology, patch)
             source = None if source is None or missing(source) else source
-            before, units = read_calibration(source)
+            table, units = read_calibration(source)
             here = self.topology.patch == self.topology.patch_names.index(patch)
-            tared, of_none = {*before.get("tared", ())}, {*before.get("simulated", ())}
+            tared, of_none = {*table.get("tared", ())}, {*table.get("simulated", ())}
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
                 known = units.setdefault(unit, [])
                 known.append(self._fit(int(i), known, beyond_ut))
                 tared.add(unit)
                 (of_none.add if simulated else of_none.discard)(unit)
+            bench = TARED.sub("", table.get("bench", ""))
+            table |= {
+                "patch": patch, "date": date or datetime.date.today().isoformat(),
+                "bench": f"{bench}; {HOW}" if bench else HOW,
+                "tared": sorted(tared), "simulated": sorted(of_none),
+            }  # fmt: skip
             path.parent.mkdir(parents=True, exist_ok=True)
-            bench = TARED.sub("", before.get("bench", ""))
-            write_calibration(
-                path, patch, units, date=date or datetime.date.today().isoformat(),
-                bench=f"{bench}; {HOW}" if bench else HOW, tangential_max_mm=0.0,
-                before="" if source is None else source.read_text(encoding="utf-8"),
-                of_units=OfUnits(tared, of_none, before.get("measured", {})),
-            )  # fmt: skip
+            write_calibration(path, table, units, tangential_max_mm=0.0, before=source)
         return files
 
     def _fit(self, i: int, known: Sequence[Fit], beyond_ut: np.ndarray) -> Fit:
@@ -297,9 +297,10 @@ def tare(
         There is no unit of that name to be left out, or none is left.
     """
     taken = chosen(topology, leave_out)
-    _check("counts", counts, np.int16, (len(CHANNELS), topology.n))
+    cycles = np.shape(counts)[:1] if np.ndim(counts) == 3 else (LEAST_CYCLES,)
+    check(topology, "counts", counts, np.int16, (*cycles, len(CHANNELS), topology.n))
     flags = np.zeros(counts.shape[::2], np.uint16) if status is None else status
-    _check("status", flags, np.uint16, (topology.n,), len(counts))
+    check(topology, "status", flags, np.uint16, (*cycles, topology.n))
     readings = Readings(topology)
     readings.add_all(counts, flags)
     faults, _ = readings.faults(taken, rest_ut)
@@ -307,18 +308,6 @@ def tare(
         raise ScanError("\n".join(f"{topology.unit_names[i]}: {fault}"
                                   for i, each in faults.items() for fault in each))  # fmt: skip
     return readings.zeros(taken, neighbours_at_rest(topology) if rest_ut is None else rest_ut)
-
-
-def _check(
-    name: str, array: np.ndarray, kind: type, shape: tuple[int, ...], cycles: int | None = None
-) -> None:
-    is_array = isinstance(array, np.ndarray) and array.ndim == len(shape) + 1
-    if is_array and array.dtype == kind and array.shape[1:] == shape:
-        if cycles in (None, len(array)):
-            return
-    got = f"{array.dtype}, shape {array.shape}" if isinstance(array, np.ndarray) else type(array)
-    wanted = ", ".join(map(str, ("t" if cycles is None else cycles, *shape)))
-    raise CountsError(f"{name}: must be an array of {kind.__name__}, shape ({wanted}); got {got}")
 
 
 # -- what untouched units read --------------------------------------------------------------------

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-
-from topology.files import whole_file
 
 __all__ = ["TABLE_PATH", "Axis", "Film", "FilmTable", "load_film_table"]
 
@@ -58,11 +55,6 @@ class Axis:
     first: float
     step: float
     count: int
-
-    @classmethod
-    def of(cls, first: float, step: float, count: float) -> Axis:
-        """An axis of numbers that an array holds."""
-        return cls(first, step, int(count))
 
     @property
     def last(self) -> float:
@@ -185,26 +177,6 @@ class FilmTable:
         return np.stack([(values[:, k] * part).sum(axis=1)
                          for k, part in enumerate((even, even, odd))])  # fmt: skip
 
-    def save(self, path: Path, **origin: Any) -> None:
-        """Write to `path`, whole or not at all, with the `origin` of its numbers."""
-        axes = {f"axis_{name}": np.array(astuple(getattr(self, name))) for name in AXES}
-        film = {f"film_{name}": value for name, value in asdict(self.film).items()}
-        arrays = {name: getattr(self, name) for name in ARRAYS}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as out:
-            np.savez_compressed(out, **origin, **arrays, **axes, **film)
-
-    @classmethod
-    def read(cls, path: Path) -> FilmTable:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as stored:
-            film = {f.name: stored[f"film_{f.name}"].item() for f in fields(Film)}
-            axes = {name: Axis.of(*stored[f"axis_{name}"].tolist()) for name in AXES}
-            arrays = {name: stored[name] for name in ARRAYS}
-        for array in arrays.values():
-            array.setflags(write=False)
-        return cls(film=Film(**film), **axes, **arrays)
-
 
 AXES = ("rho", "z", "inverse_r", "theta")
 ARRAYS = ("near_orders", "near", "far_orders", "far")
@@ -212,5 +184,12 @@ ARRAYS = ("near_orders", "near", "far_orders", "far")
 
 @cache
 def load_film_table() -> FilmTable:
-    """The table that ships with the package, read once."""
-    return FilmTable.read(TABLE_PATH)
+    """The table that ships with the package, read once; `tests.naive.magnets` computes it."""
+    with np.load(TABLE_PATH, allow_pickle=False) as stored:
+        film = {f.name: stored[f"film_{f.name}"].item() for f in fields(Film)}
+        ends = {name: stored[f"axis_{name}"].tolist() for name in AXES}
+        arrays = {name: stored[name] for name in ARRAYS}
+    for array in arrays.values():
+        array.setflags(write=False)
+    axes = {name: Axis(first, step, int(count)) for name, (first, step, count) in ends.items()}
+    return FilmTable(film=Film(**film), **axes, **arrays)

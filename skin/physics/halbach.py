@@ -33,7 +33,7 @@ class HalbachField:
 
     Every film is where its displacement, the pressed depth, its tilt and the errors of its
     fabrication put it; its field at its own chip and at the chips around comes from the table of
-    `skin.physics.film`, at any position and attitude of the units. Its remanence is scaled to
+    `skin.physics.film_table`, at any position and attitude of the units. Its remanence is scaled to
     the unit's `field_amplitude_ut` and falls with its temperature by `film_drift_per_k`; no other
     parameter of the field is used. The chips stay where they are.
 

@@ -10,7 +10,7 @@ from tests.house.imports import FORBIDDEN, imports_of
 from tests.house.sources import PACKAGES, ROOT, module_of, relative, sources
 
 ONE_FILE_EACH = (
-    "matplotlib", "gymnasium", "magpylib", "viser", "pyarrow", "cantools", "distributed",
+    "matplotlib", "gymnasium", "viser", "pyarrow", "cantools", "distributed",
     "mcap", "rosbags", "cyclonedds", "PIL", "mujoco", "trimesh",
 )  # fmt: skip
 

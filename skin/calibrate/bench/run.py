@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from skin.calibrate.bench.series import Series, load_series
 from skin.calibrate.bench.unit import UnitResult, fit_unit
 from skin.calibrate.crosstalk import Learned, learn_stencil
 from skin.calibrate.files import (
-    OfUnits,
     calibration_files,
     read_calibration,
     with_fits,
@@ -92,18 +91,20 @@ class Outcome:
         files = calibration_files(self.topology, taken, out)
         for patch, path in files.items():
             head = f"{patch}/"
-            before, units = read_calibration(path if path.exists() else None)
-            measured, tared = dict(before.get("measured", {})), {*before.get("tared", ())}
+            source = path if path.exists() else None
+            table, units = read_calibration(source)
+            measured, tared = dict(table.get("measured", {})), {*table.get("tared", ())}
             for name, result in found.items():
                 if name.startswith(head):
                     units[name.removeprefix(head)] = result.fits
                     measured[name.removeprefix(head)] = self._measured(result)
                     tared.discard(name.removeprefix(head))
-            write_calibration(
-                path, patch, units, date=self.bench.date or datetime.date.today().isoformat(),
-                bench=self.bench.bench, of_units=OfUnits(tared, measured=measured),
-                before=path.read_text(encoding="utf-8") if path.exists() else "",
-            )  # fmt: skip
+            table |= {
+                "patch": patch, "date": self.bench.date or datetime.date.today().isoformat(),
+                "bench": self.bench.bench, "tared": sorted(tared), "simulated": [],
+                "measured": measured,
+            }  # fmt: skip
+            write_calibration(path, table, units, before=source)
         return files
 
     def write_stencil(self, out: str | os.PathLike[str] | None = None) -> Path | None:
@@ -178,12 +179,7 @@ def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None =
     results, scores, faults, serials = [], {}, [], {}
     touched: list[Series] = []
     bare: dict[str, Series] = {}
-    # chips without film first: what they show belongs to the units' other recordings
-    recordings = sorted(bench.recordings, key=lambda each: not _is_bare(each))
-    for done, recording in enumerate(recordings):
-        if progress is not None:
-            progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench)
+    for recording, series, found in _recordings(bench, skin, folder, progress):
         faults += found
         serials |= _serials(recording, series)
         if found:
@@ -194,7 +190,12 @@ def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None =
         if kinds <= ALONE:
             continue
         try:
-            new = _fitted(skin, series, bench.mount_radius_mm, bare)
+            if len(series.units) == 1:
+                (unit,) = series.units
+                chip = bare.get(skin.unit_names[unit])
+                new = [fit_unit(skin, series, unit, bench.mount_radius_mm, chip)]
+            else:
+                new = fit_array(skin, series)
         except ScanError as error:
             faults.append(f"{', '.join(recording.units)}: {error}")
             continue
@@ -203,8 +204,6 @@ def calibrate_bench(file: str | os.PathLike[str], *, progress: Progress | None =
         if len(new) == 1:
             scores[new[0].unit] = told = score(known, series, series.units[0])
             faults += [f"{new[0].unit}: result: {fault}" for fault in told.faults]
-    if progress is not None:
-        progress(len(bench.recordings), len(bench.recordings), "")
     known = with_fits(skin, {result.unit: result.fits for result in results})
     fitted = tuple(result.unit for result in results)
     learned, notes = _learned(known, touched, fitted)
@@ -274,10 +273,7 @@ def check_bench(
     serials = {f"{patch}/{name}": entry.get("serial", "")
                for name, entry in table.get("measured", {}).items()}  # fmt: skip
     told: dict[str, dict[str, Any]] = {}
-    for done, recording in enumerate(bench.recordings):
-        if progress is not None:
-            progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder, bench)
+    for recording, series, found in _recordings(bench, skin, folder, progress):
         for name, serial in _serials(recording, series).items():
             index = skin.index(name)
             faults = [*found, *_swapped(name, serial, serials)]
@@ -319,28 +315,25 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
     return bench, skin, source.path.parent
 
 
-def _judged(
-    skin: Topology, recording: Recording, folder: Path, bench: BenchFile
-) -> tuple[Series, list[str]]:
-    series = load_series(skin, recording, folder, bench.channels)
+def _recordings(
+    bench: BenchFile, skin: Topology, folder: Path, progress: Progress | None
+) -> Iterator[tuple[Recording, Series, list[str]]]:
+    """Each recording, read, with what is wrong with it; chips without film first, since what they
+    show belongs to the units' other recordings."""
+    count = len(bench.recordings)
     everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
-    heard = series.counts.serials
-    compared = compare_serials(recording.units, heard, everywhere, "BENCH").items()
-    wrong = [f"{name}: {text}" for name, text in compared if text]
-    return series, wrong + find_faults(skin, recording, series)
+    for done, each in enumerate(sorted(bench.recordings, key=lambda each: not _is_bare(each))):
+        if progress is not None:
+            progress(done, count, ", ".join(each.units))
+        series = load_series(skin, each, folder, bench.channels)
+        compared = compare_serials(each.units, series.counts.serials, everywhere, "BENCH").items()
+        wrong = [f"{name}: {text}" for name, text in compared if text]
+        yield each, series, wrong + find_faults(skin, each, series)
+    if progress is not None:
+        progress(count, count, "")
 
 
 def _serials(recording: Recording, series: Series) -> dict[str, str]:
     """Serial numbers of BENCH; where it has none, of heartbeats."""
     heard = series.counts.serials
     return {name: serial or heard.get(name, "") for name, serial in recording.units.items()}
-
-
-def _fitted(
-    skin: Topology, series: Series, radius_mm: float | None, bare: dict[str, Series]
-) -> list[UnitResult]:
-    """Units of a recording: one by all its laws, several by their shares of a common force."""
-    if len(series.units) == 1:
-        (unit,) = series.units
-        return [fit_unit(skin, series, unit, radius_mm, bare.get(skin.unit_names[unit]))]
-    return fit_array(skin, series)

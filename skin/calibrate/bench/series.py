@@ -221,7 +221,7 @@ def series_of(
         The clocks cannot be brought together.
     """
     units = tuple(topology.index(name) for name in recording.units)
-    told = Alignment(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    told = Alignment(0.0, 0.0, 0.0, 0.0, 0.0)
     if columns:
         told = _aligned(topology, counts, columns, units, source[0])
     at = told.reference_time(counts.time_s)
@@ -287,8 +287,7 @@ def hash_of(paths: list[Path]) -> str:
     digest = hashlib.sha256()
     for path in paths:
         with path.open("rb") as file:
-            while piece := file.read(1 << 20):
-                digest.update(piece)
+            hashlib.file_digest(file, lambda: digest)
     return digest.hexdigest()
 
 
@@ -461,8 +460,6 @@ class Alignment:
     drift_ppm, drift_sigma_ppm : float
     mid_s : float
         Middle of the recording, clock of the counts.
-    correlation : float
-        Of the counts with what the aligned reference makes of them.
     """
 
     lag_s: float
@@ -470,7 +467,6 @@ class Alignment:
     drift_ppm: float
     drift_sigma_ppm: float
     mid_s: float
-    correlation: float
 
     def reference_time(self, time_s: np.ndarray) -> np.ndarray:
         """Times on the clock of the counts, by that of the reference."""
@@ -532,7 +528,7 @@ def align(
             f"{LEAST_CORRELATION:g} or more) at some lag; got {correlation:.2f} at best"
         )
     (lag_sigma_s, drift_sigma), lag_s = fit.sigma.tolist(), found["lag"]
-    return Alignment(lag_s, lag_sigma_s, found["drift"], drift_sigma, mid, correlation)
+    return Alignment(lag_s, lag_sigma_s, found["drift"], drift_sigma, mid)
 
 
 def _standard(values: np.ndarray) -> np.ndarray:

@@ -91,8 +91,6 @@ def test_a_stretched_exponential_is_followed_within_the_sigma_that_is_told():
     told = fit.fit["normal_creep_sigma_relative"]
     assert np.sqrt(np.mean(off**2)) < 2.0 * told
     assert told < 0.02
-    # and more terms predict what was left out better than none does
-    assert fit.scores[-1] < 0.9 * fit.scores[0]
 
 
 @long_after_first("hold_s", [2.0, 5.0, 24.0])
@@ -117,7 +115,7 @@ def test_terms_that_are_faster_than_the_samples_are_the_mean_of_the_others_and_s
 def test_a_load_that_rises_evenly_for_long_bears_its_rate_times_the_time_of_each_term():
     """The closed form of the integral; an hour is too long for the exponentials of one stretch."""
     known = {str(k): (value, 0.0) for k, value in enumerate([*WEIGHTS, *TIMES_S])}
-    fit = CreepFit(as_fit(known), 1.0, 0.0, (), (), 0.0)
+    fit = CreepFit(as_fit(known), 1.0, 0.0, (), 0.0)
     time_s = np.arange(0.0, 3600.0, 0.05)
     expected = 0.02 * (WEIGHTS * TIMES_S) @ -np.expm1(-time_s / TIMES_S[:, np.newaxis])
     np.testing.assert_allclose(unrelaxed(fit, time_s, 0.02 * time_s), expected, rtol=1e-9)
@@ -153,7 +151,7 @@ def test_terms_go_through_a_calibration_file(tmp_path):
     law, skin = recording(Prony((1,), WEIGHTS, TIMES_S), 10.0), topology.load("strip")
     fits = [fit_creep(*law, name).fit for name in ("normal", "shear")]
     patch, unit = skin.unit_names[0].split("/")
-    write_calibration(tmp_path / "strip.toml", patch, {unit: fits})
+    write_calibration(tmp_path / "strip.toml", {"patch": patch}, {unit: fits})
     text = (Path(topology.__file__).parent / "builtin" / "strip.toml").read_text()
     text = text.replace("[[patches]]", '[[patches]]\ncalibration = "strip.toml"', 1)
     (tmp_path / "skin.toml").write_text(text)

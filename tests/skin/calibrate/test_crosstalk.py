@@ -96,7 +96,7 @@ def test_the_rest_that_is_learned_lies_within_its_sigma(skin, field):
 
 def test_a_skin_of_too_many_units_is_refused():
     with pytest.raises(SkinError, match=f"must have {MOST_UNITS} units or fewer"):
-        StrayEstimate(square(17, 0.012), object())
+        StrayEstimate(square(17, 0.012))
 
 
 # -- which readings are learned from ---------------------------------------------------------------

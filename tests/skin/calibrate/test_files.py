@@ -9,7 +9,6 @@ import pytest
 
 import topology
 from skin.calibrate.files import (
-    OfUnits,
     carry_comments,
     parameter_values,
     read_calibration,
@@ -20,7 +19,7 @@ from skin.errors import CalibrationError, OptionError
 from tests.fixtures.topology import write_topology
 from topology import THETA_KNOTS
 
-UNITS = 4
+UNITS, PATCH = 4, {"patch": "patch"}
 
 
 def told(**values):
@@ -41,8 +40,9 @@ def test_what_was_written_is_what_is_loaded(tmp_path):
     theta = {f"theta_correction_rad[{k}]": 0.01 * np.sin(k) for k in range(THETA_KNOTS)}
     given = {"frequency_rest_hz": 4512.123456789012, "shear_gain_per_mm": -1e-17}
     write_calibration(
-        tmp_path / "row.toml", "patch", {"r0c2": [told(**given), told(**theta)], "r0c0": []},
-        date="2026-03-01", bench='a "cell", 25 °C \x7f \\ \n',
+        tmp_path / "row.toml",
+        PATCH | {"date": "2026-03-01", "bench": 'a "cell", 25 °C \x7f \\ \n'},
+        {"r0c2": [told(**given), told(**theta)], "r0c0": []},
     )  # fmt: skip
     file, plain = patch_of(tmp_path, "row.toml"), tmp_path / "plain.toml"
     plain.write_text(file.read_text().replace('calibration = "row.toml"', ""))
@@ -57,14 +57,14 @@ def test_what_was_written_is_what_is_loaded(tmp_path):
 
 def test_a_later_fit_stands_above_an_earlier_one(tmp_path):
     fits = [told(frequency_rest_hz=4000.0), told(frequency_rest_hz=4100.0)]
-    write_calibration(tmp_path / "row.toml", "patch", {"r0c1": fits})
+    write_calibration(tmp_path / "row.toml", PATCH, {"r0c1": fits})
     p = topology.load(patch_of(tmp_path, "row.toml")).parameters
     assert p["frequency_rest_hz"].tolist() == [4500.0, 4100.0, 4500.0, 4500.0]
 
 
 def test_a_crest_before_the_end_of_the_range_ends_the_range(tmp_path):
     units = {f"r0c{i}": [told(field_wavenumber_rad_per_mm=k)] for i, k in enumerate((0.62, 0.64))}
-    write_calibration(tmp_path / "row.toml", "patch", units)
+    write_calibration(tmp_path / "row.toml", PATCH, units)
     p = topology.load(patch_of(tmp_path, "row.toml")).parameters
     assert p["tangential_max_mm"].tolist() == [2.5, 2.454, 2.5, 2.5]
 
@@ -94,7 +94,7 @@ def test_what_was_written_is_read_as_the_same_fits(tmp_path):
     given = {"frequency_rest_hz": (4480.0, 1.5), "field_sigma_ut": (30.0, np.nan)}
     table = {f"theta_correction_rad[{k}]": (0.1 * k, 0.2) for k in range(THETA_KNOTS)}
     fits = [as_fit(given), as_fit(table)]
-    write_calibration(tmp_path / "row.toml", "patch", {"r0c1": fits, "r0c 2": fits[:1]})
+    write_calibration(tmp_path / "row.toml", PATCH, {"r0c1": fits, "r0c 2": fits[:1]})
     text = (tmp_path / "row.toml").read_text()
     (tmp_path / "row.toml").write_text(text.replace("\n", "\n  "))
     _, units = read_calibration(tmp_path / "row.toml")
@@ -112,7 +112,7 @@ def test_what_was_written_is_read_as_the_same_fits(tmp_path):
 def test_what_was_measured_of_units_stands_in_a_table_of_its_own(tmp_path):
     measured = {"r0c1": {"force_rmse_n": 0.01, "cycles": 40}}
     file = tmp_path / "row.toml"
-    write_calibration(file, "patch", {}, of_units=OfUnits({"r0c2", "r0c0"}, measured=measured))
+    write_calibration(file, PATCH | {"tared": ["r0c0", "r0c2"], "measured": measured}, {})
     found = tomllib.loads(file.read_text())
     assert found["measured"] == measured
     assert found["tared"] == ["r0c0", "r0c2"]
@@ -138,7 +138,7 @@ def test_what_cannot_be_written_leaves_the_old_file_as_it_was(case, tmp_path):
     file = tmp_path / "row.toml"
     file.write_text("old")
     with pytest.raises(error) as caught:
-        write_calibration(file, "patch", {"r0c0": [told(frequency_rest_hz=1.0)], "r0c1": [fit]})
+        write_calibration(file, PATCH, {"r0c0": [told(frequency_rest_hz=1.0)], "r0c1": [fit]})
     assert str(caught.value).endswith(message)
     assert file.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["row.toml"]
@@ -154,7 +154,7 @@ def test_a_write_that_fails_midway_leaves_nothing_behind(tmp_path, monkeypatch):
 
     monkeypatch.setattr("os.replace", full)
     with pytest.raises(OSError, match="no space"):
-        write_calibration(file, "patch", {})
+        write_calibration(file, PATCH, {})
     assert file.read_text() == old
     assert [path.name for path in tmp_path.iterdir()] == ["row.toml"]
 

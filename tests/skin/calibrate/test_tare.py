@@ -277,7 +277,7 @@ def test_neighbours_of_a_curved_skin_are_no_shear():
     ("given", "error", "message"),
     [
         ({"counts": np.zeros((5, 6, 12))}, CountsError, "counts: must be an array of int16"),
-        ({"counts": np.zeros((6, 12), np.int16)}, CountsError, "shape (t, 6, 12); got"),
+        ({"counts": np.zeros((6, 12), np.int16)}, CountsError, "shape (100, 6, 12); got"),
         ({"status": np.zeros((4, 12), np.uint16)}, CountsError, "shape (500, 12); got"),
         ({"leave_out": ["tip/r0c9"]}, OptionError, "nearest: 'tip/r0c"),
         (

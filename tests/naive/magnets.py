@@ -1,23 +1,24 @@
-"""The film's field from magnet theory alone, and the table of it: ``python -m skin.physics.film``.
+"""The film's field from magnet theory alone, and its table: ``python -m tests.naive.magnets``.
 
-The only file that needs magpylib (``pip install 'f3t-skin[sim]'``). Every strip of every sector is
-a uniformly polarised prism, whose field magpylib knows in closed form; the simulator interpolates
-the table that this file makes of it.
+Every strip of every sector is a uniformly polarised prism, whose field magpylib knows in closed
+form; the simulator interpolates the table that this file makes of it and that ships with it.
 """
 
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
+from dataclasses import asdict, astuple, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
+import magpylib
 import numpy as np
 
-from skin.errors import LibraryError
-from skin.physics.film_table import TABLE_PATH, Axis, Film, FilmTable
+from skin.physics.film_table import ARRAYS, AXES, TABLE_PATH, Axis, Film, FilmTable
+from topology.files import whole_file
 
-__all__ = ["build_table", "calibrated", "film_field_ut"]
+__all__ = ["build_table", "calibrated", "film_field_ut", "save"]
 
 AMPLITUDE_UT = 11073.0
 """M0 at H = 2 mm, which fixes the remanence; model.md, section 3 [derived]."""
@@ -67,19 +68,8 @@ def film_field_ut(
 def sector_field_ut(film: Film, points_mm: np.ndarray) -> np.ndarray:
     """Field of the sector that points along x, µT, shape (3, p); see `film_field_ut`."""
     prisms = list(_strips(film))
-    field = _magpylib().getB(prisms, points_mm.T, sumup=True, in_out="outside")
+    field = magpylib.getB(prisms, points_mm.T, sumup=True, in_out="outside")
     return 1e6 * field.reshape(-1, 3).T
-
-
-def _magpylib() -> Any:
-    try:
-        import magpylib
-    except ImportError as error:
-        raise LibraryError(
-            "magpylib: must be installed to compute the film's field from its magnets "
-            "(pip install 'f3t-skin[sim]'); the shipped table needs nothing"
-        ) from error
-    return magpylib
 
 
 @functools.cache
@@ -98,9 +88,10 @@ def _strips(film: Film) -> tuple[Any, ...]:
         corners = [(x, y, z) for x, y in sorted(outline) for z in (-half, half)]
         phase = np.pi * (inner + outer) / film.wavelength_mm
         polarization = film.remanence_t * np.array([-np.sin(phase), 0.0, np.cos(phase)])
-        prisms.append(_magpylib().magnet.TriangularMesh.from_ConvexHull(
+        body = magpylib.magnet.TriangularMesh.from_ConvexHull(
             points=corners, polarization=polarization
-        ))  # fmt: skip
+        )
+        prisms.append(body)
     return tuple(prisms)
 
 
@@ -161,11 +152,15 @@ def _harmonics(
     return np.ascontiguousarray(scale * np.stack([*cosines, sines], axis=-2), np.float32)
 
 
-def main() -> None:
-    """Compute the table that ships with the package and write it."""
-    source = f"magpylib {_magpylib().__version__}"
-    build_table(calibrated(Film())).save(TABLE_PATH, amplitude_ut=AMPLITUDE_UT, source=source)
+def save(table: FilmTable, path: Path, **origin: Any) -> None:
+    """Write a table to `path`, whole or not at all, with the `origin` of its numbers."""
+    axes = {f"axis_{name}": np.array(astuple(getattr(table, name))) for name in AXES}
+    film = {f"film_{name}": value for name, value in asdict(table.film).items()}
+    arrays = {name: getattr(table, name) for name in ARRAYS}
+    with whole_file(path) as out:
+        np.savez_compressed(out, **origin, **arrays, **axes, **film)
 
 
 if __name__ == "__main__":
-    main()
+    source = f"magpylib {magpylib.__version__}"
+    save(build_table(calibrated(Film())), TABLE_PATH, amplitude_ut=AMPLITUDE_UT, source=source)
