@@ -211,13 +211,15 @@ def as_numbers(where: str, value: Any) -> np.ndarray:
     Raises
     ------
     OptionError
-        It is not of real numbers.
+        It is not of real numbers; True and False are none.
     """
     import numpy as np
 
     try:
         found = np.array(value)
-        if np.can_cast(found.dtype, float):
+        parts = () if isinstance(value, np.ndarray) else np.array(value, object).flat
+        is_flag = found.dtype == bool or any(isinstance(one, bool | np.bool_) for one in parts)
+        if np.can_cast(found.dtype, float) and not is_flag:
             return found.astype(float)
     except (TypeError, ValueError, OverflowError):
         pass

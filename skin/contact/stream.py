@@ -362,7 +362,7 @@ class ContactStream:
 def _copy(name: str, values: object, own: np.ndarray) -> None:
     """Copy numbers of any type, one for each unit or one for all."""
     array = np.asarray(values)
-    if array.dtype.kind not in "biuf":
+    if array.dtype.kind not in "iuf":
         raise SkinError(f"{name}: must be real numbers; got {array.dtype}")
     try:
         if array.ndim > own.ndim:

@@ -56,7 +56,7 @@ def recorded_topology(file: str | os.PathLike[str]) -> Topology:
         The library that reads recordings is not installed.
     """
     recorded = RecordedFile(existing(file))
-    return read_setup(recorded.path, recorded.attached).topology
+    return read_setup(recorded).topology
 
 
 def replay(
@@ -116,7 +116,7 @@ def replay(
     if "channels" in options:
         raise OptionError(f"{path}: channels: must not be given with a recording")
     recorded = RecordedFile(path)
-    ran = setup = read_setup(path, recorded.attached)
+    ran = setup = read_setup(recorded)
     if source is not None:
         given = source if isinstance(source, Topology) else topology_package.load(source)
         if _is_recalibrated(path, ran.topology, given):
