@@ -126,8 +126,8 @@ class _Reader:
             link.mass, link.line = self._mass(link.name), _line(self.links[link.name])
         lower, upper, beyond = common_limits(links, names)
         for link, expected in beyond:
-            where = f"joint {link.joint!r} limit"
-            self._fault(expected, f"{link.lower:g} to {link.upper:g}", self.elements[link.joint], where)
+            got, element = f"{link.lower:g} to {link.upper:g}", self.elements[link.joint]
+            self._fault(expected, got, element, f"joint {link.joint!r} limit")
         if self.wrong:
             return None
         home = np.fmin(np.fmax(np.zeros(len(free)), lower), upper)

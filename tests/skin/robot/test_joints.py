@@ -204,5 +204,5 @@ FLAGS = {
 @pytest.mark.parametrize("way", FLAGS)
 def test_true_and_false_are_no_numbers(gripper, way):
     with skin.open(gripper) as hand:
-        with pytest.raises((SkinError, FaultScriptError), match="numbers; got|got `bool`"):
+        with pytest.raises((SkinError, FaultScriptError), match=r"numbers; got|got `bool`"):
             FLAGS[way](hand)
