@@ -95,9 +95,7 @@ def decode(
     elif format != "parquet":
         raise OptionError(f"--format: must be given with a folder as --output; got {output}")
     else:
-        report = _into_file(
-            loaded, logs[0], output, options=asked, recalibrate=not own, **mapped
-        )
+        report = _into_file(loaded, logs[0], output, options=asked, recalibrate=not own, **mapped)
     if len(report["logs"]) == 1 and not json:
         end(report["logs"][0] | {"output": report["output"]}, json)
     else:

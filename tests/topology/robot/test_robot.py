@@ -130,15 +130,20 @@ def test_meshes_of_packages_are_found_around_the_model(tmp_path):
             "link 'left' mass value: must be a finite",
         ),
         (
-            '<limit lower="0" upper="0.05"/>', '<limit effort="5" velocity="1"/>',
+            '<limit lower="0" upper="0.05"/>',
+            '<limit effort="5" velocity="1"/>',
             "gripper.urdf:12: joint 'close' limit: must be lower and upper, m; got none",
         ),
         (
-            '<limit lower="0" upper="0.05"/>', "",
+            '<limit lower="0" upper="0.05"/>',
+            "",
             "gripper.urdf:12: joint 'close' limit: must be lower and upper, m; got none",
         ),
-        ('<mimic joint="close"/>', '<mimic joint="close" offset="1"/>',
-         "'close_right' limit: must be limits that hold a part of 1 to 1.05, where the joint that"),
+        (
+            '<mimic joint="close"/>',
+            '<mimic joint="close" offset="1"/>',
+            "'close_right' limit: must be limits that hold a part of 1 to 1.05, where the joint",
+        ),
         ('<mass value="0.1"/>', "<mass/>", "link 'left' mass value: must be a finite number"),
     ],
 )
