@@ -47,6 +47,8 @@ __all__ = [
 
 MOST_SEED = 2**63 - 1
 """Largest seed of noise: the largest int64."""
+NEAR = 0.7
+"""Likeness from which an attribute is suggested [assumed: `centre` for `centroid` is 0.71]."""
 LISTED = 20
 """Names that a message lists; of more, it gives the first and the last."""
 
@@ -83,9 +85,11 @@ class NotWantedError(SkinError, AttributeError):
     gives it. ``getattr(state, name, None)`` is None for it."""
 
 
-def no_attribute(one: object, name: str) -> AttributeError:
-    """The error for a public attribute that an object does not have; it names the nearest."""
-    near = [] if name.startswith("_") else get_close_matches(name, dir(one), n=1)
+def no_attribute(one: object, name: str, names: Iterable[str] | None = None) -> AttributeError:
+    """The error for an attribute that an object does not have; it suggests a public one of its
+    class, or of some names, if one is near."""
+    known = [each for each in names or dir(type(one)) if not each.startswith("_")]
+    near = [] if name.startswith("_") else get_close_matches(name, known, n=1, cutoff=NEAR)
     hint = f" (nearest: {near[0]!r})" if near else ""
     return AttributeError(
         f"{type(one).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=one
@@ -211,13 +215,15 @@ def as_numbers(where: str, value: Any) -> np.ndarray:
     Raises
     ------
     OptionError
-        It is not of real numbers.
+        It is not of real numbers; True and False are none.
     """
     import numpy as np
 
     try:
         found = np.array(value)
-        if np.can_cast(found.dtype, float):
+        parts = () if isinstance(value, np.ndarray) else np.array(value, object).flat
+        is_flag = found.dtype == bool or any(isinstance(one, bool | np.bool_) for one in parts)
+        if np.can_cast(found.dtype, float) and not is_flag:
             return found.astype(float)
     except (TypeError, ValueError, OverflowError):
         pass

@@ -210,13 +210,17 @@ def load_script(path: str | Path, topology: Topology | None = None) -> FaultScri
 
 
 def check_script(script: FaultScript, topology: Topology | None) -> None:
-    """Hold the keys of a script to each other and to the topology.
+    """Hold the keys of a script to their types, each other and the topology.
 
     Raises
     ------
     FaultScriptError
         They do not fit; every problem is listed.
     """
+    try:
+        msgspec.convert(msgspec.to_builtins(script), FaultScript)
+    except msgspec.ValidationError as error:
+        raise FaultScriptError(f"script: must be of valid values; got: {error}") from None
     lines = [
         f"faults[{i}] {key}: must be {values['expected']}; got {values['got']}{hint}"
         for i, key, hint, values in problems(script, topology)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.errors import OptionError, shown
+from skin.errors import OptionError, as_numbers, shown
 from skin.state import State, if_wanted
 from topology import Topology
 
@@ -204,10 +204,7 @@ def unit_vector(where: str, value: Any) -> np.ndarray:
     >>> unit_vector("down", (0, 0, -2)).tolist()
     [0.0, 0.0, -1.0]
     """
-    try:
-        vector = np.array(value, float)
-    except (TypeError, ValueError):
-        vector = np.zeros(0)
+    vector = as_numbers(where, value)
     length = float(np.linalg.norm(vector))
     if vector.shape == (3,) and math.isfinite(length) and length > 1e-9:
         return vector / length

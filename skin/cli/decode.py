@@ -75,6 +75,7 @@ def decode(
     from skin.io.bulk import decode_logs
 
     loaded, logs = _named(paths)
+    own = is_recording(paths[0])
     asked: dict[str, Any] = {"want": want} if want else {}
     mapped = options.mapped(map, *logs)
     check_number("--jobs", jobs, 1, 256, whole=True)
@@ -84,7 +85,8 @@ def decode(
         done = count(1)
         with _pool(min(jobs, len(logs))) as executor:
             report = decode_logs(
-                loaded, logs, output, executor=executor, format=format, **mapped, **asked,
+                loaded, logs, output, executor=executor, format=format, recalibrate=not own,
+                **mapped, **asked,
                 on_log=lambda one: progress(next(done), len(logs), Path(one["log"]).name),
             )  # fmt: skip
         report["output"] = str(output.resolve())
@@ -93,7 +95,7 @@ def decode(
     elif format != "parquet":
         raise OptionError(f"--format: must be given with a folder as --output; got {output}")
     else:
-        report = _into_file(loaded, logs[0], output, options=asked, **mapped)
+        report = _into_file(loaded, logs[0], output, options=asked, recalibrate=not own, **mapped)
     if len(report["logs"]) == 1 and not json:
         end(report["logs"][0] | {"output": report["output"]}, json)
     else:

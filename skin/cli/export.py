@@ -87,7 +87,8 @@ def export(
     with Dataset(output, loaded, fps=fps, taxels=taxel_image) as written:
         for done, (log, folder, text) in enumerate(zip(logs, frames, tasks, strict=True)):
             progress(done, len(logs), log.name)
-            states = replay(log, loaded, **{} if is_recording(log) else of_logs)
+            given = {"recalibrate": topology is not None} if is_recording(log) else of_logs
+            states = replay(log, loaded, **given)
             written.add_episode(states, read_frames(folder, round(1e9 * offset_s)), text)
             wrong += states.faults
     progress(len(logs), len(logs), "")

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 __all__ = ["Contact", "Kept"]
 
 
-APART = {name for name, one in vars(Fields).items() if isinstance(one, Field) and not one.leaves}
-"""Fields for kernels, and details."""
+FIELDS = {name: one for name, one in vars(Fields).items() if isinstance(one, Field)}
+SELDOM = {name for name, one in FIELDS.items() if not one.leaves} | {
+    "copy", "merged", "noise_ratio", "parent", "record", "resumed", "split",
+}  # fmt: skip
+"""What few users read: fields for kernels, details, and how contacts came from each other."""
 
 
 class Kept(NamedTuple):
@@ -59,11 +62,12 @@ class Contact(Fields):
     if not TYPE_CHECKING:  # which knows the fields, and no other attributes
 
         def __getattr__(self, name: str) -> Any:
-            raise no_attribute(self, name)
+            known = (one for one in dir(Contact) if one not in FIELDS or FIELDS[one].__doc__)
+            raise no_attribute(self, name, known)
 
     def __dir__(self) -> list[str]:
-        """What every output has; `skin.contact.record.Fields` has details beyond these."""
-        return [name for name in super().__dir__() if name not in APART]
+        """What most users read; `skin.contact.record.Fields` has details beyond these."""
+        return [name for name in super().__dir__() if name not in SELDOM]
 
     def __init__(
         self, kept: Kept, slot: int, shocks: Shocks | None, names: Sequence[str] | None

@@ -360,6 +360,9 @@ def _check_shapes(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
             f"position, rotation: must have shapes (3, {n}) and (3, 3, {n}); "
             f"got {np.shape(position)} and {np.shape(rotation)}"
         )
+    for name, array in (("position", position), ("rotation", rotation)):
+        if (kind := np.asarray(array).dtype).kind not in "iuf":
+            raise SkinError(f"{name}: must be real numbers; got {kind}")
 
 
 def checked_graph(

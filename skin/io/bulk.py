@@ -51,7 +51,8 @@ OnLog = Callable[[dict[str, Any]], object]
 def decode_logs(
     source: Topology | str | Path, logs: Iterable[str | os.PathLike[str]],
     out: str | os.PathLike[str], *, executor: Executor | None = None, format: str = "parquet",
-    channels: Mapping[str, str] | None = None, on_log: OnLog | None = None, **options: Any,
+    channels: Mapping[str, str] | None = None, recalibrate: bool = True,
+    on_log: OnLog | None = None, **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """Decode recorded logs, and recordings of `skin run --record`, into tables in a folder.
 
@@ -71,6 +72,8 @@ def decode_logs(
         Logs whose Parquet files say the same provenance are not decoded again.
     channels : mapping of str to str, optional
         As of `skin.decode_log`.
+    recalibrate : bool
+        Recordings get the calibration of `source`, not that of their run.
     on_log : function, optional
         Called with the report of each log as it ends.
     **options
@@ -102,7 +105,7 @@ def decode_logs(
     calls = {
         log: partial(
             _attempt, loaded, log, places_in(Path(out), loaded.name, key, format),
-            channels=channels, threads=executor is None, options=options,
+            channels=channels, recalibrate=recalibrate, threads=executor is None, options=options,
         )
         for key, log in keys.items()
     }  # fmt: skip
@@ -160,7 +163,8 @@ def _failed(log: Path, message: str) -> dict[str, Any]:
 
 def decode_one(
     topology: Topology, log: Path, places: Mapping[str, Path] | None, *,
-    channels: Mapping[str, str] | None = None, threads: bool = True, options: Mapping[str, Any],
+    channels: Mapping[str, str] | None = None, recalibrate: bool = True, threads: bool = True,
+    options: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
     """Decode one log or recording into tables.
 
@@ -170,7 +174,7 @@ def decode_one(
     log : Path
     places : mapping of str to Path, or None
         Of the tables, see `skin.io.export.tables`; None: nothing is written.
-    channels, options
+    channels, recalibrate, options
         As of `decode_logs`.
     threads : bool
         Whether threads read, decode and write at the same time.
@@ -192,7 +196,7 @@ def decode_one(
     if is_recording(log):
         from skin.io.record.replay import replay
 
-        played = replay(log, topology, **options)
+        played = replay(log, topology, recalibrate=recalibrate, **options)
         blocks = blocks_of(played, played.pipeline)
     else:
         played = decode_log(topology, log, channels=channels, **{"want": WANT} | dict(options))

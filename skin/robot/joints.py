@@ -9,7 +9,7 @@ from typing import overload
 import numpy as np
 
 from skin.contact.contact import Contact
-from skin.errors import OptionError, SkinError, shown
+from skin.errors import OptionError, SkinError, as_numbers, shown
 from skin.patch import wrench_adjoint
 from skin.robot.closeness import CloseFilm, Closeness
 from topology import Topology
@@ -108,18 +108,15 @@ class Joints:
         for name, value in q.items():
             if name not in self._index:
                 raise self._unknown(name)
-            try:
-                asked[self._index[name]] = value
-            except (TypeError, ValueError, OverflowError):
-                raise OptionError(f"q[{name!r}]: must be a number; got {shown(value)}") from None
+            number = as_numbers(f"q[{name!r}]", value)
+            if number.shape:
+                raise OptionError(f"q[{name!r}]: must be a number; got {shown(value)}")
+            asked[self._index[name]] = number
         return asked
 
     def _ordered(self, q: np.ndarray) -> np.ndarray:
         """All coordinates, given in the model's order."""
-        try:
-            asked = np.array(q, float)
-        except (TypeError, ValueError, OverflowError):
-            raise OptionError(f"q: must be numbers; got {shown(q)}") from None
+        asked = as_numbers("q", q)
         if asked.shape != self.q.shape:
             names = ", ".join(self.robot.joint_names)
             raise OptionError(
@@ -141,10 +138,8 @@ class Joints:
         name = self.robot.joint_names[joint]
         if not np.isfinite(value):
             return OptionError(f"q[{name!r}]: must be finite; got {value}")
-        low, high = self.robot.lower[joint], self.robot.upper[joint]
-        return OptionError(
-            f"q[{name!r}]: must be within the joint's limits, {low:g} to {high:g}; got {value!r}"
-        )
+        expected, got = self.robot.refused(joint, value)
+        return OptionError(f"q[{name!r}]: must be {expected}; got {got}")
 
     def close_films(self) -> tuple[CloseFilm, ...]:
         """Units with a field of other links' films above the sigma of their own field.
@@ -194,6 +189,7 @@ class Joints:
         rotation, origin = self.link_pose(link)
         if isinstance(wrench, Contact):
             return wrench.wrench_in(rotation, origin)
-        if np.shape(wrench) != (6,):
-            raise SkinError(f"wrench: must have shape (6,); got {np.shape(wrench)}")
+        wrench = as_numbers("wrench", wrench)
+        if wrench.shape != (6,):
+            raise SkinError(f"wrench: must have shape (6,); got {wrench.shape}")
         return wrench_adjoint(rotation, origin) @ wrench

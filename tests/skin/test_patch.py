@@ -156,11 +156,16 @@ def test_what_is_not_there_names_the_nearest(states):
     (contact, *_) = state.contacts
     for one, wrong, near in (
         (contact, "centre", "centroid"),
+        (contact, "patern", "pattern"),
         (state, "wrenches", "wrench"),
         (state.units, "forces", "force"),
     ):
         with pytest.raises(AttributeError, match=f"nearest: '{near}'"):
             getattr(one, wrong)
-    assert {"load", "wrench", "copy"} <= {*dir(contact)}
-    assert {"born_ns", "track", "pattern"}.isdisjoint(dir(contact))
+    for far in ("force", "name", "temp"):
+        with pytest.raises(AttributeError, match=f"no attribute '{far}'$"):
+            getattr(contact, far)
+    assert {"load", "wrench", "units"} <= {*dir(contact)}
+    assert {"born_ns", "track", "pattern", "record", "copy"}.isdisjoint(dir(contact))
+    assert len([name for name in dir(contact) if not name.startswith("_")]) <= 36
     assert len([name for name in dir(contact) if not name.startswith("_")]) < 48

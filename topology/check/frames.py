@@ -59,9 +59,8 @@ def resolve_robot(file: File, source: Source) -> RobotModel | None:
             source.fault(at, "absent, as the joint is fixed or follows another", "one")
         elif source.refer(name, f"a joint of {robot.model} that moves", model.joint_names, at):
             joint = model.joint_names.index(name)
-            low, high = model.lower[joint], model.upper[joint]
-            if value < low or value > high:
-                source.fault(at, f"within the joint's limits, {low:g} to {high:g}", f"{value:g}")
+            if value < model.lower[joint] or value > model.upper[joint]:
+                source.fault(at, *model.refused(joint, value))
             home[joint] = value
     home.setflags(write=False)
     return dataclasses.replace(model, base=base, home=home)

@@ -17,7 +17,7 @@ import numpy as np
 
 from topology.errors import Report
 from topology.pose import from_quaternion
-from topology.robot.model import Geom, Link, RobotModel, factors, motion_terms
+from topology.robot.model import Geom, Link, RobotModel, common_limits, factors, motion_terms
 
 __all__ = ["MissingMujocoError", "mujoco_library", "read_mjcf"]
 
@@ -83,7 +83,7 @@ def read_mjcf(text: bytes, path: Path, shown: str, report: Report) -> RobotModel
         report.about_file(shown, kinds, "'ball'", line=_line(text, "joint", name), where=where)
     if (model.jnt_type == mujoco.mjtJoint.mjJNT_BALL).any():
         return None
-    return _Reader(mujoco, model, text, path).model()
+    return _Reader(mujoco, model, text, path).model(shown, report)
 
 
 def _line(text: bytes, tag: str, name: str) -> int:
@@ -109,16 +109,21 @@ class _Reader:
         self.follows = self._couplings()
         self.free = [j for j in self.moving if j not in self.follows]
 
-    def model(self) -> RobotModel:
+    def model(self, shown: str, report: Report) -> RobotModel | None:
         m, free = self.m, self.free
         for body in range(m.nbody):
             self._body(body)
-        limited = m.jnt_limited[free].astype(bool)[:, np.newaxis]
-        lower, upper = np.where(limited, m.jnt_range[free], np.nan).T
+        joints = tuple(self._joint(j) for j in free)
+        lower, upper, beyond = common_limits(self.links, joints)
+        for link, expected in beyond:
+            where, got = f"joint {link.joint!r} range", f"{link.lower:g} to {link.upper:g}"
+            line = _line(self.text, "joint", link.joint)
+            report.about_file(shown, expected, got, line=line, where=where)
+        if beyond:
+            return None
         home = np.fmin(np.fmax(m.qpos0[m.jnt_qposadr[free]], lower), upper)
         name = m.names[: m.names.index(b"\0")].decode() or self.path.stem
         geoms = tuple(self._geom(g) for g in range(m.ngeom) if self._known(g))
-        joints = tuple(self._joint(j) for j in free)
         return RobotModel(name, self.path, tuple(self.links), joints, lower, upper, home, geoms)
 
     def _joint(self, joint: Any) -> str:
@@ -170,11 +175,13 @@ class _Reader:
         link.joint = self._joint(joint)
         link.kind = ("revolute" if limited else "continuous") if turns else "prismatic"
         link.axis, link.anchor = m.jnt_axis[joint].copy(), m.jnt_pos[joint].copy()
-        rest = float(m.qpos0[m.jnt_qposadr[joint]])
+        link.rest = rest = float(m.qpos0[m.jnt_qposadr[joint]])
         other, multiplier, offset = self.follows.get(joint, (joint, 1.0, 0.0))
         if other >= 0:
             link.driver, link.multiplier = self.free.index(other), multiplier
-            link.offset = offset - rest
+            link.offset = offset
+            if limited:
+                link.lower, link.upper = m.jnt_range[joint].tolist()
             return link
         # an equality holds the joint: it is part of the link's pose
         terms = motion_terms(link.kind, link.axis, link.anchor)

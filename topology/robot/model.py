@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -9,9 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-__all__ = ["Geom", "JointKind", "Link", "RobotModel", "factors", "motion_terms"]
+__all__ = ["Geom", "JointKind", "Link", "RobotModel", "common_limits", "factors", "motion_terms"]
 
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
+ROUNDING = 1e-6
+"""Rad or m by which a joint that follows may be beyond its limits [assumed: digits of a file]."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ class Link:
     kind : str
         Kind of the joint.
     xyz, rotation : ndarray, shape (3,) and (3, 3), float64
-        T_parent_link for a coordinate of 0, metre.
+        T_parent_link for the coordinate `rest`, metre.
     axis : ndarray, shape (3,), float64
         Unit vector in the link's frame.
     anchor : ndarray, shape (3,), float64
@@ -74,6 +78,10 @@ class Link:
         Index of the independent joint whose coordinate it follows; -1 if fixed.
     multiplier, offset : float
         Coordinate of the joint: multiplier * q[driver] + offset, rad or m.
+    rest : float
+        The coordinate at which the link is at `xyz` and `rotation`; 0 in URDF.
+    lower, upper : float
+        Limits of the coordinate; NaN without limits.
     mass : float or None
         kg; None where the model has none.
     line : int
@@ -91,6 +99,9 @@ class Link:
     driver: int = -1
     multiplier: float = 0.0
     offset: float = 0.0
+    rest: float = 0.0
+    lower: float = math.nan
+    upper: float = math.nan
     mass: float | None = None
     line: int = 0
 
@@ -109,7 +120,7 @@ class RobotModel:
     joint_names : tuple of str, length J
         Independent joints, in the model's order; others are mimic joints.
     lower, upper : ndarray, shape (J,), float64
-        Limits, rad or m; NaN without limits.
+        Limits, rad or m, of the joint and of those that follow it; NaN without limits.
     home : ndarray, shape (J,), float64
         Coordinates of the poses in a topology: those nearest to the model's own within the limits.
     geoms : tuple of Geom
@@ -166,6 +177,21 @@ class RobotModel:
         turn = base[:3, :3].T
         return _transform(turn, -turn @ base[:3, 3]) @ poses
 
+    def refused(self, joint: int, value: float) -> tuple[str, str]:
+        """What must be, and what came, where a coordinate is beyond the limits of a joint."""
+        name, at = self.joint_names[joint], {}
+        for link in self.links:
+            if link.driver == joint:
+                at[link] = link.multiplier * value + link.offset
+        own = next(link for link in at if link.joint == name)
+        worst = max(at, key=lambda one: max(-math.inf, one.lower - at[one], at[one] - one.upper))
+        if value < own.lower or value > own.upper or worst is own:
+            return f"within the joint's limits, {own.lower:g} to {own.upper:g}", f"{value:.10g}"
+        return (
+            f"such that {worst.joint!r}, which follows {name!r}, is within its limits, "
+            f"{worst.lower:g} to {worst.upper:g}", f"{value:.10g}, which takes it to {at[worst]:g}",
+        )  # fmt: skip
+
     @cached_property
     def _terms(self) -> tuple[Any, ...]:
         """Links that move with what they follow, whether they slide, and how far, each of shape
@@ -178,11 +204,42 @@ class RobotModel:
             np.array([link.driver for link in moving], int),
             np.array([link.kind == "prismatic" for link in moving], bool),
             np.array([link.multiplier for link in moving]),
-            np.array([link.offset for link in moving]),
+            np.array([link.offset - link.rest for link in moving]),
         )
         terms = [motion_terms(link.kind, link.axis, link.anchor) for link in moving]
         first, second = rest[driven] @ np.reshape(terms, (-1, 2, 4, 4)).swapaxes(0, 1)
         return driven, follows, rest, first, second
+
+
+def common_limits(
+    links: Sequence[Link], names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, list[tuple[Link, str]]]:
+    """Limits of independent joints by those of all joints that follow them.
+
+    Returns
+    -------
+    lower, upper : ndarray, shape (J,)
+        NaN without limits.
+    faults : list
+        Links whose joints are never within their limits, and what the limits must be.
+    """
+    lower, upper = np.full(len(names), np.nan), np.full(len(names), np.nan)
+    faults = []
+    for link in sorted(links, key=lambda one: one.joint not in names):
+        if (j := link.driver) < 0 or math.isnan(link.lower):
+            continue
+        reach = sorted(link.multiplier * end + link.offset for end in (lower[j], upper[j]))
+        if math.isnan(reach[0]):
+            reach = [-math.inf, math.inf] if link.multiplier else [link.offset] * 2
+        if reach[0] > link.upper + ROUNDING or reach[1] < link.lower - ROUNDING:
+            faults.append((link, f"limits that hold a part of {reach[0]:g} to {reach[1]:g}, where "
+                                 "the joint that it follows takes it"))  # fmt: skip
+        elif link.multiplier:
+            spare = 0.0 if math.isnan(lower[j]) else ROUNDING
+            ends = sorted((end - link.offset) / link.multiplier
+                          for end in (link.lower - spare, link.upper + spare))  # fmt: skip
+            lower[j], upper[j] = np.fmax(lower[j], ends[0]), np.fmin(upper[j], ends[1])
+    return lower, upper, faults
 
 
 def motion_terms(kind: str, axis: np.ndarray, anchor: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ moves along `axis`, angles are radians, `rpy` is about the parent's fixed axes.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ import numpy as np
 
 from topology.errors import Report, nearest
 from topology.pose import from_rpy
-from topology.robot.model import Geom, JointKind, Link, RobotModel
+from topology.robot.model import Geom, JointKind, Link, RobotModel, common_limits
 
 __all__ = ["read_urdf"]
 
@@ -45,7 +44,6 @@ class _Joint:
     above: str
     """Name of the link that it hangs on."""
     element: Element
-    limits: tuple[float, float] = (math.nan, math.nan)
     follows: str | None = None
     """The joint whose coordinate it has, times `multiplier`, plus `offset` of the link."""
 
@@ -126,9 +124,12 @@ class _Reader:
         geoms = tuple(self._geoms(links))
         for link in links:
             link.mass, link.line = self._mass(link.name), _line(self.links[link.name])
+        lower, upper, beyond = common_limits(links, names)
+        for link, expected in beyond:
+            got, element = f"{link.lower:g} to {link.upper:g}", self.elements[link.joint]
+            self._fault(expected, got, element, f"joint {link.joint!r} limit")
         if self.wrong:
             return None
-        lower, upper = np.array([joint.limits for joint in free]).reshape(-1, 2).T
         home = np.fmin(np.fmax(np.zeros(len(free)), lower), upper)
         name = self.root.get("name") or self.path.stem
         return RobotModel(name, self.path, tuple(links), names, lower, upper, home, geoms)
@@ -203,18 +204,29 @@ class _Reader:
             self._fault("a direction", "0 0 0", element, f"{where} axis")
         link.axis = axis / (length or 1.0)
         limit, mimic = element.find("limit"), element.find("mimic")
-        if kind in ("revolute", "prismatic") and limit is not None:
-            low = self._numbers(limit, "lower", 1, "0", f"{where} limit")
-            high = self._numbers(limit, "upper", 1, "0", f"{where} limit")
-            if high < low:
-                expected, at = f"at least lower, {low:g}", f"{where} limit upper"
-                self._fault(expected, limit.get("upper"), limit, at)
-            joint.limits = (low, high)
+        if kind in ("revolute", "prismatic"):
+            self._limit(link, limit, mimic is not None, element)
         if kind != "fixed" and mimic is not None:
             joint.follows = mimic.get("joint") or ""
             link.multiplier = self._numbers(mimic, "multiplier", 1, "1", f"{where} mimic")
             link.offset = self._numbers(mimic, "offset", 1, "0", f"{where} mimic")
         return joint
+
+    def _limit(self, link: Link, limit: Element | None, follows: bool, element: Element) -> None:
+        """Give a joint its limits; only one that follows another may be without."""
+        where = f"joint {link.joint!r} limit"
+        if limit is None or not {"lower", "upper"}.intersection(limit.keys()):
+            if not follows:
+                turns = link.kind == "revolute"
+                hint = " (type 'continuous' has none)" if turns else ""
+                unit = "rad" if turns else "m"
+                self._fault(f"lower and upper, {unit}", None, element, where, hint)
+            return
+        link.lower = self._numbers(limit, "lower", 1, "0", where)
+        link.upper = self._numbers(limit, "upper", 1, "0", where)
+        if link.upper < link.lower:
+            expected, got = f"at least lower, {link.lower:g}", limit.get("upper")
+            self._fault(expected, got, limit, f"{where} upper")
 
     def _tree(self, joints: list[_Joint]) -> list[Link]:
         """Links, parents first."""

@@ -119,8 +119,8 @@ def _pixels(where: str, file: bytes) -> np.ndarray:
     library = _library(where)
     try:
         opened = library.open(io.BytesIO(file), formats=KINDS)
-    except (OSError, SyntaxError, ValueError, library.DecompressionBombError) as error:
-        raise SkinError(f"{where}: must be a PNG or JPEG file; got: {error}") from None
+    except (OSError, SyntaxError, ValueError, library.DecompressionBombError):
+        raise SkinError(f"{where}: must be a PNG or JPEG file; got another") from None
     with opened as image:
         # a data set declares three channels: other images have one, two or four
         if image.mode != MODE:

@@ -10,6 +10,7 @@ decoded again. See docs/guides/connect.md for the features.
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import uuid
@@ -117,6 +118,8 @@ class Dataset:
         if fps is not None:
             check_number("fps", fps, 1, MOST_FPS, whole=True)
         check_number("window", window, 1, 1000, whole=True)
+        if not (isinstance(fill, float) and math.isnan(fill)):
+            check_number("fill", fill, -1e9, 1e9)
         self._max_age_s = PERIODS / topology.cycle_rate_hz
         grids = [one if isinstance(one, TaxelGrid) else TaxelGrid(topology, one) for one in taxels]
         self._taxels = {grid.patch: grid for grid in grids}

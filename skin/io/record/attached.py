@@ -10,7 +10,6 @@ import io
 import json
 import math
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from bus.errors import LogError
 from skin.errors import SkinError, check_number
+from skin.io.record.container import RecordedFile
 from skin.options import Options
 from topology import Topology, TopologyError
 from topology.files import read_arrays
@@ -49,7 +49,7 @@ class Setup:
     deadline_s: float | None
 
 
-def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
+def read_setup(recorded: RecordedFile) -> Setup:
     """Setup of a run, from the attachments of its recording.
 
     Raises
@@ -57,10 +57,16 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
     bus.LogError
         An attachment is missing or damaged.
     """
+    file, attached = recorded.path, recorded.attached
     for name in (RUN, ARRAYS):
         if name not in attached:
-            raise LogError(f"{file}: must be a recording of a skin, with {name!r} attached; "
-                           f"got {', '.join(map(repr, attached)) or 'nothing'}")  # fmt: skip
+            got = ", ".join(map(repr, attached)) or "nothing"
+            if recorded.damage:
+                raise LogError(f"{recorded.damage[0]}: of the topology and options, which come "
+                               f"before all frames and states, {got} can be read")  # fmt: skip
+            raise LogError(
+                f"{file}: must be a recording of a skin, with {name!r} attached; got {got}"
+            )
     try:
         run = json.loads(attached[RUN])
         given, deadline_s = dict(run["options"]), run["deadline_s"]

@@ -56,7 +56,7 @@ def recorded_topology(file: str | os.PathLike[str]) -> Topology:
         The library that reads recordings is not installed.
     """
     recorded = RecordedFile(existing(file))
-    return read_setup(recorded.path, recorded.attached).topology
+    return read_setup(recorded).topology
 
 
 def replay(
@@ -64,6 +64,7 @@ def replay(
     source: Topology | str | Path | None = None,
     *,
     speed: float | None = None,
+    recalibrate: bool = True,
     **options: Any,
 ) -> Replay | Played:
     """Play a recording (.mcap), or any log that `decode_log` reads.
@@ -73,7 +74,7 @@ def replay(
     file : path
     source : Topology, str or Path, optional
         Needed for a log. A recording has its own; of a given one, which must be of the same skin,
-        the calibration is used. Units that were simulated keep theirs.
+        the calibration is used, if `recalibrate`. Units that were simulated keep theirs.
     speed : float, optional
         1 for real time, 10 for ten times as fast; no waiting if not given.
     **options
@@ -116,10 +117,10 @@ def replay(
     if "channels" in options:
         raise OptionError(f"{path}: channels: must not be given with a recording")
     recorded = RecordedFile(path)
-    ran = setup = read_setup(path, recorded.attached)
+    ran = setup = read_setup(recorded)
     if source is not None:
         given = source if isinstance(source, Topology) else topology_package.load(source)
-        if _is_recalibrated(path, ran.topology, given):
+        if _is_recalibrated(path, ran.topology, given) and recalibrate:
             setup = dataclasses.replace(setup, topology=given)
     if options:
         setup = dataclasses.replace(setup, options=dataclasses.replace(setup.options, **options))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +105,7 @@ class Joints(Mapping[str, float]):
                 f"joint {name!r}: must have an actuator; got none: the model lets it follow"
             )
         lower, upper = self.limits(name)
-        is_number = isinstance(target, float | int | np.floating) and math.isfinite(target)
+        is_number = isinstance(target, Real) and not isinstance(target, bool)
         if not (is_number and lower <= target <= upper):
             raise OptionError(
                 f"joint {name!r}: must be a target from {lower:g} to {upper:g}, its limits; "

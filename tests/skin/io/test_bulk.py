@@ -206,6 +206,8 @@ def test_a_recording_is_decoded_as_it_was_or_by_another_calibration(recording, t
     other, _ = changed(topology.load("palm"), "calibration")
     assert decode_logs(other, [file], tmp_path / "out")["decoded"] == 1
     assert not np.array_equal(before, column(tmp_path / "out", "cycles", "palm/r3c3.fz"))
+    assert decode_logs(other, [file], tmp_path / "out", recalibrate=False)["decoded"] == 1
+    assert np.array_equal(before, column(tmp_path / "out", "cycles", "palm/r3c3.fz"))
     moved, _ = changed(topology.load("palm"), "topology")
     kept = contents(tmp_path / "out")
     (fault,) = decode_logs(moved, [file], tmp_path / "out")["faults"]

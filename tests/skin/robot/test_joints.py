@@ -5,10 +5,13 @@ import numpy as np
 import pytest
 
 import skin
+from bus.errors import FaultScriptError
+from bus.faults.injector import Injector
+from bus.faults.script import Drop, FaultScript
 from skin.contact.stream import ContactStream
 from skin.errors import OptionError, SkinError
 from skin.robot.joints import Joints
-from tests.fixtures.robots import hand_of_20_joints, random_joints, write_gripper
+from tests.fixtures.robots import GRIPPER, hand_of_20_joints, random_joints, write_gripper
 from topology import load
 
 LINKS = ("tip0", "tip3", "palm")
@@ -106,11 +109,16 @@ def test_what_follows_a_joint_moves_with_it_and_what_is_not_named_stays(gripper)
         ({"close_right": 0.0}, "must leave out 'close_right', which follows 'close'"),
         ({"close": 0.06}, "within the joint's limits, 0 to 0.05; got 0.06"),
         ({"close": float("nan")}, "q['close']: must be finite; got nan"),
-        ({"close": "wide"}, "q['close']: must be a number; got 'wide'"),
+        ({"close": "wide"}, "q['close']: must be numbers; got 'wide'"),
+        ({"close": "0.01"}, "q['close']: must be numbers; got '0.01'"),
+        ({"close": [0.01]}, "q['close']: must be a number; got [0.01]"),
+        ({"close": True}, "q['close']: must be numbers; got True"),
+        ([True], "q: must be numbers; got [True]"),
+        (np.array([False]), "q: must be numbers; got array([False])"),
         ([0.0, 0.0], "must have shape (1,), one for each of close; got (2,)"),
         (["wide"], "q: must be numbers"),
         ([[0.0], [0.0, 0.0]], "q: must be numbers"),
-        ({"close": 10**400}, "q['close']: must be a number"),
+        ({"close": 10**400}, "q['close']: must be numbers"),
         ({"close": 0.0500000001}, "limits, 0 to 0.05; got 0.0500000001"),
     ],
 )
@@ -125,6 +133,25 @@ def test_joints_that_cannot_be_so_are_refused_and_nothing_moves(gripper, q, told
     assert joints.q.tolist() == [0.01]
     joints.move({})
     assert joints.q.tolist() == [0.01]
+
+
+FOLLOWING = '<mimic joint="close"/>'
+
+
+def test_a_joint_that_follows_beyond_its_own_limits_is_refused(tmp_path):
+    model = GRIPPER.replace(FOLLOWING, '<mimic joint="close" multiplier="2" offset="0.01"/>')
+    joints = Joints(load(write_gripper(tmp_path, model)))
+    assert joints.robot.upper == pytest.approx([0.02], abs=1e-6)
+    joints.move({"close": 0.02})
+    with pytest.raises(OptionError) as raised:
+        joints.move({"close": 0.03})
+    assert str(raised.value) == (
+        "q['close']: must be such that 'close_right', which follows 'close', is within its limits, "
+        "0 to 0.05; got 0.03, which takes it to 0.07"
+    )
+    assert joints.q.tolist() == [0.02]
+    with pytest.raises(OptionError, match=r"within the joint's limits, 0 to 0\.05; got 0\.06"):
+        joints.move({"close": 0.06})
 
 
 def test_a_skin_without_a_robot_says_that_it_has_none():
@@ -160,5 +187,22 @@ def test_a_skin_without_contacts_is_moved_too(gripper):
 
 @pytest.mark.parametrize("wrench", [np.zeros(5), None, "none"])
 def test_a_wrench_that_is_none_is_refused(gripper, wrench):
-    with pytest.raises(SkinError, match=r"wrench: must have shape \(6,\); got"):
+    with pytest.raises(SkinError, match=r"wrench: must (have shape \(6,\)|be numbers); got"):
         Joints(gripper).wrench_in("left", wrench)
+
+
+FLAGS = {
+    "move_joints": lambda hand: hand.move_joints({"close": np.True_}),
+    "turn": lambda hand: hand.turn(np.eye(3, dtype=bool)),
+    "move_patch": lambda hand: hand.move_patch("left", np.eye(3), [True, 0.0, 0.0]),
+    "move": lambda hand: hand.move(hand.topology.position > 0.0, hand.topology.rotation),
+    "wrench_in": lambda hand: hand.wrench_in("left", [True, 0, 0, 0, 0, 0]),
+    "faults": lambda hand: Injector(FaultScript(faults=(Drop(probability=True),)), 0),
+}
+
+
+@pytest.mark.parametrize("way", FLAGS)
+def test_true_and_false_are_no_numbers(gripper, way):
+    with skin.open(gripper) as hand:
+        with pytest.raises((SkinError, FaultScriptError), match=r"numbers; got|got `bool`"):
+            FLAGS[way](hand)

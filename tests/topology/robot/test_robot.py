@@ -129,6 +129,21 @@ def test_meshes_of_packages_are_found_around_the_model(tmp_path):
             '<mass value="heavy"/>',
             "link 'left' mass value: must be a finite",
         ),
+        (
+            '<limit lower="0" upper="0.05"/>',
+            '<limit effort="5" velocity="1"/>',
+            "gripper.urdf:12: joint 'close' limit: must be lower and upper, m; got none",
+        ),
+        (
+            '<limit lower="0" upper="0.05"/>',
+            "",
+            "gripper.urdf:12: joint 'close' limit: must be lower and upper, m; got none",
+        ),
+        (
+            '<mimic joint="close"/>',
+            '<mimic joint="close" offset="1"/>',
+            "'close_right' limit: must be limits that hold a part of 1 to 1.05, where the joint",
+        ),
         ('<mass value="0.1"/>', "<mass/>", "link 'left' mass value: must be a finite number"),
     ],
 )
@@ -137,6 +152,36 @@ def test_a_urdf_that_is_no_tree_of_links_says_so_with_its_line(tmp_path, old, ne
         load(write_gripper(tmp_path, GRIPPER.replace(old, new, 1)))
     assert told in str(raised.value)
     assert "gripper.urdf:" in str(raised.value)
+
+
+def test_a_joint_that_turns_without_limits_is_to_be_called_continuous(tmp_path):
+    turns = GRIPPER.replace("prismatic", "revolute").replace('<limit lower="0" upper="0.05"/>', "")
+    with pytest.raises(TopologyError) as raised:
+        load(write_gripper(tmp_path, turns))
+    assert "lower and upper, rad; got none (type 'continuous' has none)" in str(raised.value)
+    free = load(write_gripper(tmp_path, turns.replace("revolute", "continuous"))).robot
+    assert np.isnan(free.lower).all()
+
+
+def test_home_is_within_the_limits_of_what_follows(tmp_path):
+    model = GRIPPER.replace('<mimic joint="close"/>', '<mimic joint="close" offset="-0.02"/>')
+    file = write_gripper(tmp_path, model)
+    assert load(file).robot.home == pytest.approx([0.02], abs=2e-6)
+    text = file.read_text()
+    file.write_text(text.replace("[[buses]]", "home = { close = 0.01 }\n\n[[buses]]", 1))
+    with pytest.raises(TopologyError, match=r"follows 'close', is within its limits.* to -0\.01"):
+        load(file)
+
+
+def test_a_joint_of_mjcf_that_follows_beyond_its_range_is_refused(tmp_path):
+    file = tmp_path / "gripper.xml"
+    file.write_text(MJCF)
+    assert read_model(file).upper[1] == pytest.approx(0.05)  # half of it and 0.01 are within
+    file.write_text(MJCF.replace("0.01 0.5 0 0 0", "0.01 2 0 0 0"))
+    assert read_model(file).upper[1] == pytest.approx(0.02, abs=1e-6)
+    file.write_text(MJCF.replace("0.01 0.5 0 0 0", "0.1 2 0 0 0"))
+    with pytest.raises(TopologyError, match=r"xml:\d+: joint 'close_right' range: must be limits"):
+        read_model(file)
 
 
 def test_a_comment_does_not_tell_what_a_model_is(tmp_path):

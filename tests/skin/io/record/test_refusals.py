@@ -102,8 +102,25 @@ def test_the_command_tells_damage_and_ends_with_1(file, tmp_path, capsys):
 @pytest.mark.parametrize("keep", [0, 5, 8, 20, 60, 400, 3000])
 def test_what_is_no_whole_beginning_is_refused(file, tmp_path, keep):
     path = damaged(file, tmp_path, file.read_bytes()[:keep])
-    with pytest.raises(LogError, match=re.escape(f"{path}: must be ")):
+    with pytest.raises(LogError, match=re.escape(f"{path}: must ")):
         skin.replay(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "got"), [(b"run.json", "nothing"), (b"topology.npz", "'run.json'")]
+)
+def test_a_cut_within_the_attachments_says_where_it_is_and_what_is_left(file, tmp_path, name, got):
+    data = file.read_bytes()
+    size = data.index(name) + 40
+    path = damaged(file, tmp_path, data[:size])
+    with pytest.raises(LogError) as raised:
+        skin.replay(path)
+    assert re.fullmatch(
+        rf"{re.escape(str(path))}: must go on to its footer; got no more that is whole after "
+        rf"\d+ of {size} bytes \(.+\): of the topology and options, which come before all frames "
+        rf"and states, {got} can be read",
+        str(raised.value),
+    )
 
 
 def test_bytes_that_are_damaged_anywhere_are_refused_or_told(file, tmp_path):
@@ -117,7 +134,7 @@ def test_bytes_that_are_damaged_anywhere_are_refused_or_told(file, tmp_path):
         path = damaged(file, tmp_path, bytes(data))
         with suppress(LogError):  # of a beginning that cannot be read
             recorded = RecordedFile(path)
-            read_setup(path, recorded.attached)
+            read_setup(recorded)
             found = [*recorded.messages(topics)]
             assert found == told or recorded.damage
 
