@@ -375,11 +375,10 @@ def checked_graph(
     SkinError
         It is not a graph of n units; kernels do not check indices.
     """
-    for name, given in (("start", neighbour_start), ("index", neighbour_index)):
-        if (kind := np.asarray(given).dtype).kind not in "iu" and np.size(given):
-            raise SkinError(f"neighbour_{name}: must be whole numbers; got {kind}")
     start = np.array(neighbour_start, np.int32)
     index = np.array(neighbour_index, np.int32)
+    if not (np.array_equal(neighbour_start, start) and np.array_equal(neighbour_index, index)):
+        raise SkinError("neighbour_start, neighbour_index: must be whole numbers; got others")
     if start.shape != (n + 1,) or start[0] != 0 or np.any(np.diff(start) < 0):
         raise SkinError(
             f"neighbour_start: must be {n + 1} numbers that begin with 0 and do not fall; "

@@ -181,7 +181,7 @@ class _Reader:
             link.driver, link.multiplier = self.free.index(other), multiplier
             link.offset = offset
             if limited:
-                link.lower, link.upper = m.jnt_range[joint].tolist()
+                link.limits = m.jnt_range[joint].copy()
             return link
         # an equality holds the joint: it is part of the link's pose
         terms = motion_terms(link.kind, link.axis, link.anchor)

@@ -80,8 +80,8 @@ class Link:
         Coordinate of the joint: multiplier * q[driver] + offset, rad or m.
     rest : float
         The coordinate at which the link is at `xyz` and `rotation`; 0 in URDF.
-    lower, upper : float
-        Limits of the coordinate; NaN without limits.
+    limits : ndarray, shape (2,), float64
+        Of the coordinate; NaN without limits.
     mass : float or None
         kg; None where the model has none.
     line : int
@@ -100,10 +100,19 @@ class Link:
     multiplier: float = 0.0
     offset: float = 0.0
     rest: float = 0.0
-    lower: float = math.nan
-    upper: float = math.nan
+    limits: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     mass: float | None = None
     line: int = 0
+
+    @property
+    def lower(self) -> float:
+        """First of the limits."""
+        return float(self.limits[0])
+
+    @property
+    def upper(self) -> float:
+        """Second of the limits."""
+        return float(self.limits[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -222,8 +222,8 @@ class _Reader:
                 unit = "rad" if turns else "m"
                 self._fault(f"lower and upper, {unit}", None, element, where, hint)
             return
-        link.lower = self._numbers(limit, "lower", 1, "0", where)
-        link.upper = self._numbers(limit, "upper", 1, "0", where)
+        ends = (self._numbers(limit, end, 1, "0", where) for end in ("lower", "upper"))
+        link.limits = np.array([*ends])
         if link.upper < link.lower:
             expected, got = f"at least lower, {link.lower:g}", limit.get("upper")
             self._fault(expected, got, limit, f"{where} upper")

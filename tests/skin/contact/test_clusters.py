@@ -17,7 +17,7 @@ def contact_clusters(load, sigma, start, index, *, valid=None, touching=False):
     """Cluster of each unit, -1 for none, by one reading and what was touching before."""
     n = np.size(load)
     readings, model = no_readings(n, float), contact_model(
-        np.zeros((3, n)), np.zeros((3, 3, n)), 1.0, start, index
+        np.zeros((3, n)), naive.facing_down(n), 1.0, start, index
     )  # fmt: skip
     readings.force[2], readings.force_sigma[:] = load, sigma
     readings.valid[:] = True if valid is None else valid

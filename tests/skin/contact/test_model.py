@@ -63,7 +63,7 @@ def test_reach_is_up_to_rounding_and_no_further():
         ([0, 2, 1], [1], "neighbour_start: .* that begin with 0 and do not fall"),
         ([0, 1, 2], [1, -1], "neighbour_index: must be units 0 to 1; got -1 to 1"),
         ([0, 1, 2], [2, 0], "neighbour_index: must be units 0 to 1; got 0 to 2"),
-        ([0, 1, 2], [1.0, 0.0], "neighbour_index: must be whole numbers; got float64"),
+        ([0, 1, 2], [1.5, 0.0], "neighbour_index: must be whole numbers; got others"),
         ([0, 1, 1], [1], "neighbour_index: must have each pair .* both ways.*; got 1 for unit 0"),
         ([0, 1, 2], [0, 1], "neighbour_index: .* none with itself; got 0 for unit 0"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from skin.contact.describe import add_shared, spread_shared
 from skin.contact.model import contact_data, contact_model
@@ -13,10 +14,8 @@ UNITS = 3
 
 def units_of(rng):
     """Model and data of units of two bodies by turns, whose forces follow their fields."""
-    axes = np.linalg.qr(rng.standard_normal((UNITS, 3, 3)))[0]
-    model = contact_model(
-        rng.standard_normal((3, UNITS)), np.moveaxis(axes, 0, 2), 1.0, np.zeros(UNITS + 1), []
-    )  # fmt: skip
+    turns = np.moveaxis(Rotation.random(UNITS, rng=rng).as_matrix(), 0, 2)
+    model = contact_model(rng.standard_normal((3, UNITS)), turns, 1.0, np.zeros(UNITS + 1), [])
     root = rng.standard_normal((2, 3, 3))
     model.poses["body"] = np.arange(UNITS) % 2
     model.poses["axes"] = np.linalg.qr(rng.standard_normal((UNITS, 3, 3)))[0]
