@@ -106,7 +106,7 @@ class Joints(Mapping[str, float]):
             )
         lower, upper = self.limits(name)
         is_number = isinstance(target, Real) and not isinstance(target, bool)
-        if not (is_number and lower <= target <= upper):
+        if not (is_number and lower <= target <= upper and math.isfinite(target)):
             raise OptionError(
                 f"joint {name!r}: must be a target from {lower:g} to {upper:g}, its limits; "
                 f"got {shown(target)}"
