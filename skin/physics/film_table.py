@@ -17,7 +17,7 @@ TABLE_PATH = Path(str(files("skin.physics"))) / "data" / "film.npz"
 
 @dataclass(frozen=True)
 class Film:
-    """A circular Halbach film and where its Hall chip sits; model.md, "The film".
+    """A circular Halbach film and where its Hall chip sits.
 
     The film frame has its origin in the middle of the film and z towards the chip. Each of the
     equal sectors is a triangle with the area of its slice of the circle, cut into strips across

@@ -21,7 +21,7 @@ from topology.files import whole_file
 __all__ = ["build_table", "calibrated", "film_field_ut", "save"]
 
 AMPLITUDE_UT = 11073.0
-"""M0 at H = 2 mm, which fixes the remanence; model.md, section 3 [derived]."""
+"""M0 at H = 2 mm, which fixes the remanence [derived]."""
 
 REFERENCE_MM = 2.0
 
