@@ -1,8 +1,8 @@
 """The film of a unit: displacement from the angle of its field, direction, centre and strength.
 
 R = P(psi, H), psi = atan2(M_r, Bz). P is odd in psi to the seventh power and cubic in H: 16
-coefficients, ``field_angle_mm`` of a unit. Entry [i, j] belongs to ``psi**(2 i + 1) * H**j``, in rad
-and mm.
+coefficients, ``field_angle_mm`` of a unit, in rad and mm. Entry [i, j] belongs to
+``psi**(2 i + 1) * H**j``.
 
 A film off the chip's axis looks like an offset of the lateral field that grows as the film nears
 the chip: no offset undoes it, but a shift of the displacement does, and a tilt is a little of both.
