@@ -203,18 +203,13 @@ def wrench_adjoint(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape (6, 6)
 
-    Raises
-    ------
-    SkinError
-        As of `as_pose`.
-
     Examples
     --------
     >>> (wrench_adjoint(np.eye(3), [0.1, 0, 0]) @ [0, 0, 2.0, 0, -0.2, 0]).tolist()
     [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
     """
-    rotation, (x, y, z) = as_pose(rotation, origin, "origin")
-    turn, adjoint = rotation.T, np.zeros((6, 6))
+    x, y, z = origin
+    turn, adjoint = np.transpose(rotation), np.zeros((6, 6))
     adjoint[:3, :3] = adjoint[3:, 3:] = turn
     adjoint[3:, :3] = -turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return adjoint

@@ -11,7 +11,7 @@ from skin.contact.field import Field
 from skin.contact.model import WAYPOINTS
 from skin.contact.record import Fields, SlipState
 from skin.errors import SkinError, no_attribute
-from skin.patch import wrench_adjoint
+from skin.patch import as_pose, wrench_adjoint
 
 if TYPE_CHECKING:
     from skin.contact.shock import Shocks
@@ -161,8 +161,9 @@ class Contact(Fields):
         return self._shocks
 
     def wrench_in(self, rotation: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Wrench and covariance in another frame; see `wrench_adjoint`."""
-        adjoint = wrench_adjoint(rotation, origin)
+        """Wrench and covariance in another frame; see `wrench_adjoint`. Raises SkinError where it
+        is none, as `as_pose` does."""
+        adjoint = wrench_adjoint(*as_pose(rotation, origin, "origin"))
         return adjoint @ self.wrench, adjoint @ self.wrench_covariance @ adjoint.T
 
     def __repr__(self) -> str:

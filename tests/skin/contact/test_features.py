@@ -7,12 +7,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.record import Flag
+from skin.contact.contact import Contact, Kept
+from skin.contact.record import NEW, Flag
 from skin.errors import SkinError
 from skin.patch import wrench_adjoint
 from tests.fixtures.contact_features import contact_features
 
 AREA = 1.1e-4
+TOUCHED = Contact(Kept(NEW, np.zeros(1), np.zeros(0, np.int32), None), 0, None, None)
 seeds = st.integers(0, 2**32)
 
 
@@ -103,7 +105,7 @@ def test_wrench_is_covariant_under_rigid_motion(seed):
 )
 def test_a_frame_that_is_none_is_refused(rotation, origin, words):
     with pytest.raises(SkinError, match=words):
-        wrench_adjoint(rotation, origin)
+        TOUCHED.wrench_in(rotation, origin)
 
 
 def test_a_load_below_five_sigma_has_no_centre():
